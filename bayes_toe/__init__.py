@@ -1,0 +1,82 @@
+"""Bayesian inference for time-order effects in same/different judgements (arXiv 2604.19662).
+
+>>> import bayes_toe as bt
+>>> study = bt.example_study()          # or bt.read_study("study.csv")
+>>> table = bt.evidence(study.select(["S01"]), seed=1)
+>>> table["S01"].log_bayes_factor > 0   # H1 (predictive update) against H0 (free frequencies), natural log
+True
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+__version__ = version("bayes_toe")
+
+# Public names and where they live. They load on first use, so that importing the package costs next to nothing.
+_PLACES = {
+    "Study": "study",
+    "Subject": "study",
+    "read_study": "files",
+    "ReadOptions": "files",
+    "example_study": "example",
+    "example_truth": "example",
+    "check_study": "checks",
+    "Prior": "prior",
+    "Posterior": "posterior",
+    "sample": "api",
+    "evidence": "api",
+    "run": "api",
+    "settings_for": "api",
+    "load": "draws",
+    "Draws": "draws",
+    "EvidenceTable": "model_evidence",
+    "corner": "plots",
+    "curves": "plots",
+    "evidence_figure": "plots",
+    "equal_probability": "model",
+    "BayesToeError": "errors",
+    "InputError": "errors",
+    "OutputError": "errors",
+    "ConvergenceWarning": "errors",
+}
+
+__all__ = ["__version__", *sorted(_PLACES)]
+
+if TYPE_CHECKING:
+    from bayes_toe.api import evidence as evidence
+    from bayes_toe.api import run as run
+    from bayes_toe.api import sample as sample
+    from bayes_toe.api import settings_for as settings_for
+    from bayes_toe.checks import check_study as check_study
+    from bayes_toe.draws import Draws as Draws
+    from bayes_toe.draws import load as load
+    from bayes_toe.errors import BayesToeError as BayesToeError
+    from bayes_toe.errors import ConvergenceWarning as ConvergenceWarning
+    from bayes_toe.errors import InputError as InputError
+    from bayes_toe.errors import OutputError as OutputError
+    from bayes_toe.example import example_study as example_study
+    from bayes_toe.example import example_truth as example_truth
+    from bayes_toe.files import ReadOptions as ReadOptions
+    from bayes_toe.files import read_study as read_study
+    from bayes_toe.model import equal_probability as equal_probability
+    from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
+    from bayes_toe.plots import corner as corner
+    from bayes_toe.plots import curves as curves
+    from bayes_toe.plots import evidence_figure as evidence_figure
+    from bayes_toe.posterior import Posterior as Posterior
+    from bayes_toe.prior import Prior as Prior
+    from bayes_toe.study import Study as Study
+    from bayes_toe.study import Subject as Subject
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'bayes_toe' has no attribute {name!r}")
+    return getattr(import_module(f"bayes_toe.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

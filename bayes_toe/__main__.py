@@ -1,0 +1,5 @@
+"""`python -m bayes_toe` is the command line."""
+
+from bayes_toe.cli import main
+
+main()

@@ -1,0 +1,83 @@
+"""Convergence and weight diagnostics, all computed by ArviZ: the only module that knows ArviZ 0.x from 1.x.
+
+Chains here are independent ensembles and draws within a chain are walker-major; for walkers as chains, or step-major draws,
+rank R-hat and ESS are not valid because the walkers of one ensemble interact.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+#: Tail ESS is the smaller of the two at these probabilities; fixed here because ArviZ versions differ in their default.
+TAIL = (0.05, 0.95)
+
+
+class Convergence(NamedTuple):
+    """Bulk and tail effective sample size and rank-normalised split R-hat of one scalar quantity."""
+
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+
+
+def convergence(draws: npt.ArrayLike) -> Convergence:
+    """Diagnostics of draws, shape (chains, draws).
+
+    A constant quantity has no such diagnostics; all three are then NaN.
+
+    Examples
+    --------
+    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
+    >>> convergence(draws).r_hat < 1.01
+    True
+    """
+    values = np.asarray(draws, np.float64)
+    if np.ptp(values) == 0.0:
+        return Convergence(np.nan, np.nan, np.nan)
+    arviz = _arviz()
+    if _is_one():
+        axes: dict[str, Any] = {"chain_axis": 0, "draw_axis": 1}
+        bulk, tail = (arviz.ess(values, method=m, **axes, **p) for m, p in (("bulk", {}), ("tail", {"prob": TAIL})))
+        return Convergence(float(bulk), float(tail), float(arviz.rhat(values, method="rank", **axes)))
+    bulk, tail = arviz.ess(values, method="bulk"), arviz.ess(values, method="tail", prob=TAIL)
+    return Convergence(float(bulk), float(tail), float(arviz.rhat(values, method="rank")))
+
+
+def pareto_k(log_weights: npt.ArrayLike) -> float:
+    """Pareto k-hat of importance weights, shape (draws,): above 0.7 their average cannot be trusted (Vehtari et al. 2024).
+
+    Examples
+    --------
+    >>> pareto_k(np.log(np.random.default_rng(0).uniform(size=5000))) < 0.7
+    True
+    """
+    values = np.asarray(log_weights, np.float64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ArviZ warns of a large k-hat; here the number itself is the result
+        # 0.x takes log weights; 1.x takes log likelihoods to be left out, that is, their negative.
+        k = _arviz().psislw(-values if _is_one() else values)[1]
+    return float(np.asarray(k))
+
+
+def _is_one() -> bool:
+    # hasattr(arviz, "InferenceData") would be true on 1.2 and later as well: only the version tells.
+    return int(importlib.metadata.version("arviz").split(".")[0]) >= 1
+
+
+def _arviz() -> Any:
+    """The array functions of whichever ArviZ is installed, imported at first use because it is slow to import."""
+    if _is_one():
+        from arviz_stats.base import array_stats
+
+        return array_stats
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces its refactoring at import
+        import arviz
+
+    return arviz

@@ -1,0 +1,47 @@
+"""The exceptions and warnings a user may catch.
+
+Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem and exit code 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class BayesToeError(Exception):
+    """Root of every error that this package raises on purpose."""
+
+
+class InputError(BayesToeError, ValueError):
+    """Input that cannot be used: says what, where, and what is allowed.
+
+    Parameters
+    ----------
+    problems : str or iterable of str
+        One line per problem.
+
+    Examples
+    --------
+    >>> InputError(["row 2: n_trials=-1", "row 3: n_trials=x"]).problems
+    ('row 2: n_trials=-1', 'row 3: n_trials=x')
+    """
+
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems: tuple[str, ...] = (problems,) if isinstance(problems, str) else tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...]]]:
+        # Errors cross process borders when subjects run in parallel.
+        return type(self), (self.problems,)
+
+
+class OutputError(BayesToeError, OSError):
+    """An output that cannot be written, or exists and may not be replaced."""
+
+
+class NumericalError(BayesToeError, ArithmeticError):
+    """A quantity that has to be finite was not: a bug or an impossible input, never hidden."""
+
+
+class ConvergenceWarning(UserWarning):
+    """A subject's draws did not meet the stated convergence criteria."""

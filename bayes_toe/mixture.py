@@ -1,0 +1,105 @@
+"""A mixture of multivariate Student-t densities: evaluate, draw, and fit to weighted points by EM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaln, logsumexp
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StudentMixture:
+    """Mixture of J Student-t components in D dimensions.
+
+    Parameters
+    ----------
+    weights : array, shape (J,)
+        Positive, summing to 1.
+    means : array, shape (J, D)
+    scales : array, shape (J, D, D)
+        Scale matrices (not covariances), positive definite.
+    df : float
+        Degrees of freedom, common to all components.
+
+    Examples
+    --------
+    >>> one = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), df=1.0)
+    >>> bool(np.isclose(np.exp(one.log_density(np.zeros((1, 1))))[0], 1 / np.pi))
+    True
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    scales: FloatArray
+    df: float
+    _factors: FloatArray = field(init=False, repr=False)
+    _whiteners: FloatArray = field(init=False, repr=False)
+    _log_tops: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        factors = np.linalg.cholesky(self.scales)
+        dim = self.means.shape[1]
+        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        log_norm = gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
+        object.__setattr__(self, "_factors", factors)
+        object.__setattr__(self, "_whiteners", np.linalg.inv(factors))
+        object.__setattr__(self, "_log_tops", np.log(self.weights) + log_norm - log_volume)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density at x, shape (N, D) -> (N,)."""
+        return np.asarray(logsumexp(self._log_terms(self._square_distances(x)), axis=0))
+
+    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+        """Draws, shape (size, D); works with numpy's old and new generators."""
+        which = np.searchsorted(np.cumsum(self.weights)[:-1], rng.uniform(size=size), side="right")
+        normal = rng.standard_normal((size, self.means.shape[1]))
+        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=size))
+        return np.asarray(self.means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None])
+
+    def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
+        """One EM step toward the density that points x, shape (N, D), with normalised weights (N,) stand for.
+
+        Components that no longer hold any weight are dropped.
+        """
+        distances = self._square_distances(x)
+        log_terms = self._log_terms(distances)
+        shares = np.exp(log_terms - logsumexp(log_terms, axis=0)) * weights
+        held = shares.sum(axis=1)
+        # A component needs some points of its own for a covariance: the effective number behind its share.
+        effective = held**2 / np.maximum((shares**2).sum(axis=1), 1e-300)
+        kept = (held > 1e-4) & (effective > 3 * x.shape[1])
+        if not kept.any():
+            return self
+        shares, held = shares[kept], held[kept]
+        heavy = shares * (self.df + x.shape[1]) / (self.df + distances[kept])
+        means = np.einsum("jn,nd->jd", heavy, x) / heavy.sum(axis=1)[:, None]
+        apart = x[None] - means[:, None]
+        scales = np.einsum("jn,jnd,jne->jde", heavy, apart, apart) / held[:, None, None]
+        return StudentMixture(held / held.sum(), means, _safeguarded(scales, x, weights), self.df)
+
+    def _square_distances(self, x: FloatArray) -> FloatArray:
+        """Squared Mahalanobis distance to every component, shape (J, N)."""
+        apart = x[None] - self.means[:, None]
+        return np.asarray(np.square(apart @ self._whiteners.transpose(0, 2, 1)).sum(axis=2))
+
+    def _log_terms(self, distances: FloatArray) -> FloatArray:
+        dim = self.means.shape[1]
+        return np.asarray(self._log_tops[:, None] - (self.df + dim) / 2 * np.log1p(distances / self.df))
+
+
+def _safeguarded(scales: FloatArray, x: FloatArray, weights: FloatArray) -> FloatArray:
+    """Scale matrices with a thousandth of the overall spread added, so that none collapses onto a few points."""
+    mean = weights @ x
+    spread = weights @ np.square(x - mean)
+    return np.asarray(scales + 1e-3 * np.diag(spread))
+
+
+def split(mean: FloatArray, scale: FloatArray, parts: int, df: float, rng: np.random.Generator) -> StudentMixture:
+    """A mixture of equal parts whose centres are drawn around one Student-t component."""
+    factor = np.linalg.cholesky(scale)
+    centres = mean + rng.standard_normal((parts, len(mean))) @ factor.T * 0.7
+    return StudentMixture(np.full(parts, 1.0 / parts), centres, np.repeat(scale[None], parts, axis=0), df)

@@ -1,0 +1,195 @@
+"""The closed form of the predictive-update model: arrays in, arrays out.
+
+An observer holds a Gaussian prior over log-intensity, measures the first stimulus with noise sigma_l, and keeps the result in a
+memory that diffuses with standard deviation sigma_p until the second stimulus arrives. With gamma = sigma_l^2 / sigma_p^2 and
+G = (1 + sqrt(1 + 4 gamma)) / 2 everything has a closed form in which nothing cancels (arXiv 2604.19662, Methods and Appendix B).
+
+All functions broadcast; intensities and standard deviations are in natural-log units.
+
+Errata of the paper that matter here: in Eq. axis0 the factor must read (1 - sigma_p^2/sigma^2), and in Appendix B the second form
+of mu_2 lacks a factor sigma_x^2; the code follows the corrected forms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.errors import NumericalError
+
+FloatArray = npt.NDArray[np.float64]
+LN2 = float(np.log(2.0))
+#: Largest pull toward the prior mean that gamma < 1 allows: 1 - 1/phi, phi the golden ratio.
+MAX_PULL = (3.0 - 5.0**0.5) / 2.0
+
+
+def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
+    """Prior variance over memory variance, G = sigma_1^2 / sigma_p^2 = (1 + sqrt(1 + 4 gamma)) / 2.
+
+    Source: Eq. axis1.
+
+    Examples
+    --------
+    >>> float(variance_ratio(2.0))
+    2.0
+    """
+    return np.asarray(0.5 * (1.0 + np.sqrt(1.0 + 4.0 * np.asarray(gamma, np.float64))))
+
+
+def gain(gamma: npt.ArrayLike) -> FloatArray:
+    """Kalman gain K = sigma_1^2 / (sigma_1^2 + sigma_l^2) = 1/G: the weight of the first stimulus in the evolved mean.
+
+    Source: Eq. axis2, slope, with (G - 1)/gamma = 1/G.
+
+    Examples
+    --------
+    >>> float(gain(2.0))
+    0.5
+    """
+    return np.asarray(1.0 / variance_ratio(gamma))
+
+
+def pull(gamma: npt.ArrayLike) -> FloatArray:
+    """Pull toward the prior mean, p = 1 - K = gamma / G^2, accurate down to the smallest gamma.
+
+    Source: Eq. axis2, prefactor of mu_1.
+
+    Examples
+    --------
+    >>> float(pull(2.0)), float(pull(1e-300))
+    (0.5, 1e-300)
+    """
+    return np.asarray(np.asarray(gamma, np.float64) / variance_ratio(gamma) ** 2)
+
+
+def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
+    """Width of the 'equal' curve, w = sigma_2 + sigma_l^2/sigma_2 = sigma_p G^(3/2), in natural-log intensity.
+
+    Source: Eq. mod:q, denominator.
+
+    Examples
+    --------
+    >>> round(float(width(0.5, 2.0)), 12) == round(0.5 * 2**1.5, 12)
+    True
+    """
+    return np.asarray(np.asarray(sigma_p, np.float64) * variance_ratio(gamma) ** 1.5)
+
+
+def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
+    """Gamma = sigma_l^2 / sigma_p^2, by the ratio first: no square overflows or underflows.
+
+    Source: Eq. axis1.
+    """
+    return np.asarray((np.asarray(sigma_l, np.float64) / np.asarray(sigma_p, np.float64)) ** 2)
+
+
+def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
+    """Mean of the memory when the second stimulus arrives, mu_2 = s1 + p (mu_1 - s1).
+
+    Source: Eq. mod:update (corrected, see the module's note).
+
+    Examples
+    --------
+    >>> float(evolved_mean(0.0, 1.0, 2.0))
+    0.5
+    """
+    first = np.asarray(s1, np.float64)
+    return np.asarray(first + pull(gamma) * (np.asarray(mu1, np.float64) - first))
+
+
+def normalised_distance(
+    s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike
+) -> FloatArray:
+    """Distance of the second stimulus from the evolved mean in units of the width, z = (s2 - mu_2) / w; no unit.
+
+    Source: Eq. mod:q.
+    """
+    gamma = noise_ratio(sigma_p, sigma_l)
+    first = np.asarray(s1, np.float64)
+    displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (np.asarray(mu1, np.float64) - first)
+    return np.asarray(displacement / width(sigma_p, gamma))
+
+
+def log_equal(z: npt.ArrayLike, log_q0: npt.ArrayLike) -> FloatArray:
+    """Log P(equal) = log q0 - ln2 z^2.
+
+    Source: Eq. mod:q.
+
+    Examples
+    --------
+    >>> round(float(np.exp(log_equal(1.0, np.log(0.9)))), 12)
+    0.45
+    """
+    return np.asarray(np.asarray(log_q0, np.float64) - LN2 * np.square(np.asarray(z, np.float64)))
+
+
+def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
+    """Log P(different) = log(1 - q0 2^(-z^2)), accurate for q near 0 and for q near 1.
+
+    Parameters
+    ----------
+    z : array_like
+        Normalised distance.
+    logit_q0 : array_like
+        log(q0 / (1 - q0)); carries 1 - q0 below machine precision.
+
+    Notes
+    -----
+    1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small, log1p(-q) keeps its relative accuracy.
+
+    Examples
+    --------
+    >>> float(log_different(0.0, 690.0))
+    -690.0
+    """
+    t = LN2 * np.square(np.asarray(z, np.float64))
+    logit = np.asarray(logit_q0, np.float64)
+    q = np.exp(-np.logaddexp(0.0, -logit) - t)
+    rest = -np.expm1(-t)
+    lapse = np.exp(-np.logaddexp(0.0, logit))
+    with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0, and log1p(-1) is not the branch taken
+        result = np.where(q < 0.5, np.log1p(-q), np.log(lapse + (1.0 - lapse) * rest))
+        if np.any(logit > 700.0):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
+            result = np.where((q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(rest)), result)
+    return np.asarray(result)
+
+
+def equal_probability(
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    mu1: npt.ArrayLike,
+    sigma_p: npt.ArrayLike,
+    sigma_l: npt.ArrayLike,
+    q0: npt.ArrayLike,
+) -> FloatArray:
+    """P(equal) = q0 2^(-z^2) in natural parameters; intensities and standard deviations in natural-log units.
+
+    Source: Eq. mod:q.
+
+    Raises
+    ------
+    NumericalError
+        If a parameter is NaN or outside sigma_p > 0, sigma_l >= 0, 0 <= q0 <= 1.
+
+    Examples
+    --------
+    >>> round(float(equal_probability(0.0, 0.3, mu1=0.0, sigma_p=0.3, sigma_l=0.0, q0=0.9)), 12)
+    0.45
+    """
+    require_natural(mu1, sigma_p, sigma_l, q0)
+    z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
+    return np.asarray(np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z)))
+
+
+def require_natural(mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, q0: npt.ArrayLike) -> None:
+    """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
+    sigma, noise, top = (np.asarray(v, np.float64) for v in (sigma_p, sigma_l, q0))
+    allowed = {
+        "mu1 must be finite": np.isfinite(np.asarray(mu1, np.float64)),
+        "sigma_p must be finite and positive": np.isfinite(sigma) & (sigma > 0),
+        "sigma_l must be finite and not negative": np.isfinite(noise) & (noise >= 0),
+        "q0 must lie in 0..1": (top >= 0) & (top <= 1),
+    }
+    for rule, holds in allowed.items():
+        if not np.all(holds):
+            raise NumericalError(rule)

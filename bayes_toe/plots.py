@@ -1,0 +1,368 @@
+"""Figures: the only module that imports matplotlib and corner.
+
+Functions take Axes or make a Figure of their own, return it, never show it and never touch global settings. Colours keep the
+paper's meaning in a palette safe for colour-blind readers: red weaker stimulus first, blue stronger first, grey equal stimuli;
+markers differ too.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.coordinates import IDENTIFIED, NATURAL, Natural, derived
+from bayes_toe.draws import Draws
+from bayes_toe.errors import InputError
+from bayes_toe.model import MAX_PULL, equal_probability, normalised_distance, pull
+from bayes_toe.model_evidence import EvidenceTable
+from bayes_toe.posterior import Posterior
+from bayes_toe.prior import Prior
+from bayes_toe.study import Subject
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+
+WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
+POSTERIOR, PRIOR = "#0072B2", "#999999"
+LABELS = {
+    "mu1": r"$\mu_1$",
+    "sigma_p": r"$\sigma_p$",
+    "sigma_l": r"$\sigma_\ell$",
+    "q0": r"$q_0$",
+    "gamma": r"$\gamma$",
+    "sigma1": r"$\sigma_1$",
+    "gain": r"gain $K$",
+    "width": r"width $w$",
+    "offset": r"offset $c$",
+    "pull": r"pull $p$",
+}
+#: Where a quantity can lie, if not in (0, inf).
+_SUPPORT = {
+    "mu1": (-np.inf, np.inf),
+    "offset": (-np.inf, np.inf),
+    "q0": (0.0, 1.0),
+    "gamma": (0.0, 1.0),
+    "gain": (1.0 - MAX_PULL, 1.0),
+    "pull": (0.0, MAX_PULL),
+}
+COORDINATES = {"natural": NATURAL, "identified": IDENTIFIED}
+#: Panels of one weaker stimulus each, beyond which curves give way to the normalised distance.
+_MAX_PANELS = 6
+_CURVE_DRAWS = 600
+_PRIOR_DRAWS = 200_000
+_BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
+
+
+def plain(name: str, limit: int = 32) -> str:
+    r"""A subject's name as matplotlib may draw it: shortened, and no dollar sign read as mathematics.
+
+    Examples
+    --------
+    >>> plain("a$b")
+    'a\\$b'
+    """
+    short = name if len(name) <= limit else name[: limit - 1] + "…"
+    return short.replace("$", r"\$")
+
+
+# --- corner plots ---------------------------------------------------------------------------------------------------------------
+
+
+def corner(
+    draws: Draws,
+    subject: str,
+    *,
+    coordinates: str | Sequence[str] = "natural",
+    truths: Mapping[str, float] | None = None,
+    prior: Prior | None = None,
+    fig: Figure | None = None,
+) -> Figure:
+    """Corner plot of one subject: contours hold 50 % and 90 % of the posterior, dashed lines mark 5, 50 and 95 %.
+
+    Parameters
+    ----------
+    draws : Draws
+    subject : str
+    coordinates : {"natural", "identified"} or sequence of str
+        Which quantities; a sequence names posterior variables, `offset` or `pull`.
+    truths : mapping of str to float, optional
+        Known values of a synthetic subject.
+    prior : Prior, optional
+        Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms.
+    fig : matplotlib Figure, optional
+        Drawn into, where given.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject or quantity.
+    """
+    names = _quantities(coordinates)
+    samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
+    figure = _corner_figure(samples, names, truths, fig)
+    if prior is not None:
+        sbar = Posterior(draws.subject(subject), prior).sbar
+        _draw_prior(figure, _prior_samples(prior, sbar, names), samples, names)
+    _corner_title(figure, draws, subject, prior is not None, truths is not None)
+    return figure
+
+
+def _quantities(coordinates: str | Sequence[str]) -> tuple[str, ...]:
+    if not isinstance(coordinates, str):
+        return tuple(coordinates)
+    if coordinates not in COORDINATES:
+        raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
+    return COORDINATES[coordinates]
+
+
+def _corner_figure(samples: FloatArray, names: Sequence[str], truths: Mapping[str, float] | None, fig: Figure | None) -> Figure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # corner imports ArviZ, which announces its refactoring
+        import corner as corner_package
+
+    figure = _new_figure(1.9 * len(names), 1.9 * len(names), layout=None) if fig is None else fig  # corner lays it out
+    drawn: Figure = corner_package.corner(
+        samples,
+        fig=figure,
+        bins=40,
+        range=[_span(name, column) for name, column in zip(names, samples.T, strict=True)],
+        labels=[LABELS[name] for name in names],
+        quantiles=(0.05, 0.5, 0.95),
+        levels=(0.5, 0.9),
+        truths=None if truths is None else [truths.get(name) for name in names],
+        truth_color=WEAKER_FIRST,
+        color=POSTERIOR,
+        smooth=1.0,
+        plot_datapoints=False,
+        fill_contours=True,
+        max_n_ticks=4,
+        label_kwargs={"fontsize": 13},
+    )
+    return drawn
+
+
+def _span(name: str, values: FloatArray) -> tuple[float, float]:
+    """Axis limits from quantiles, within the support: a few draws far out in a funnel do not squeeze the rest into one bin."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
+    least, most = _SUPPORT.get(name, (0.0, np.inf))
+    return max(float(low - pad), least), min(float(high + pad), most)
+
+
+def _prior_samples(prior: Prior, sbar: float, names: Sequence[str]) -> FloatArray:
+    theta = prior.sample(np.random.default_rng(0), _PRIOR_DRAWS)
+    p = pull(theta.gamma)
+    values = {**theta._asdict(), **derived(theta), "pull": p, "offset": p * (theta.mu1 - sbar)}
+    return np.column_stack([values[name] for name in names])
+
+
+def _draw_prior(figure: Figure, prior: FloatArray, samples: FloatArray, names: Sequence[str]) -> None:
+    axes = np.array(figure.axes).reshape(len(names), len(names))
+    for i, name in enumerate(names):
+        ax = axes[i, i]
+        edges = np.linspace(*_span(name, samples[:, i]), 41)
+        counts = np.histogram(prior[:, i], edges)[0] * (len(samples) / len(prior))
+        ax.stairs(counts, edges, color=PRIOR, lw=1.4, label="prior")
+
+
+def _corner_title(figure: Figure, draws: Draws, subject: str, with_prior: bool, with_truths: bool) -> None:
+    lines = [plain(subject) + (" (synthetic data)" if draws.synthetic else "")]
+    if subject in draws.not_converged:
+        lines.append("NOT CONVERGED")
+    key = ["blue: posterior, contours 50 and 90 %", "dashed: 5, 50, 95 %"]
+    key += ["grey: prior"] if with_prior else []
+    key += ["red: true value"] if with_truths else []
+    figure.text(0.97, 0.97, "\n".join(lines), ha="right", va="top", fontsize=14, weight="bold")
+    figure.text(0.97, 0.90, "\n".join([*key, "intensities: natural log"]), ha="right", va="top", fontsize=10, color="#444444")
+
+
+# --- fitted curves over the data --------------------------------------------------------------------------------------------------
+
+
+def curves(draws: Draws, subject: str) -> Figure:
+    """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
+
+    One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance.
+    """
+    counts = draws.subject(subject)
+    weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+    theta = thinned(draws.natural(subject))
+    if not 1 <= len(weaker) <= _MAX_PANELS:
+        figure = _new_figure(6.0, 3.8)
+        distance_panel(figure.subplots(), counts, theta)
+    else:
+        across = min(2, len(weaker))
+        down = -(-len(weaker) // across)
+        figure = _new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
+        panels = figure.subplots(down, across, sharey=True, squeeze=False)
+        for ax, stimulus in zip(panels.ravel(), weaker, strict=False):
+            order_panel(ax, counts, theta, float(stimulus), title=len(weaker) > 1)
+        for ax in panels.ravel()[len(weaker) :]:
+            ax.remove()
+        figure.supylabel("P('equal')", fontsize=10)
+    _legend_below(figure)
+    figure.suptitle(plain(subject) + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
+    return figure
+
+
+def thinned(theta: Natural) -> Natural:
+    """A few hundred draws, each value of shape (draws, 1), as the panels take them."""
+    every = max(1, theta.mu1.size // _CURVE_DRAWS)
+    return Natural(*(values.ravel()[::every, None] for values in theta))
+
+
+def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, title: bool = False) -> Axes:
+    """Both orders of all pairs with one weaker stimulus, over the stronger one; as in Fig. 3, upper row.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    counts : Subject
+    theta : Natural
+        Draws, each of shape (draws, 1).
+    weaker : float
+        The weaker stimulus, natural-log intensity.
+    title : bool
+        Whether to name the weaker stimulus above the panel.
+    """
+    shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
+    top = max(float(np.maximum(counts.s1, counts.s2)[shown].max()), weaker + 1e-9)
+    x = np.linspace(weaker, top, 120)
+    fixed = np.full_like(x, weaker)
+    kinds = (
+        (fixed, x, counts.s1 < counts.s2, WEAKER_FIRST, "o", "weaker first"),
+        (x, fixed, counts.s1 > counts.s2, STRONGER_FIRST, "s", "stronger first"),
+        (x, x, counts.s1 == counts.s2, EQUAL, "D", "equal stimuli"),
+    )
+    for s1, s2, of_kind, colour, marker, label in kinds:
+        at = shown & of_kind
+        if at.any():
+            _draw_band(ax, x, equal_probability(s1, s2, *theta), colour)
+            _draw_points(ax, np.maximum(counts.s1, counts.s2)[at], counts, at, _Mark(colour, marker, label))
+    ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
+    if title:
+        ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
+    return ax
+
+
+def distance_panel(ax: Axes, counts: Subject, theta: Natural) -> Axes:
+    """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row."""
+    z = np.median(normalised_distance(counts.s1, counts.s2, theta.mu1, theta.sigma_p, theta.sigma_l), axis=0)
+    reach = max(1.5, 1.05 * float(np.abs(z).max()))
+    x = np.linspace(-reach, reach, 200)
+    _draw_band(ax, x, theta.q0 * 2.0 ** -np.square(x), "#333333")
+    kinds = (
+        (counts.s1 < counts.s2, _Mark(WEAKER_FIRST, "o", "weaker first")),
+        (counts.s1 > counts.s2, _Mark(STRONGER_FIRST, "s", "stronger first")),
+        (counts.s1 == counts.s2, _Mark(EQUAL, "D", "equal stimuli")),
+    )
+    for at, mark in kinds:
+        if at.any():
+            _draw_points(ax, z[at], counts, at, mark)
+    ax.set(xlabel=r"normalised distance $(s_2 - \mu_2)/w$", ylabel="P('equal')", ylim=(-0.03, 1.03))
+    return ax
+
+
+@dataclass(frozen=True)
+class _Mark:
+    colour: str
+    marker: str
+    label: str
+
+
+def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str) -> None:
+    for low, high, opacity in _BANDS:
+        ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
+    ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
+
+
+def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bool_], mark: _Mark) -> None:
+    """The Laplace estimator and its standard deviation, Eq. e:2b."""
+    k, n = counts.n_equal[at], counts.n_trials[at]
+    q = (k + 1.0) / (n + 2.0)
+    error = np.sqrt(q * (1.0 - q) / (n + 3.0))
+    crowded = len(counts.s1) > 60
+    style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": 5.5, "elinewidth": 1.2}
+    ax.errorbar(x, q, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style)
+
+
+def _legend_below(figure: Figure) -> None:
+    """One legend for the figure, outside the panels: points may be anywhere in them."""
+    found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=10)
+
+
+# --- evidence -----------------------------------------------------------------------------------------------------------------------
+
+
+def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
+    """Log Bayes factor of every subject: the default estimate with twice its standard error, and Laplace's.
+
+    Parameters
+    ----------
+    table : EvidenceTable
+    synthetic : bool
+        Whether to say that the data are synthetic.
+    """
+    figure = _new_figure(7.2, 1.7 + 0.27 * len(table.rows))
+    axes = evidence_axes(figure.subplots(), table)
+    if synthetic:
+        axes.set_title("synthetic data", fontsize=10, loc="right")
+    _legend_below(figure)
+    return figure
+
+
+def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
+    """The panel of :func:`evidence_figure`."""
+    rows = table.rows
+    y = list(range(len(rows)))
+    value = np.array([np.nan if row.log_bayes_factor is None else row.log_bayes_factor for row in rows])
+    error = np.array([np.nan if row.log_evidence_h1_se is None else row.log_evidence_h1_se for row in rows])
+    laplace = np.array([np.nan if row.log_bayes_factor_laplace is None else row.log_bayes_factor_laplace for row in rows])
+    ax.axvline(0.0, color="black", lw=1.0)
+    for i in y:
+        ax.axhline(i, color="#EEEEEE", lw=0.8, zorder=0)
+    ax.errorbar(value, y, xerr=2.0 * error, fmt="o", ms=6, color=POSTERIOR, label="importance sampling, 2 s.e.")
+    ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
+    ax.set_yticks(y, [plain(row.subject, 24) for row in rows])
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlabel("log Bayes factor (nats)\n$\\leftarrow$ free frequencies (H0)  |  predictive update (H1) $\\rightarrow$")
+    ax.margins(x=0.08)
+    _say_missing(ax, rows, value, laplace)
+    return ax
+
+
+def _say_missing(ax: Axes, rows: Sequence[Any], value: FloatArray, laplace: FloatArray) -> None:
+    """A subject without an estimate gets words in its row, not an empty line."""
+    for i in range(len(rows)):
+        if np.isnan(value[i]):
+            words = "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
+            ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=8, color=EQUAL)
+
+
+# --- files --------------------------------------------------------------------------------------------------------------------------
+
+
+def png(figure: Figure, *, dpi: int = 150) -> bytes:
+    """A figure as PNG; characters that the font lacks are drawn as boxes without a warning."""
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+    """A figure that no global state knows of: nothing to close, nothing pops up."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(wide, high), layout=layout)

@@ -1,0 +1,186 @@
+"""Log posterior of one subject in unconstrained coordinates: value, gradient, Hessian. The one thing that engines see.
+
+log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to
+x = (c, logit(p/p_max), log w, logit q0), so that its integral over x is the evidence of H1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, log_expit
+
+from bayes_toe.coordinates import Natural, natural
+from bayes_toe.errors import NumericalError
+from bayes_toe.model import LN2, MAX_PULL, log_different
+from bayes_toe.prior import Prior, pull_derivatives
+from bayes_toe.study import Subject
+
+FloatArray = npt.NDArray[np.float64]
+#: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
+_BLOCK = 1 << 16
+
+
+class Parts(NamedTuple):
+    """Log likelihood and log prior density, each of shape (points,)."""
+
+    log_likelihood: FloatArray
+    log_prior: FloatArray
+
+    @property
+    def log_posterior(self) -> FloatArray:
+        """Their sum: the unnormalised log posterior density."""
+        return self.log_likelihood + self.log_prior
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Log posterior of one subject.
+
+    Parameters
+    ----------
+    subject : Subject
+        The counts.
+    prior : Prior
+        The prior; default as stated in :mod:`bayes_toe.prior`.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
+    >>> Posterior(subject).log_density([[0.0, 0.0, -1.0, 2.0]]).shape
+    (1,)
+    """
+
+    subject: Subject
+    prior: Prior = field(default_factory=Prior)
+
+    def __post_init__(self) -> None:
+        subject = self.subject
+        sbar = float(np.average(subject.s1, weights=subject.n_trials))
+        different = (subject.n_trials - subject.n_equal).astype(np.float64)
+        for key, value in {
+            "sbar": sbar,
+            "_step": subject.s2 - subject.s1,
+            "_lever": subject.s1 - sbar,
+            "_equal": subject.n_equal.astype(np.float64),
+            "_different": different,
+        }.items():
+            object.__setattr__(self, key, value)
+
+    sbar: float = field(init=False)
+    _step: FloatArray = field(init=False, repr=False)
+    _lever: FloatArray = field(init=False, repr=False)
+    _equal: FloatArray = field(init=False, repr=False)
+    _different: FloatArray = field(init=False, repr=False)
+
+    def natural(self, x: npt.ArrayLike) -> Natural:
+        """Natural coordinates of unconstrained points x, shape (..., 4)."""
+        return natural(x, self.sbar)
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Log posterior density at x, shape (points, 4) -> (points,).
+
+        Raises
+        ------
+        NumericalError
+            If a coordinate is NaN.
+        """
+        return self.parts(x).log_posterior
+
+    def parts(self, x: npt.ArrayLike) -> Parts:
+        """Log likelihood and log prior at x, shape (points, 4)."""
+        points = _require_points(x)
+        rows = max(1, _BLOCK // self.subject.n_pairs)
+        blocks = [self._block(points[i : i + rows]) for i in range(0, len(points), rows)]
+        return Parts(np.concatenate(blocks), self.prior.log_density_unconstrained(points, self.sbar))
+
+    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood of each pair, shape (points, 4) -> (points, pairs)."""
+        points = _require_points(x)
+        z = self.distance(points)
+        logit_q0 = points[:, 3, None]
+        result = np.zeros(z.shape)
+        for counts, log_answer in ((self._equal, self._log_equal), (self._different, log_different)):
+            some = counts > 0  # an answer never given contributes 0, also where its probability is 0
+            result[:, some] += counts[some] * log_answer(z[:, some], logit_q0)
+        return result
+
+    @staticmethod
+    def _log_equal(z: FloatArray, logit_q0: FloatArray) -> FloatArray:
+        return np.asarray(log_expit(logit_q0) - LN2 * np.square(z))
+
+    def distance(self, x: FloatArray) -> FloatArray:
+        """Normalised distance z of every pair, (points, 4) -> (points, pairs)."""
+        shift = MAX_PULL * expit(x[:, 1, None]) * self._lever - x[:, 0, None]
+        return np.asarray((self._step + shift) * np.exp(-x[:, 2, None]))
+
+    def equal_probability(self, x: FloatArray) -> FloatArray:
+        """P(equal) of every pair, (points, 4) -> (points, pairs). Source: Eq. mod:q."""
+        return np.asarray(np.exp(log_expit(x[:, 3, None]) - LN2 * np.square(self.distance(x))))
+
+    def _block(self, points: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore"):  # z^2 beyond the largest float: P(equal) is 0 to all digits, log P is -inf
+            return np.asarray(self.pair_log_likelihood(points).sum(axis=1))
+
+    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Gradient (points, 4) and Hessian (points, 4, 4) of the log posterior density, analytic."""
+        points = _require_points(x)
+        gradient, hessian = self.prior.derivatives(points, self.sbar)
+        likelihood = self.likelihood_derivatives(points)
+        return gradient + likelihood[0], hessian + likelihood[1]
+
+    def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (points, 4) and Hessian (points, 4, 4) of the log likelihood alone.
+
+        Chain rule through t = ln2 z^2 (coordinates c, a, b) and through logit q0.
+
+        For one 'different' answer A = log(1 - q): A_t = r, A_tt = -r (1 + r), A_l = -r d, A_tl = r (1 + r) d and
+        A_ll = -r d ((1 + r) d - q0), with the odds r = q/(1 - q) and d = 1 - q0. Products are formed so that r d and (1 + r) d,
+        both at most 1, never meet an overflowing r^2.
+        """
+        z, logit_q0 = self.distance(x), x[:, 3, None]
+        t1, t2 = self._distance_derivatives(x, z)
+        log_diff = log_different(z, logit_q0)
+        odds = np.exp(log_expit(logit_q0) - LN2 * np.square(z) - log_diff)
+        share = np.exp(log_expit(-logit_q0) - log_diff)  # (1 - q0) / (1 - q) = (1 + r) d
+        k, m = self._equal, self._different
+        of_t = -k + m * odds
+        gradient, hessian = np.empty(x.shape), np.empty((*x.shape, 4))
+        gradient[:, :3] = np.einsum("nj,nji->ni", of_t, t1)
+        pulled = np.sqrt(m * odds)[..., None] * t1
+        raised = np.sqrt(np.exp(-log_diff))[..., None] * pulled  # r (1 + r) = r / (1 - q)
+        hessian[:, :3, :3] = np.einsum("nj,njik->nik", of_t, t2) - np.einsum("nji,njk->nik", raised, raised)
+        q0, lapse = expit(x[:, 3]), expit(-x[:, 3])
+        lost = m * odds * lapse[:, None]
+        gradient[:, 3] = k.sum() * lapse - lost.sum(axis=1)
+        cross = np.einsum("nj,nji->ni", m * odds * share, t1)
+        hessian[:, :3, 3] = hessian[:, 3, :3] = cross
+        hessian[:, 3, 3] = -k.sum() * q0 * lapse - (lost * (share - q0[:, None])).sum(axis=1)
+        return gradient, hessian
+
+    def _distance_derivatives(self, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First (points, pairs, 3) and second (points, pairs, 3, 3) derivatives of t = ln2 z^2 in (c, a, b)."""
+        _, p1, p2 = pull_derivatives(x[:, 1, None])
+        inverse = np.exp(-x[:, 2, None]) * np.ones_like(z)
+        z_a, z_aa = p1 * self._lever * inverse, p2 * self._lever * inverse
+        t1 = 2.0 * LN2 * np.stack([-z * inverse, z * z_a, -np.square(z)], -1)
+        t2 = np.empty((*z.shape, 3, 3))
+        t2[..., 0, 0] = 2.0 * LN2 * inverse**2
+        t2[..., 1, 1] = 2.0 * LN2 * (z_a**2 + z * z_aa)
+        t2[..., 0, 1] = t2[..., 1, 0] = -2.0 * LN2 * inverse * z_a
+        for i in range(3):
+            t2[..., i, 2] = t2[..., 2, i] = -2.0 * t1[..., i]
+        return t1, t2
+
+
+def _require_points(x: npt.ArrayLike) -> FloatArray:
+    """Points as an array of shape (points, 4) without NaN."""
+    points = np.atleast_2d(np.asarray(x, np.float64))
+    if points.ndim != 2 or points.shape[1] != 4:
+        raise NumericalError(f"points must have shape (points, 4), found {points.shape}")
+    if np.isnan(points).any():
+        raise NumericalError("a coordinate is NaN")
+    return points

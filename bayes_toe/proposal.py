@@ -1,0 +1,281 @@
+"""A global proposal for one posterior: Student-t components that adaptive importance sampling has fitted, and two safety nets.
+
+Fitting alternates between drawing from the current proposal and EM steps on the draws of the last rounds, weighted against the
+average of the proposals that made them (deterministic-mixture weights, Cornuet et al. 2012). While weights are uneven they are
+tempered; where eight components stay poor, sixteen take over.
+
+The nets are a wide Student-t with the posterior's overall mean and spread, and the prior itself. With the prior in the mixture,
+importance weights are bounded by the largest likelihood over the prior's share: their variance is finite, their error bars mean
+something, and no region that the prior reaches is closed to the sampler.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from bayes_toe.diagnostics import pareto_k
+from bayes_toe.errors import NumericalError
+from bayes_toe.levelling import Levelling
+from bayes_toe.maximum import Maxima, find_maxima
+from bayes_toe.mixture import StudentMixture
+from bayes_toe.posterior import Posterior
+
+FloatArray = npt.NDArray[np.float64]
+
+_PRIOR_SHARE = 0.02
+_COVER_SHARE = 0.05
+_COVER_DF, _DF = 3.0, 8.0
+_HISTORY = 4  # rounds whose draws are pooled
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How hard one stage of the adaptation works, and the efficiency that ends it."""
+
+    components: int
+    draws: int
+    rounds: int
+    enough: float
+
+
+#: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
+STAGES = (Stage(components=8, draws=2000, rounds=6, enough=0.75), Stage(components=16, draws=4000, rounds=10, enough=0.6))
+_POOR = 0.5  # efficiency below which the second stage runs
+_REFITS = 3
+#: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
+TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Density over unconstrained coordinates: shares of the prior, of a wide cover, and the rest of a fitted mixture.
+
+    Mixture and cover live in levelled coordinates, in which the posterior has no funnel.
+    """
+
+    posterior: Posterior
+    levelling: Levelling
+    mixture: StudentMixture
+    cover: StudentMixture
+
+    def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
+        """Log density at x, shape (points, 4) -> (points,); log_prior is the prior's log density there."""
+        y, log_volume = self.levelling.level(x)
+        of_mixture = np.log1p(-_PRIOR_SHARE - _COVER_SHARE) + self.mixture.log_density(y)
+        of_cover = np.log(_COVER_SHARE) + self.cover.log_density(y)
+        return np.asarray(np.logaddexp(np.logaddexp(of_mixture, of_cover) + log_volume, np.log(_PRIOR_SHARE) + log_prior))
+
+    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+        """Independent draws, shape (size, 4)."""
+        mark = rng.uniform(size=size)
+        y = self.mixture.sample(rng, size)
+        from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - _COVER_SHARE
+        y[from_cover] = self.cover.sample(rng, int(from_cover.sum()))
+        x = self.levelling.unlevel(y)
+        x[from_prior] = self.posterior.prior.sample_unconstrained(rng, int(from_prior.sum()), self.posterior.sbar)
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedDraws:
+    """Draws from one proposal with the log densities that their weights need, each of shape (draws,)."""
+
+    x: FloatArray
+    log_prior: FloatArray
+    log_posterior: FloatArray
+    log_proposal: FloatArray
+
+    @property
+    def log_weights(self) -> FloatArray:
+        """Log of posterior over proposal density, unnormalised, shape (draws,)."""
+        return self.log_posterior - self.log_proposal
+
+
+def efficiency(log_weights: FloatArray) -> float:
+    """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1.
+
+    Examples
+    --------
+    >>> round(efficiency(np.zeros(10)), 12), round(efficiency(np.array([0.0, -np.inf])), 12)
+    (1.0, 0.5)
+    """
+    return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)) / len(log_weights))
+
+
+def importance_draws(proposal: Proposal, rng: np.random.Generator, size: int) -> WeightedDraws:
+    """Independent draws from the proposal with everything their weights need.
+
+    Raises
+    ------
+    NumericalError
+        If the log posterior is NaN somewhere.
+    """
+    x = proposal.sample(rng, size)
+    parts = proposal.posterior.parts(x)
+    if np.isnan(parts.log_posterior).any():
+        raise NumericalError(f"subject {proposal.posterior.subject.name!r}: log posterior is NaN")
+    return WeightedDraws(x, parts.log_prior, parts.log_posterior, proposal.log_density(x, parts.log_prior))
+
+
+@dataclass(frozen=True, eq=False)
+class FittedProposal:
+    """A fitted proposal and what a large independent sample from it says of its quality.
+
+    Attributes
+    ----------
+    proposal : Proposal
+    draws : WeightedDraws
+        Made after fitting, independent of it: the evidence and the diagnostics come from these.
+    efficiency : float
+        Importance-sampling efficiency, 0..1.
+    pareto_k : float
+        Pareto k-hat of the weights; above 0.7 neither averages nor their error bars can be trusted.
+    """
+
+    proposal: Proposal
+    draws: WeightedDraws
+    efficiency: float
+    pareto_k: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the weights behave well enough for importance sampling and for a mostly global sampler."""
+        return self.pareto_k < TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
+
+
+def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+    """Adapt a proposal to a posterior, then judge it on fresh draws; refit on those where they reveal a gap, a few times.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    rng : numpy.random.Generator
+    maxima : Maxima, optional
+        Local maxima, where they are known already.
+    draws : int
+        Size of the judging sample.
+
+    Examples
+    --------
+    >>> from bayes_toe.study import Subject
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fit_proposal(Posterior(subject), np.random.default_rng(1)).trusted
+    True
+    """
+    found = find_maxima(posterior) if maxima is None else maxima
+    history = _adapt(_first(posterior, found, rng), STAGES[0], rng)
+    if _best(history).efficiency < _POOR:
+        history = _adapt(_refitted(history, STAGES[1].components, rng), STAGES[1], rng)
+    promised = _best(history).efficiency
+    fitted = _judged(_best(history).proposal, rng, draws)
+    for _ in range(_REFITS):
+        if fitted.trusted and fitted.efficiency > 0.5 * promised:
+            break
+        # The judging draws found what the fitting draws had missed: learn from all of them, and judge again on fresh ones.
+        history = [*history, _Round(fitted.proposal, fitted.draws, fitted.efficiency)]
+        fitted = _judged(_refitted(history, STAGES[1].components, rng), rng, draws)
+    return fitted
+
+
+def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
+    draws = importance_draws(proposal, rng, size)
+    return FittedProposal(proposal, draws, efficiency(draws.log_weights), pareto_k(draws.log_weights))
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    proposal: Proposal
+    draws: WeightedDraws
+    efficiency: float
+
+
+def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
+    """Rounds of drawing and refitting; two more once the efficiency is enough, because they are cheap and sharpen."""
+    history: list[_Round] = []
+    left = stage.rounds
+    while left > 0:
+        draws = importance_draws(proposal, rng, stage.draws)
+        history.append(_Round(proposal, draws, efficiency(draws.log_weights)))
+        left = min(left - 1, 2) if history[-1].efficiency > stage.enough and left > 2 else left - 1
+        if left > 0:
+            proposal = _refitted(history, stage.components, rng)
+    return history
+
+
+def _best(history: list[_Round]) -> _Round:
+    return max(history, key=lambda entry: entry.efficiency)
+
+
+def _first(posterior: Posterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
+    """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
+    levelling = Levelling.at(posterior, maxima.x[maxima.value > maxima.value[0] - 3.0])
+    x = posterior.prior.sample_unconstrained(rng, 2 * STAGES[0].draws, posterior.sbar)
+    x = x[np.isfinite(x).all(axis=1)]
+    weights = _tempered(posterior.parts(x).log_likelihood, least=200.0)
+    y = levelling.level(x)[0]
+    cover = _cover(y, weights)
+    few = STAGES[0].components // 2
+    centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(cover.scales / 4.0, few, axis=0)]
+    around = STAGES[0].components // len(maxima.x) + 1
+    for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
+        if np.linalg.eigvalsh(curvature)[0] > 0.01:  # flatter than ten units: a ridge running to infinity, no use as a scale
+            cloud = mode + rng.standard_normal((500, 4)) @ np.linalg.inv(np.linalg.cholesky(curvature))
+            levelled = levelling.level(cloud)[0]
+            centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
+            scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))
+    means = np.concatenate(centres)
+    mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _DF)
+    return Proposal(posterior, levelling, mixture, cover)
+
+
+def _cover(y: FloatArray, weights: FloatArray) -> StudentMixture:
+    """One wide component: the weighted mean, and twice the weighted spread in every direction."""
+    mean = weights @ y
+    spread = np.einsum("n,ni,nj->ij", weights, y - mean, y - mean)
+    return StudentMixture(np.ones(1), mean[None], 4.0 * spread[None], _COVER_DF)
+
+
+def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
+    """Normalised weights w^beta with the largest beta <= 1 (on a geometric grid) that leaves `least` effective draws."""
+    for power in 0.8 ** np.arange(200):
+        if efficiency(power * log_weights) * len(log_weights) >= least:
+            break
+    return np.asarray(np.exp(power * log_weights - logsumexp(power * log_weights)))
+
+
+def _refitted(history: list[_Round], components: int, rng: np.random.Generator) -> Proposal:
+    """EM on the pooled draws of the last rounds."""
+    rounds = history[-_HISTORY:]
+    x, log_prior, log_posterior = (
+        np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
+    )
+    made = np.logaddexp.reduce([entry.proposal.log_density(x, log_prior) for entry in rounds]) - np.log(len(rounds))
+    weights = _tempered(log_posterior - made, least=0.05 * len(x))
+    last = rounds[-1].proposal
+    y = last.levelling.level(x)[0]
+    cover = _cover(y, weights)
+    mixture = last.mixture
+    for _ in range(3):
+        mixture = mixture.updated(y, weights)
+    return Proposal(last.posterior, last.levelling, _reseeded(mixture, components, cover, y, rng, weights), cover)
+
+
+def _reseeded(
+    mixture: StudentMixture, components: int, cover: StudentMixture, y: FloatArray, rng: np.random.Generator, weights: FloatArray
+) -> StudentMixture:
+    """Missing components start at weighted draws with half the overall spread and a small share."""
+    missing = components - len(mixture.weights)
+    if missing <= 0:
+        return mixture
+    centres = y[rng.choice(len(y), missing, p=weights)]
+    fresh = np.full(missing, 0.1 / components)
+    return StudentMixture(
+        np.concatenate([mixture.weights * (1.0 - fresh.sum()), fresh]),
+        np.concatenate([mixture.means, centres]),
+        np.concatenate([mixture.scales, np.repeat(cover.scales / 8.0, missing, axis=0)]),
+        mixture.df,
+    )

@@ -1,0 +1,93 @@
+"""What `simulate` was asked for in words or files, turned into a design and a population, and its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_toe.coordinates import NATURAL, Natural
+from bayes_toe.errors import InputError
+from bayes_toe.model import require_natural
+from bayes_toe.number_table import read_numbers
+from bayes_toe.seeds import generator
+from bayes_toe.simulate import Design, Trials, full_design, paper_population, prior_population, reference_design
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_DESIGNS = {"reference": reference_design, "full": full_design}
+_POPULATIONS = {"paper": paper_population, "prior": prior_population}
+
+
+def design_from(design: str, amplitudes: str, batches: int) -> Design:
+    """The design that `--design` and `--amplitudes` name; anything but a known word is a CSV with columns s1,s2.
+
+    Examples
+    --------
+    >>> len(design_from("full", "1,1.2,1.5", 2).s1)
+    9
+    """
+    if design in _DESIGNS:
+        return _DESIGNS[design](_amplitudes(amplitudes), batches)
+    _require_file(design, "--design", _DESIGNS)
+    columns = read_numbers(design, ("s1", "s2"))[1]
+    return Design(columns["s1"], columns["s2"], batches)
+
+
+def population_from(population: str, size: int, seed: int) -> tuple[list[str], Natural]:
+    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters."""
+    if population in _POPULATIONS:
+        width = max(2, len(str(size)))
+        names = [f"S{i + 1:0{width}d}" for i in range(size)]
+        return names, _POPULATIONS[population](size, generator(seed, "population"))
+    _require_file(population, "--population", _POPULATIONS)
+    names, columns = read_numbers(population, NATURAL, key="subject")
+    observers = Natural(*(columns[name] for name in NATURAL))
+    try:
+        require_natural(*observers)
+    except ArithmeticError as error:
+        raise InputError(f"{population}: {error}") from error
+    return names, observers
+
+
+def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
+    """Trials as a table that `bayes-toe` reads; the column `synthetic` marks them for good."""
+    import pandas as pd
+
+    parts = [
+        pd.DataFrame(
+            {
+                "subject": one.subject,
+                "batch": one.batch,
+                "trial": np.arange(1, len(one.equal) + 1),
+                "s1": one.s1,
+                "s2": one.s2,
+                "response": np.where(one.equal, "equal", "different"),
+                "synthetic": 1,
+            }
+        )
+        for one in trials
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def truth_frame(names: Sequence[str], observers: Natural) -> pd.DataFrame:
+    """True natural parameters, one row a subject."""
+    import pandas as pd
+
+    return pd.DataFrame({"subject": list(names), **observers._asdict()})
+
+
+def _amplitudes(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--amplitudes: found {text!r}, allowed: positive numbers separated by commas") from None
+
+
+def _require_file(text: str, option: str, words: Mapping[str, object]) -> None:
+    if not Path(text).is_file():
+        raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

@@ -1,0 +1,145 @@
+"""The report of one analysis: a single HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_toe.api import Analysis
+from bayes_toe.checks import Finding, check_study
+from bayes_toe.model_evidence import SubjectEvidence
+from bayes_toe.outputs import whole_file
+from bayes_toe.prior import Prior
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Log Bayes factors smaller than this are called undecided.
+UNDECIDED = 1.0
+#: Contraction 1 - var(posterior)/var(prior) below which a parameter is said to reflect mostly the prior.
+_LITTLE_LEARNT = 0.5
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """PNG figures of a report: the evidence of all subjects, and per subject its curves and its corner plot."""
+
+    evidence: bytes
+    curves: Mapping[str, bytes]
+    corner: Mapping[str, bytes]
+
+
+def verdict(row: SubjectEvidence) -> str:
+    """Which model the evidence favours, in words for a table.
+
+    A log Bayes factor within 1 nat of 0 is called undecided.
+    """
+    value = row.log_bayes_factor
+    if value is None:
+        return "no estimate"
+    if abs(value) < UNDECIDED:
+        return "undecided"
+    return "H1" if value > 0 else "H0"
+
+
+def prior_dominated(analysis: Analysis, subject: str) -> list[str]:
+    """Natural parameters and gain of which the data taught little: contraction 1 - var(posterior)/var(prior) below one half.
+
+    sigma_l stays out: its prior follows from those of sigma_p and gamma.
+    """
+    spread = prior_spread(analysis.settings.prior)
+    draws = analysis.draws
+    return [key for key, sd in spread.items() if 1.0 - np.var(draws.values(subject, key)) / sd**2 < _LITTLE_LEARNT]
+
+
+def prior_spread(prior: Prior) -> dict[str, float]:
+    """Prior standard deviations of mu1, sigma_p, gamma and q0.
+
+    Examples
+    --------
+    >>> {key: round(sd, 4) for key, sd in prior_spread(Prior()).items()}
+    {'mu1': 10.0, 'sigma_p': 0.6028, 'gamma': 0.2887, 'q0': 0.2887}
+    """
+    uniform = 12.0**-0.5
+    return {"mu1": prior.mu1_sd, "sigma_p": prior.sigma_p_scale * (1.0 - 2.0 / np.pi) ** 0.5, "gamma": uniform, "q0": uniform}
+
+
+def write_report(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Render the report to `path`, whole or not at all."""
+    text = render(analysis, summary, pictures)
+    with whole_file(path, overwrite=overwrite) as target:
+        target.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def render(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures) -> str:
+    """The report as HTML; every text from outside is escaped by the template engine."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(number=_number, data_uri=_data_uri)
+    source = (files("bayes_toe") / "templates" / "report.html").read_text(encoding="utf-8")
+    return environment.from_string(source).render(_context(analysis, summary, pictures))
+
+
+def _context(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures) -> dict[str, Any]:
+    findings = check_study(analysis.study)
+    rows = [(row, verdict(row)) for row in analysis.evidence]
+    return {
+        "study": analysis.study,
+        "attrs": analysis.draws.attrs,
+        "rows": rows,
+        "tally": {word: sum(found == word for _, found in rows) for word in ("H1", "H0", "undecided", "no estimate")},
+        "undecided": UNDECIDED,
+        "not_converged": analysis.draws.not_converged,
+        "study_findings": [finding for finding in findings if finding.subject == ""],
+        "evidence_picture": pictures.evidence,
+        "subjects": [_subject_context(analysis, summary, pictures, index, findings) for index in range(len(analysis.study))],
+    }
+
+
+def _subject_context(
+    analysis: Analysis, summary: pd.DataFrame, pictures: Pictures, index: int, findings: Sequence[Finding]
+) -> dict[str, Any]:
+    counts = analysis.study.subjects[index]
+    name = counts.name
+    stats = analysis.draws.group("sample_stats").sel(subject=name)
+    row = analysis.evidence[name]
+    return {
+        "anchor": f"subject-{index + 1}",
+        "counts": counts,
+        "parameters": summary[summary["subject"] == name].to_dict("records"),
+        "curves": pictures.curves[name],
+        "corner": pictures.corner[name],
+        "shortfall": analysis.draws.not_converged.get(name, ""),
+        "diagnostics": {
+            "smallest effective sample size": f"{float(stats['min_ess']):.0f}",
+            "largest R-hat": f"{float(stats['max_r_hat']):.4f}",
+            "acceptance": f"{float(stats['acceptance_rate'].mean()):.2f}",
+            "steps of each walker": _kept(analysis, int(stats["steps"]), int(stats["thin"])),
+            "proposal efficiency": f"{row.efficiency:.2f}",
+            "Pareto k-hat": f"{row.pareto_k:.2f}",
+        },
+        "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
+        "prior_dominated": prior_dominated(analysis, name),
+    }
+
+
+def _kept(analysis: Analysis, steps: int, thin: int) -> str:
+    last = thin * analysis.settings.sampler.kept_steps
+    return f"{steps}, kept: last {last}" + ("" if thin == 1 else f", one in {thin}")
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    """A number for a table; a dash where there is none."""
+    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}".replace("-", "−")
+
+
+def _data_uri(picture: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")

@@ -1,0 +1,232 @@
+"""Posterior draws of one subject with emcee: independent ensembles, a global move, and a stated rule for stopping.
+
+The only module that imports emcee.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.coordinates import UNCONSTRAINED, derived
+from bayes_toe.diagnostics import Convergence, convergence
+from bayes_toe.errors import InputError
+from bayes_toe.posterior import Posterior
+from bayes_toe.proposal import FittedProposal, Proposal
+from bayes_toe.seeds import stream
+
+if TYPE_CHECKING:
+    import emcee
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Quantities whose ranks differ, so whose diagnostics do: the four natural parameters, and of the unconstrained and derived ones
+#: those that are not a monotone function of a single one already listed.
+JUDGED = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "width", "offset")
+_DISPERSION = 4.0  # starting points have this many times the posterior's variance
+
+
+@dataclass(frozen=True)
+class SamplerSettings:
+    """How draws are made and when sampling stops.
+
+    Parameters
+    ----------
+    draws : int
+        Bulk and tail effective draws to reach for every judged quantity.
+    ensembles : int
+        Independent ensembles (chains), at least 4.
+    walkers : int
+        Walkers of an ensemble, even and at least 8.
+    max_r_hat : float
+        Largest rank-normalised split R-hat.
+    max_thin : int
+        Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    draws: int = 4000
+    ensembles: int = 4
+    walkers: int = 64
+    max_r_hat: float = 1.01
+    max_thin: int = 64
+
+    def __post_init__(self) -> None:
+        rules = {
+            f"draws={self.draws} must be in 1..1000000": 1 <= self.draws <= 10**6,
+            f"ensembles={self.ensembles} must be at least 4": self.ensembles >= 4,
+            f"walkers={self.walkers} must be even and at least 8": self.walkers >= 8 and self.walkers % 2 == 0,
+            f"max_r_hat={self.max_r_hat} must be above 1": self.max_r_hat > 1.0,
+            f"max_thin={self.max_thin} must be at least 1": self.max_thin >= 1,
+        }
+        problems = [rule for rule, holds in rules.items() if not holds]
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def kept_steps(self) -> int:
+        """Steps kept of every walker: enough for twice the effective draws asked for, and never fewer than 32."""
+        return max(32, -(-2 * self.draws // (self.ensembles * self.walkers)))
+
+    @property
+    def required(self) -> int:
+        """Effective draws to reach: those asked for, but at least four a walker.
+
+        With fewer, walkers that never moved from dispersed starts would pass for a converged sample.
+        """
+        return max(self.draws, 4 * self.ensembles * self.walkers)
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Draws of one subject.
+
+    Attributes
+    ----------
+    x : array, shape (ensembles, draws, 4)
+        Unconstrained coordinates, walker-major within an ensemble.
+    log_posterior : array, shape (ensembles, draws)
+    acceptance : array, shape (ensembles,)
+        Share of accepted proposals.
+    diagnostics : dict of str to Convergence
+        Per judged quantity.
+    thin : int
+        Every thin-th step of the final pass was kept.
+    steps : int
+        Steps of each walker over all passes; what came before the final pass was burn-in.
+    converged : bool
+    reason : str
+        What was not reached; empty where converged.
+    """
+
+    x: FloatArray
+    log_posterior: FloatArray
+    acceptance: FloatArray
+    diagnostics: dict[str, Convergence]
+    thin: int
+    steps: int
+    converged: bool
+    reason: str
+
+
+def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
+    """Run the ensembles until every judged quantity meets the settings, or up to their limit.
+
+    Each pass goes on from where the last one ended, throws away what was before, and keeps the same number of draws over twice as
+    many steps: burn-in is at least half of everything, and the file has the size that was asked for.
+    """
+    posterior = fitted.proposal.posterior
+    ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
+    steps = _BURN_IN
+    thin = 1
+    while True:
+        passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
+        steps += thin * settings.kept_steps
+        x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
+        diagnostics = _judge(posterior, x)
+        reason = _shortfall(diagnostics, settings)
+        if not reason or thin >= settings.max_thin:
+            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
+        thin *= 2
+
+
+_BURN_IN = 16
+
+
+class _Ensemble:
+    """One emcee ensemble with a random stream of its own; `advance` returns one pass, walker-major."""
+
+    def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
+        import emcee
+
+        posterior = fitted.proposal.posterior
+        name = posterior.subject.name
+        random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
+        self._sampler = emcee.EnsembleSampler(
+            settings.walkers, len(UNCONSTRAINED), posterior.log_density, vectorize=True, moves=moves(fitted)
+        )
+        # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
+        self._sampler.random_state = random.get_state()
+        start = _dispersed(fitted, random, settings.walkers)
+        self._state = self._sampler.run_mcmc(start, _BURN_IN, store=False)
+
+    def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
+        self._sampler.reset()
+        self._state = self._sampler.run_mcmc(self._state, kept, thin_by=thin)
+        chain, log_posterior = self._sampler.get_chain(), self._sampler.get_log_prob()
+        x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
+        return x, log_posterior.T.ravel(), float(np.mean(self._sampler.acceptance_fraction))
+
+
+def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
+    """Emcee moves and their weights: mostly global where the proposal may be trusted, mostly local where it may not.
+
+    emcee's snooker move is never used: in release 3.1.6 it is biased.
+    """
+    from emcee.moves import DEMove, StretchMove
+
+    local = 0.1 if fitted.trusted else 0.8
+    return [(GlobalMove(fitted.proposal), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
+
+
+def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named like emcee's own moves)
+    """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
+    from emcee.moves import MHMove
+
+    def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        fresh = proposal.sample(random, len(x))
+        both = np.concatenate([x, fresh])
+        log_prior = proposal.posterior.prior.log_density_unconstrained(both, proposal.posterior.sbar)
+        log_density = proposal.log_density(both, log_prior)
+        return fresh, log_density[: len(x)] - log_density[len(x) :]
+
+    return MHMove(propose, ndim=len(UNCONSTRAINED))
+
+
+def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:
+    """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
+
+    Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
+    """
+    posterior, draws = fitted.proposal.posterior, fitted.draws
+    weights = np.exp(draws.log_weights - draws.log_weights.max())
+    weights /= weights.sum()
+    mean = weights @ draws.x
+    start = np.empty((0, draws.x.shape[1]))
+    while len(start) < walkers:
+        chosen = draws.x[random.choice(len(draws.x), walkers, p=weights)]
+        jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
+        points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
+        start = np.concatenate([start, points[np.isfinite(posterior.log_density(points))]])
+    return start[:walkers]
+
+
+def judged_quantities(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
+    """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""
+    theta = posterior.natural(x)
+    everything = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
+    return {name: everything[name] for name in JUDGED}
+
+
+def _judge(posterior: Posterior, x: FloatArray) -> dict[str, Convergence]:
+    return {name: convergence(values) for name, values in judged_quantities(posterior, x).items()}
+
+
+def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
+    """What was not reached, in words; empty where everything was. A NaN diagnostic counts as not reached."""
+    lowest = min(diagnostics, key=lambda name: np.nan_to_num(min(diagnostics[name][:2])))
+    highest = max(diagnostics, key=lambda name: np.nan_to_num(diagnostics[name].r_hat, nan=np.inf))
+    ess, r_hat = min(diagnostics[lowest][:2]), diagnostics[highest].r_hat
+    problems = []
+    if not ess >= settings.required:
+        problems.append(f"{ess:.0f} effective draws of {lowest}, {settings.required} required")
+    if not r_hat < settings.max_r_hat:
+        problems.append(f"R-hat {r_hat:.3f} of {highest}, below {settings.max_r_hat:g} required")
+    return "; ".join(problems)

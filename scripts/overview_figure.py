@@ -1,0 +1,42 @@
+"""Make the picture that opens the README, from the bundled (synthetic) study.
+
+Example: python scripts/overview_figure.py -o docs/overview.png
+"""
+
+import argparse
+
+from matplotlib.figure import Figure
+
+import bayes_toe as bt
+from bayes_toe.outputs import whole_file
+from bayes_toe.plots import evidence_axes, order_panel, thinned
+
+
+def main() -> None:
+    """Three subjects of the paper's three kinds, and the evidence of all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", default="docs/overview.png")
+    output = parser.parse_args().output
+    study = bt.example_study()
+    analysis = bt.run(study, bt.settings_for(seed=1))
+    figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    grid = figure.add_gridspec(2, 3, width_ratios=(1, 1, 1.15))
+    kinds = {"S06": "A: prior below the stimuli", "S04": "B: prior above", "S13": "C: prior among them"}
+    places = (grid[0, 0], grid[0, 1], grid[1, 0])
+    for (name, kind), place in zip(kinds.items(), places, strict=True):
+        ax = figure.add_subplot(place)
+        order_panel(ax, study[name], thinned(analysis.draws.natural(name)), weaker=0.0)
+        ax.set(title=kind, ylabel="P('equal')")
+        ax.title.set_fontsize(10)
+    key = figure.add_subplot(grid[1, 1])
+    key.axis("off")
+    key.legend(*ax.get_legend_handles_labels(), loc="center", frameon=False, fontsize=10)
+    key.set_title("points: answers; lines: posterior mean;\nbands: central 60 and 95 %", fontsize=9, y=0.78)
+    evidence_axes(figure.add_subplot(grid[:, 2]), analysis.evidence)
+    figure.suptitle("Time-order effects in same/different judgements (synthetic example study)", fontsize=12)
+    with whole_file(output, overwrite=True) as path:
+        figure.savefig(path, dpi=130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""Shared pieces: small studies, one analysis of them, and the paths of the real data where they are present."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.api import Analysis
+from bayes_toe.simulate import reference_design
+
+REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
+    """Rounded expected counts in the paper's design."""
+    design = reference_design()
+    q = bt.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
+    return design.s1, design.s2, np.rint(n * q).astype(int), np.full(len(q), n)
+
+
+@pytest.fixture(scope="session")
+def small_study():
+    """Three ordinary observers of the paper's kinds A, B and C."""
+    kinds = {"A": (-0.7, 0.25, 0.17, 0.92), "B": (1.2, 0.25, 0.18, 0.9), "C": (0.25, 0.22, 0.15, 0.95)}
+    return bt.Study([bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()], source="three kinds")
+
+
+@pytest.fixture(scope="session")
+def analysis(small_study) -> Analysis:
+    """Draws and evidence of the small study, in this process."""
+    return bt.run(small_study, bt.settings_for(draws=2000, seed=5), workers=1)
+
+
+@pytest.fixture(scope="session")
+def real_data():
+    """The folder of real studies; tests that need it are skipped where it is absent."""
+    if not REAL.is_dir():
+        pytest.skip("the folder of real studies is not here")
+    return REAL
+
+
+def grouped_csv(path, study):
+    """Write a study as counts."""
+    lines = ["subject,s1,s2,n_equal,n_trials"]
+    for s in study:
+        rows = zip(s.s1, s.s2, s.n_equal, s.n_trials, strict=True)
+        lines += [f"{s.name},{a!r},{b!r},{k},{n}" for a, b, k, n in ((float(a), float(b), int(k), int(n)) for a, b, k, n in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def study_csv(tmp_path, small_study):
+    """The small study as a file."""
+    return grouped_csv(tmp_path / "study.csv", small_study)
+
+
+os.environ.setdefault("COLUMNS", "140")

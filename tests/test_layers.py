@@ -1,0 +1,82 @@
+"""Imports point one way, from the command line down to the model; every module has its place."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import bayes_toe
+
+PACKAGE = Path(bayes_toe.__file__).parent
+# Top to bottom: a module imports from modules below its own line only.
+LAYERS = [
+    ["__main__"],
+    ["cli"],
+    ["results"],
+    ["report"],
+    ["plots"],
+    ["api", "example", "recipes"],
+    ["draws"],
+    ["analysis", "files", "checks", "hard_cases"],
+    ["model_evidence", "sampling", "simulate", "number_table", "parallel"],
+    ["proposal"],
+    ["levelling"],
+    ["maximum", "mixture", "diagnostics", "outputs"],
+    ["posterior"],
+    ["prior"],
+    ["coordinates"],
+    ["model", "study", "seeds"],
+    ["errors"],
+]
+DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
+
+
+def _modules():
+    return sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
+
+
+def _imports(name):
+    tree = ast.parse((PACKAGE / f"{name}.py").read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("bayes_toe."):
+            yield node.module.removeprefix("bayes_toe.").split(".")[0]
+
+
+def test_every_module_is_placed():
+    assert sorted(DEPTH) == _modules()
+
+
+@pytest.mark.parametrize("name", _modules())
+def test_imports_point_down(name):
+    upward = [other for other in _imports(name) if DEPTH[other] <= DEPTH[name]]
+    assert not upward
+
+
+@pytest.mark.parametrize(
+    ("library", "owners"),
+    [
+        ("emcee", {"sampling"}),
+        ("matplotlib", {"plots"}),
+        ("corner", {"plots"}),
+        ("arviz", {"diagnostics"}),
+        ("arviz_stats", {"diagnostics"}),
+        ("xarray", {"draws"}),
+        ("joblib", {"parallel"}),
+        ("typer", {"cli"}),
+        ("jinja2", {"report"}),
+    ],
+)
+def test_a_library_has_one_owner(library, owners):
+    importers = set()
+    for name in _modules():
+        for node in ast.walk(ast.parse((PACKAGE / f"{name}.py").read_text())):
+            found = (
+                [alias.name for alias in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module or ""]
+                if isinstance(node, ast.ImportFrom)
+                else []
+            )
+            if any(module.split(".")[0] == library for module in found):
+                importers.add(name)
+    assert importers == owners

@@ -1,0 +1,109 @@
+"""Maxima, mixtures and fitted proposals."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
+
+from bayes_toe.hard_cases import hard_cases
+from bayes_toe.maximum import find_maxima, starts
+from bayes_toe.mixture import StudentMixture
+from bayes_toe.posterior import Posterior
+from bayes_toe.proposal import efficiency, fit_proposal, importance_draws
+
+CASES = hard_cases()
+
+
+@pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "guessing at 0.5", "400 pairs with 3 trials"])
+def test_newton_is_never_beaten_by_a_general_optimiser(name):
+    posterior = Posterior(CASES[name])
+    found = find_maxima(posterior)
+    assert found.arrived
+    simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
+    rivals = [
+        -minimize(lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex).fun
+        for s in starts(posterior.subject)[::4]
+    ]
+    assert found.value[0] >= max(rivals) - 1e-7
+    gradient, _ = posterior.derivatives(found.x[:1])
+    assert np.linalg.eigvalsh(found.curvature[0])[0] > 0
+    step = np.linalg.solve(found.curvature[0], gradient[0])
+    assert gradient[0] @ step < 1e-9
+
+
+def test_two_maxima_are_both_found():
+    found = find_maxima(Posterior(CASES["all different"]))
+    assert len(found.x) >= 2
+    assert found.x[:, 0].min() < 0 < found.x[:, 0].max()
+    assert list(found.value) == sorted(found.value, reverse=True)
+
+
+def test_a_maximum_that_does_not_exist_is_not_claimed():
+    # A perfect observer's density rises without end toward gamma = 0.
+    assert not find_maxima(Posterior(CASES["perfect observer"])).arrived
+
+
+@pytest.fixture
+def mixture():
+    means = np.array([[0.0, 1.0], [2.0, -1.0]])
+    scales = np.array([[[1.0, 0.6], [0.6, 0.8]], [[0.3, -0.1], [-0.1, 0.2]]])
+    return StudentMixture(np.array([0.3, 0.7]), means, scales, df=5.0)
+
+
+def test_mixture_density_is_scipys(mixture):
+    x = np.random.default_rng(0).normal(size=(40, 2))
+    parts = [w * multivariate_t(m, s, df=5.0).pdf(x) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True)]
+    assert mixture.log_density(x) == pytest.approx(np.log(sum(parts)), rel=1e-12)
+
+
+def test_mixture_draws_have_the_mixtures_moments(mixture):
+    n = 400_000
+    x = mixture.sample(np.random.default_rng(1), n)
+    mean = mixture.weights @ mixture.means
+    assert x.mean(axis=0) == pytest.approx(mean, abs=5 * x.std(axis=0).max() / np.sqrt(n))
+    second = sum(w * (5 / 3 * s + np.outer(m, m)) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True))
+    assert x.T @ x / n == pytest.approx(second, abs=0.05)
+
+
+def test_em_climbs_and_recovers_the_mixture(mixture):
+    x = mixture.sample(np.random.default_rng(2), 20_000)
+    weights = np.full(len(x), 1 / len(x))
+    start = StudentMixture(np.array([0.5, 0.5]), np.array([[-1.0, 0.0], [1.0, 0.0]]), np.repeat(np.eye(2)[None], 2, 0), 5.0)
+    fits = [start]
+    for _ in range(60):
+        fits.append(fits[-1].updated(x, weights))
+    likelihoods = [weights @ fit.log_density(x) for fit in fits]
+    assert all(b >= a - 1e-3 for a, b in pairwise(likelihoods))
+    assert np.sort(fits[-1].weights) == pytest.approx([0.3, 0.7], abs=0.03)
+    assert likelihoods[-1] == pytest.approx(weights @ mixture.log_density(x), abs=0.005)
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_proposals_fit_every_hard_case_or_say_so(name):
+    posterior = Posterior(CASES[name])
+    fitted = fit_proposal(posterior, np.random.default_rng(7))
+    assert fitted.trusted == (fitted.pareto_k < 0.7 and fitted.efficiency > 0.02)
+    if name not in ("guessing at 0.5", "reversed answers", "perfect observer", "single pair"):
+        assert fitted.efficiency > 0.4
+    # Independent draws from two differently seeded proposals estimate one evidence.
+    other = fit_proposal(posterior, np.random.default_rng(8))
+    both = [logsumexp(f.draws.log_weights) - np.log(len(f.draws.log_weights)) for f in (fitted, other)]
+    error = np.sqrt(sum((1 / f.efficiency - 1) / len(f.draws.log_weights) for f in (fitted, other)))
+    assert both[0] - both[1] == pytest.approx(0.0, abs=5 * error)
+
+
+def test_log_proposal_density_integrates_to_one():
+    # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
+    posterior = Posterior(CASES["one batch"])
+    proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
+    draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
+    ratio = np.exp(draws.log_prior - draws.log_proposal)
+    assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
+
+
+def test_efficiency_of_even_and_of_single_weights():
+    assert efficiency(np.full(7, -1e6)) == pytest.approx(1.0)
+    assert efficiency(np.array([0.0] + [-1e4] * 9)) == pytest.approx(0.1)
