@@ -36,6 +36,7 @@ _PLACES = {
     "corner": "plots",
     "curves": "plots",
     "evidence_figure": "plots",
+    "save_figure": "plots",
     "equal_probability": "model",
     "BayesToeError": "errors",
     "InputError": "errors",
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from bayes_toe.plots import corner as corner
     from bayes_toe.plots import curves as curves
     from bayes_toe.plots import evidence_figure as evidence_figure
+    from bayes_toe.plots import save_figure as save_figure
     from bayes_toe.posterior import Posterior as Posterior
     from bayes_toe.prior import Prior as Prior
     from bayes_toe.study import Study as Study

@@ -83,7 +83,13 @@ def reach(x: npt.ArrayLike) -> FloatArray:
     points = np.asarray(x, np.float64)
     c, a = points[..., 0], points[..., 1]
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.where(c == 0.0, 0.0, c * ((1.0 + np.exp(-a)) / MAX_PULL))
+        return np.where(c == 0.0, 0.0, c * inverse_pull(a))
+
+
+def inverse_pull(a: npt.ArrayLike) -> FloatArray:
+    """1/p at a = logit(p/p_max); infinite past the largest float."""
+    with np.errstate(over="ignore"):
+        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL)
 
 
 def unconstrained(theta: Natural, sbar: float) -> FloatArray:

@@ -11,6 +11,7 @@ import io
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError
 from bayes_toe.model import MAX_PULL, equal_probability, normalised_distance, pull
 from bayes_toe.model_evidence import EvidenceTable
+from bayes_toe.outputs import whole_file
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.study import Subject
@@ -145,6 +147,7 @@ def _corner_figure(samples: FloatArray, names: Sequence[str], truths: Mapping[st
         plot_datapoints=False,
         fill_contours=True,
         max_n_ticks=4,
+        labelpad=0.06,
         label_kwargs={"fontsize": 13},
     )
     return drawn
@@ -359,6 +362,25 @@ def png(figure: Figure, *, dpi: int = 150) -> bytes:
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
         figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200) -> Path:
+    """Write a figure, whole or not at all; the format follows from the suffix.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, or cannot be written.
+    InputError
+        If matplotlib knows no such format.
+    """
+    suffix = Path(path).suffix.lstrip(".").lower()
+    if suffix not in figure.canvas.get_supported_filetypes():
+        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+    with whole_file(path, overwrite=overwrite) as target, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(target, dpi=dpi)
+    return Path(path)
 
 
 def _new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, log_expit
+from scipy.special import expit, hyp1f1, log_expit
 
 from bayes_toe.coordinates import Natural, natural
 from bayes_toe.errors import NumericalError
@@ -135,45 +135,54 @@ class Posterior:
     def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, 4) and Hessian (points, 4, 4) of the log likelihood alone.
 
-        Chain rule through t = ln2 z^2 (coordinates c, a, b) and through logit q0.
-
-        For one 'different' answer A = log(1 - q): A_t = r, A_tt = -r (1 + r), A_l = -r d, A_tl = r (1 + r) d and
-        A_ll = -r d ((1 + r) d - q0), with the odds r = q/(1 - q) and d = 1 - q0. Products are formed so that r d and (1 + r) d,
-        both at most 1, never meet an overflowing r^2.
+        With t = ln2 z^2, the odds r = q/(1 - q) and d = 1 - q0, one 'different' answer A = log(1 - q) has A_i = 2 ln2 r z z_i and
+        A_ij = 2 ln2 r [(2 F - 1) z_i z_j + z z_ij] in (c, a, b), A_l = -r d, A_il = 2 ln2 z z_i r (1 + r) d and
+        A_ll = -r d ((1 + r) d - q0). F = 1 - (1 + r) t = [d 2^-z^2 - (t - 1 + 2^-z^2)] / (1 - q) and the last bracket,
+        [d^2 - q0^2 (1 - 2^-z^2)] / (1 - q), are formed from their numerators: the differences would lose all digits.
         """
         z, logit_q0 = self.distance(x), x[:, 3, None]
-        t1, t2 = self._distance_derivatives(x, z)
-        log_diff = log_different(z, logit_q0)
-        odds = np.exp(log_expit(logit_q0) - LN2 * np.square(z) - log_diff)
-        share = np.exp(log_expit(-logit_q0) - log_diff)  # (1 - q0) / (1 - q) = (1 + r) d
-        k, m = self._equal, self._different
-        of_t = -k + m * odds
-        gradient, hessian = np.empty(x.shape), np.empty((*x.shape, 4))
-        gradient[:, :3] = np.einsum("nj,nji->ni", of_t, t1)
-        pulled = np.sqrt(m * odds)[..., None] * t1
-        raised = np.sqrt(np.exp(-log_diff))[..., None] * pulled  # r (1 + r) = r / (1 - q)
-        hessian[:, :3, :3] = np.einsum("nj,njik->nik", of_t, t2) - np.einsum("nji,njk->nik", raised, raised)
         q0, lapse = expit(x[:, 3]), expit(-x[:, 3])
-        lost = m * odds * lapse[:, None]
-        gradient[:, 3] = k.sum() * lapse - lost.sum(axis=1)
-        cross = np.einsum("nj,nji->ni", m * odds * share, t1)
-        hessian[:, :3, 3] = hessian[:, 3, :3] = cross
-        hessian[:, 3, 3] = -k.sum() * q0 * lapse - (lost * (share - q0[:, None])).sum(axis=1)
+        log_diff = log_different(z, logit_q0)
+        fall = np.expm1(-LN2 * np.square(z))
+        odds = self._different * np.exp(log_expit(logit_q0) - LN2 * np.square(z) - log_diff)
+        share = np.exp(log_expit(-logit_q0) - log_diff)  # (1 - q0) / (1 - q) = (1 + r) d
+        bend = (lapse[:, None] * (1.0 + fall) - _second_rest(LN2 * np.square(z))) * np.exp(-log_diff)
+        gap = share * lapse[:, None] + np.square(q0)[:, None] * fall * np.exp(-log_diff)
+        z1, z_aa = self._distance_derivatives(x, z)
+        gradient, hessian = np.empty(x.shape), np.empty((*x.shape, 4))
+        gradient[:, :3] = 2.0 * LN2 * np.einsum("nj,nji->ni", (odds - self._equal) * z, z1)
+        hessian[:, :3, :3] = 2.0 * LN2 * self._curvature(z, z1, z_aa, odds, bend)
+        hessian[:, :3, 3] = hessian[:, 3, :3] = 2.0 * LN2 * np.einsum("nj,nji->ni", odds * share * z, z1)
+        lost = odds * lapse[:, None]
+        gradient[:, 3] = self._equal.sum() * lapse - lost.sum(axis=1)
+        hessian[:, 3, 3] = -self._equal.sum() * q0 * lapse - (lost * gap).sum(axis=1)
         return gradient, hessian
 
+    def _curvature(self, z: FloatArray, z1: FloatArray, z_aa: FloatArray, odds: FloatArray, bend: FloatArray) -> FloatArray:
+        """Sum over pairs of what 2 ln2 multiplies in the Hessian of (c, a, b), (points, 3, 3).
+
+        z_b = -z and z_ib = -z_i, so rows of b reduce to -2 F z z_i and 2 F z^2 (with -1 in the place of r F for 'equal' answers).
+        """
+        result = np.empty((len(z), 3, 3))
+        inner = odds * (2.0 * bend - 1.0) - self._equal
+        result[:, :2, :2] = np.einsum("nj,nji,njk->nik", inner, z1[..., :2], z1[..., :2])
+        result[:, 1, 1] += ((odds - self._equal) * z * z_aa).sum(axis=1)
+        outer = 2.0 * (odds * bend - self._equal) * z
+        result[:, :2, 2] = result[:, 2, :2] = -np.einsum("nj,nji->ni", outer, z1[..., :2])
+        result[:, 2, 2] = (outer * z).sum(axis=1)
+        return result
+
     def _distance_derivatives(self, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First (points, pairs, 3) and second (points, pairs, 3, 3) derivatives of t = ln2 z^2 in (c, a, b)."""
+        """First derivatives of z in (c, a, b), (points, pairs, 3), and its second in a, (points, pairs)."""
         _, p1, p2 = pull_derivatives(x[:, 1, None])
         inverse = np.exp(-x[:, 2, None]) * np.ones_like(z)
-        z_a, z_aa = p1 * self._lever * inverse, p2 * self._lever * inverse
-        t1 = 2.0 * LN2 * np.stack([-z * inverse, z * z_a, -np.square(z)], -1)
-        t2 = np.empty((*z.shape, 3, 3))
-        t2[..., 0, 0] = 2.0 * LN2 * inverse**2
-        t2[..., 1, 1] = 2.0 * LN2 * (z_a**2 + z * z_aa)
-        t2[..., 0, 1] = t2[..., 1, 0] = -2.0 * LN2 * inverse * z_a
-        for i in range(3):
-            t2[..., i, 2] = t2[..., 2, i] = -2.0 * t1[..., i]
-        return t1, t2
+        return np.stack([-inverse, p1 * self._lever * inverse, -z], -1), p2 * self._lever * inverse
+
+
+def _second_rest(t: FloatArray) -> FloatArray:
+    """e^-t - 1 + t without cancellation, t >= 0; its series is t^2/2 M(1, 3, -t), M Kummer's function."""
+    small = np.minimum(t, 1.0)
+    return np.where(t < 1.0, 0.5 * np.square(small) * hyp1f1(1.0, 3.0, -small), np.expm1(-t) + t)
 
 
 def _require_points(x: npt.ArrayLike) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
 
-from bayes_toe.coordinates import Natural, log_jacobian, natural, unconstrained
+from bayes_toe.coordinates import Natural, inverse_pull, log_jacobian, natural, reach, unconstrained
 from bayes_toe.errors import InputError
 from bayes_toe.model import MAX_PULL
 
@@ -81,24 +81,22 @@ class Prior:
         """Gradient (..., 4) and Hessian (..., 4, 4) of :meth:`log_density_unconstrained`."""
         points = np.asarray(x, np.float64)
         gradient, hessian = _jacobian_derivatives(points)
-        for part in (self._mu1_derivatives(points, sbar), self._sigma_p_derivatives(points)):
-            gradient += part[0]
-            hessian += part[1]
+        with np.errstate(over="ignore"):  # 1/p^2 is beyond the largest float where p < 1e-154: infinite is right there
+            for part in (self._mu1_derivatives(points, sbar), self._sigma_p_derivatives(points)):
+                gradient += part[0]
+                hessian += part[1]
         return gradient, hessian
 
     def _mu1_derivatives(self, x: FloatArray, sbar: float) -> tuple[FloatArray, FloatArray]:
         """Derivatives of -(mu1 - mean)^2 / (2 sd^2) with mu1 = sbar + c/p, d(1/p)/da = -expit(-a)/p."""
-        c, a = x[..., 0], x[..., 1]
-        fall = expit(-a)
-        inverse = 1.0 / (MAX_PULL * expit(a))
-        reach = c * inverse
-        first = np.stack([inverse, -reach * fall], -1)
-        second = np.stack([np.stack([0.0 * c, -fall * inverse], -1), np.stack([-fall * inverse, reach * fall], -1)], -2)
-        score = (sbar - self.mu1_mean + reach) / self.mu1_sd**2
+        fall, inverse, far = expit(-x[..., 1]), inverse_pull(x[..., 1]), reach(x)
+        first = np.stack([inverse, -far * fall], -1)
+        second = np.stack([np.stack([np.zeros_like(far), -fall * inverse], -1), np.stack([-fall * inverse, far * fall], -1)], -2)
+        score = (sbar - self.mu1_mean + far) / self.mu1_sd**2
         gradient, hessian = _zeros(x)
         gradient[..., :2] = -score[..., None] * first
-        outer = first[..., :, None] * first[..., None, :]
-        hessian[..., :2, :2] = -outer / self.mu1_sd**2 - score[..., None, None] * second
+        steep = first / self.mu1_sd
+        hessian[..., :2, :2] = -steep[..., :, None] * steep[..., None, :] - score[..., None, None] * second
         return gradient, hessian
 
     def _sigma_p_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,8 @@ from bayes_toe.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+#: Beyond it, whole numbers are not exact in the floating point of the likelihood.
+LARGEST_COUNT = 2**53
 
 
 def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
@@ -61,7 +63,7 @@ class Subject:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
         for key in ("n_equal", "n_trials"):
             _require_counts(self.name, key, getattr(self, key))
-        s1, s2 = _frozen(self.s1, np.float64), _frozen(self.s2, np.float64)
+        s1, s2 = _frozen(_stimuli(self.name, self.s1), np.float64), _frozen(_stimuli(self.name, self.s2), np.float64)
         k, n = _frozen(self.n_equal, np.int64), _frozen(self.n_trials, np.int64)
         _require_valid(self.name, s1, s2, k, n)
         order = np.lexsort((s2, s1))  # one order whatever the file's, so results agree to the bit
@@ -80,7 +82,7 @@ class Subject:
         for key, values in (("n_equal", n_equal), ("n_trials", n_trials)):
             _require_counts(name, key, values)
         k, n = np.asarray(n_equal, np.int64).ravel(), np.asarray(n_trials, np.int64).ravel()
-        first, second = np.asarray(s1, np.float64).ravel(), np.asarray(s2, np.float64).ravel()
+        first, second = _stimuli(name, s1), _stimuli(name, s2)
         if not first.shape == second.shape == k.shape == n.shape:
             raise InputError(f"subject {name!r}: s1, s2, n_equal and n_trials must have one common length")
         if np.any((k < 0) | (k > n)):  # checked before adding up, where two wrongs could cancel
@@ -101,7 +103,11 @@ class Subject:
         >>> Subject.from_trials("S01", [0, 0, 0], [0.3, 0.3, 0.3], [True, False, True]).n_trials.tolist()
         [3]
         """
-        answers = np.asarray(equal, bool).ravel().astype(np.int64)
+        given = np.asarray(equal).ravel()
+        # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer was given.
+        if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
+            raise InputError(f"subject {name!r}: equal must hold True or False (or 1 or 0), found {given[:3].tolist()}")
+        answers = given.astype(np.int64)
         return cls.from_counts(name, s1, s2, answers, np.ones_like(answers))
 
     @property
@@ -185,6 +191,15 @@ def _require_counts(name: str, key: str, values: npt.ArrayLike) -> None:
     array = np.asarray(values)
     if array.dtype.kind not in "iuf" or np.any(array != np.floor(array)):
         raise InputError(f"subject {name!r}: {key} must be whole numbers, found {array.ravel()[:3].tolist()}")
+    if np.sum(np.abs(array), dtype=np.float64) > LARGEST_COUNT:
+        raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
+
+
+def _stimuli(name: str, values: npt.ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(values, np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
 
 
 def _require_valid(name: str, s1: FloatArray, s2: FloatArray, k: IntArray, n: IntArray) -> None:

@@ -18,7 +18,7 @@ LAYERS = [
     ["api", "example", "recipes"],
     ["draws"],
     ["analysis", "files", "checks", "hard_cases"],
-    ["model_evidence", "sampling", "simulate", "number_table", "parallel"],
+    ["model_evidence", "sampling", "simulate", "number_table", "parallel", "quadrature"],
     ["proposal"],
     ["levelling"],
     ["maximum", "mixture", "diagnostics", "outputs"],

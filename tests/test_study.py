@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import pickle
 from typing import Any
 
@@ -176,3 +177,22 @@ def test_studies_travel_between_processes() -> None:
     assert again.names == ("Zoë",)
     assert columns(again["Zoë"]) == columns(study["Zoë"])
     assert (again.source, again.synthetic, again.notes) == ("pilot", True, ("n",))
+
+
+def test_answers_that_are_not_truth_values_are_refused() -> None:
+    for wrong in (["equal", "different"], [1.0, math.nan], [2, 0]):
+        with pytest.raises(InputError, match="True or False"):
+            Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], wrong)
+
+
+def test_counts_beyond_exact_numbers_are_refused() -> None:
+    for wrong in ([1e300], [math.inf], [2**53 + 2]):
+        with pytest.raises(InputError, match=r"2\*\*53"):
+            Subject.from_counts("S01", [0.0], [0.3], [0], wrong)
+    with pytest.raises(InputError, match=r"2\*\*53"):
+        Subject.from_counts("S01", [0.0] * 3000, [0.3] * 3000, [0] * 3000, [2**53] * 3000)
+
+
+def test_stimuli_that_are_not_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="must be numbers"):
+        Subject.from_counts("S01", ["a"], [0.3], [0], [1])

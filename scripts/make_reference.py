@@ -1,0 +1,69 @@
+"""Evidence and moments of the bundled study and the hard cases by deterministic integration, for the tests to compare with.
+
+A case that is stored already, for the same counts, prior and method, is kept. Example: python scripts/make_reference.py -o tests/reference
+"""
+
+import argparse
+import hashlib
+import json
+import platform
+import time
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+import bayes_toe as bt
+from bayes_toe.hard_cases import hard_cases
+from bayes_toe.outputs import whole_file
+from bayes_toe.quadrature import LEVELS, METHOD, QUANTITIES, integrate
+
+
+def fingerprint(subject: bt.Subject) -> str:
+    """What tells that a stored case belongs to these counts."""
+    columns = (subject.s1, subject.s2, subject.n_equal.astype(float), subject.n_trials.astype(float))
+    return hashlib.sha256(np.column_stack(columns).tobytes()).hexdigest()
+
+
+def case(subject: bt.Subject) -> dict[str, object]:
+    """One subject's reference as plain numbers."""
+    found = integrate(bt.Posterior(subject))
+    arrays = ("means", "means_error", "sds", "sds_error", "quantiles", "quantiles_error")
+    return {
+        "counts": fingerprint(subject),
+        "prior": bt.Prior().describe(),
+        "method": METHOD,
+        "log_evidence": found.log_evidence,
+        "log_evidence_error": found.log_evidence_error,
+        "evaluations": found.evaluations,
+        **{key: getattr(found, key).tolist() for key in arrays},
+    }
+
+
+def main() -> None:
+    """Integrate what is missing, one case at a time; the file is whole after each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
+    parser.add_argument("--only", help="one case by name")
+    options = parser.parse_args()
+    path = options.output / "reference.json"
+    stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
+    subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+    for name, subject in subjects.items():
+        key = (fingerprint(subject), bt.Prior().describe(), METHOD)
+        old = stored.get(name, {})
+        if options.only not in (None, name) or key == (old.get("counts"), old.get("prior"), old.get("method")):
+            continue
+        began = time.perf_counter()
+        stored[name] = case(subject)
+        versions = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
+        text = json.dumps({"quantities": QUANTITIES, "levels": LEVELS, "versions": versions, "cases": stored}, indent=1, sort_keys=True)
+        with whole_file(path, overwrite=True) as target:
+            target.write_text(text + "\n", encoding="utf-8")
+        print(
+            f"{name}: {stored[name]['log_evidence']:.6f} +- {stored[name]['log_evidence_error']:.1e}, {time.perf_counter() - began:.0f} s"
+        )
+
+
+if __name__ == "__main__":
+    main()

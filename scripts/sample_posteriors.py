@@ -1,0 +1,35 @@
+"""Sample every subject's posterior and save the draws.
+
+Example: python scripts/sample_posteriors.py study.csv -o posterior.nc --draws 4000 --seed 1
+Without a study the bundled (synthetic) example is sampled.
+"""
+
+import argparse
+import sys
+
+import bayes_toe as bt
+
+
+def main() -> int:
+    """Read, sample, save, summarise."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", nargs="?", help="CSV of trials or counts")
+    parser.add_argument("-o", "--output", default="posterior.nc")
+    parser.add_argument("--draws", type=int, default=4000, help="effective draws to reach for every parameter")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--overwrite", action="store_true")
+    options = parser.parse_args()
+    try:
+        study = bt.example_study() if options.study is None else bt.read_study(options.study)
+        draws = bt.sample(study, draws=options.draws, seed=options.seed)
+        draws.save(options.output, overwrite=options.overwrite)
+    except bt.BayesToeError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(draws.summary().round(3).to_string(index=False))
+    print(f"seed {draws.attrs['seed']}; draws in {options.output}")
+    return 3 if draws.not_converged else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
