@@ -24,6 +24,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model import pull
 from bayes_toe.outputs import whole_file
 from bayes_toe.posterior import Posterior
+from bayes_toe.sampling import Chains
 from bayes_toe.seeds import generator
 from bayes_toe.study import Study, Subject
 
@@ -204,7 +205,7 @@ def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settin
     return Draws(tree)
 
 
-def chains_of(result: SubjectResult) -> Any:
+def chains_of(result: SubjectResult) -> Chains:
     """The chains of a result that must have them."""
     if result.chains is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
@@ -273,12 +274,11 @@ def _pointwise_groups(results: Sequence[SubjectResult], settings: Settings, obse
     likelihood, predicted = [], []
     for result in results:
         posterior, x = Posterior(result.subject, settings.prior), chains_of(result).x
-        shape = (*x.shape[:2], result.subject.n_pairs)
-        flat = x.reshape(-1, x.shape[-1])
-        likelihood.append(posterior.pair_log_likelihood(flat).astype(np.float32).reshape(shape))
         rng = generator(settings.seed, result.subject.name, "posterior_predictive")
-        counts = rng.binomial(result.subject.n_trials, posterior.equal_probability(flat))
-        predicted.append(counts.astype(np.int32).reshape(shape))
+        # One chain at a time: temporaries of a large design stay small.
+        likelihood.append(np.stack([posterior.pair_log_likelihood(chain).astype(np.float32) for chain in x]))
+        q = (posterior.equal_probability(chain) for chain in x)
+        predicted.append(np.stack([rng.binomial(result.subject.n_trials, part).astype(np.int32) for part in q]))
     dims = ("chain", "draw", "obs")
     return {
         name: xr.Dataset({"n_equal": (dims, np.concatenate(parts, axis=2))}, observed.coords)
