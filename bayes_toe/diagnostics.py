@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import warnings
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,11 +66,13 @@ def pareto_k(log_weights: npt.ArrayLike) -> float:
     return float(np.asarray(k))
 
 
+@cache
 def _is_one() -> bool:
     # hasattr(arviz, "InferenceData") would be true on 1.2 and later as well: only the version tells.
     return int(importlib.metadata.version("arviz").split(".")[0]) >= 1
 
 
+@cache
 def _arviz() -> Any:
     """The array functions of whichever ArviZ is installed, imported at first use because it is slow to import."""
     if _is_one():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class StudentMixture:
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density at x, shape (N, D) -> (N,)."""
-        return np.asarray(logsumexp(self._log_terms(self._square_distances(x)), axis=0))
+        return _log_sum(self._log_terms(self.square_distances(x)))
 
     def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
@@ -65,9 +65,9 @@ class StudentMixture:
 
         Components that no longer hold any weight are dropped.
         """
-        distances = self._square_distances(x)
+        distances = self.square_distances(x)
         log_terms = self._log_terms(distances)
-        shares = np.exp(log_terms - logsumexp(log_terms, axis=0)) * weights
+        shares = np.exp(log_terms - _log_sum(log_terms)) * weights
         held = shares.sum(axis=1)
         # A component needs some points of its own for a covariance: the effective number behind its share.
         effective = held**2 / np.maximum((shares**2).sum(axis=1), 1e-300)
@@ -76,12 +76,21 @@ class StudentMixture:
             return self
         shares, held = shares[kept], held[kept]
         heavy = shares * (self.df + x.shape[1]) / (self.df + distances[kept])
-        means = np.einsum("jn,nd->jd", heavy, x) / heavy.sum(axis=1)[:, None]
+        means = heavy @ x / heavy.sum(axis=1)[:, None]
         apart = x[None] - means[:, None]
-        scales = np.einsum("jn,jnd,jne->jde", heavy, apart, apart) / held[:, None, None]
+        scales = (heavy[:, None] * apart.transpose(0, 2, 1)) @ apart / held[:, None, None]
         return StudentMixture(held / held.sum(), means, _safeguarded(scales, x, weights), self.df)
 
-    def _square_distances(self, x: FloatArray) -> FloatArray:
+    def joined(self, other: StudentMixture, share: float) -> StudentMixture:
+        """This mixture with another one of the same degrees of freedom taking a share of it."""
+        return StudentMixture(
+            np.concatenate([self.weights * (1.0 - share), other.weights * share]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.scales, other.scales]),
+            self.df,
+        )
+
+    def square_distances(self, x: FloatArray) -> FloatArray:
         """Squared Mahalanobis distance to every component, shape (J, N)."""
         apart = x[None] - self.means[:, None]
         return np.asarray(np.square(apart @ self._whiteners.transpose(0, 2, 1)).sum(axis=2))
@@ -91,15 +100,14 @@ class StudentMixture:
         return np.asarray(self._log_tops[:, None] - (self.df + dim) / 2 * np.log1p(distances / self.df))
 
 
+def _log_sum(log_terms: FloatArray) -> FloatArray:
+    """Log of the sum of exp(log_terms) over the first axis; terms are finite. scipy's is slower on small arrays, which these are."""
+    top = log_terms.max(axis=0)
+    return np.asarray(top + np.log(np.exp(log_terms - top).sum(axis=0)))
+
+
 def _safeguarded(scales: FloatArray, x: FloatArray, weights: FloatArray) -> FloatArray:
     """Scale matrices with a thousandth of the overall spread added, so that none collapses onto a few points."""
     mean = weights @ x
     spread = weights @ np.square(x - mean)
     return np.asarray(scales + 1e-3 * np.diag(spread))
-
-
-def split(mean: FloatArray, scale: FloatArray, parts: int, df: float, rng: np.random.Generator) -> StudentMixture:
-    """A mixture of equal parts whose centres are drawn around one Student-t component."""
-    factor = np.linalg.cholesky(scale)
-    centres = mean + rng.standard_normal((parts, len(mean))) @ factor.T * 0.7
-    return StudentMixture(np.full(parts, 1.0 / parts), centres, np.repeat(scale[None], parts, axis=0), df)

@@ -11,7 +11,7 @@ something, and no region that the prior reaches is closed to the sampler.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +26,9 @@ from bayes_toe.posterior import Posterior
 
 FloatArray = npt.NDArray[np.float64]
 
-_PRIOR_SHARE = 0.02
-_COVER_SHARE = 0.05
-_COVER_DF, _DF = 3.0, 8.0
+_PRIOR_SHARE = 0.01
+_COVER_DF, _DF = 3.0, 30.0
+_PATCH_SHARE = 0.01
 _HISTORY = 4  # rounds whose draws are pooled
 
 
@@ -40,12 +40,17 @@ class Stage:
     draws: int
     rounds: int
     enough: float
+    cover_share: float
 
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
-STAGES = (Stage(components=8, draws=2000, rounds=6, enough=0.75), Stage(components=16, draws=4000, rounds=10, enough=0.6))
+STAGES = (
+    Stage(components=8, draws=2000, rounds=6, enough=0.75, cover_share=0.03),
+    Stage(components=16, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
+)
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 3
+_HEAVY = 12.0  # a weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps
 #: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
 TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
 
@@ -61,19 +66,23 @@ class Proposal:
     levelling: Levelling
     mixture: StudentMixture
     cover: StudentMixture
+    cover_share: float
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at x, shape (points, 4) -> (points,); log_prior is the prior's log density there."""
         y, log_volume = self.levelling.level(x)
-        of_mixture = np.log1p(-_PRIOR_SHARE - _COVER_SHARE) + self.mixture.log_density(y)
-        of_cover = np.log(_COVER_SHARE) + self.cover.log_density(y)
-        return np.asarray(np.logaddexp(np.logaddexp(of_mixture, of_cover) + log_volume, np.log(_PRIOR_SHARE) + log_prior))
+        return self.combined(self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior)
+
+    def combined(self, of_mixture: FloatArray, of_cover: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
+        """Log density where mixture, cover (both in levelled coordinates) and prior have these log densities."""
+        fitted = np.logaddexp(np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture, np.log(self.cover_share) + of_cover)
+        return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
 
     def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
         """Independent draws, shape (size, 4)."""
         mark = rng.uniform(size=size)
         y = self.mixture.sample(rng, size)
-        from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - _COVER_SHARE
+        from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - self.cover_share
         y[from_cover] = self.cover.sample(rng, int(from_cover.sum()))
         x = self.levelling.unlevel(y)
         x[from_prior] = self.posterior.prior.sample_unconstrained(rng, int(from_prior.sum()), self.posterior.sbar)
@@ -146,6 +155,12 @@ class FittedProposal:
         """Whether the weights behave well enough for importance sampling and for a mostly global sampler."""
         return self.pareto_k < TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
 
+    @property
+    def heaviest(self) -> float:
+        """The largest weight over the mean weight: about the number of steps for which a global sampler can stay at one point."""
+        log_weights = self.draws.log_weights
+        return float(np.exp(log_weights.max() - logsumexp(log_weights)) * len(log_weights))
+
 
 def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
     """Adapt a proposal to a posterior, then judge it on fresh draws; refit on those where they reveal a gap, a few times.
@@ -169,16 +184,22 @@ def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxi
     found = find_maxima(posterior) if maxima is None else maxima
     history = _adapt(_first(posterior, found, rng), STAGES[0], rng)
     if _best(history).efficiency < _POOR:
-        history = _adapt(_refitted(history, STAGES[1].components, rng), STAGES[1], rng)
+        history = _adapt(_refitted(history, STAGES[1], rng), STAGES[1], rng)
     promised = _best(history).efficiency
-    fitted = _judged(_best(history).proposal, rng, draws)
-    for _ in range(_REFITS):
-        if fitted.trusted and fitted.efficiency > 0.5 * promised:
-            break
-        # The judging draws found what the fitting draws had missed: learn from all of them, and judge again on fresh ones.
-        history = [*history, _Round(fitted.proposal, fitted.draws, fitted.efficiency)]
-        fitted = _judged(_refitted(history, STAGES[1].components, rng), rng, draws)
-    return fitted
+    judged = [_judged(_best(history).proposal, rng, draws)]
+    while len(judged) <= _REFITS and not _good(judged[-1], promised):
+        # The judging draws found what the fitting draws had missed: learn from them (and from all, where they are poor), judge again.
+        last = _Round(judged[-1].proposal, judged[-1].draws, judged[-1].efficiency)
+        history = [last] if judged[-1].trusted else [*history, last]
+        judged.append(_judged(_refitted(history, STAGES[1], rng), rng, draws))
+    if len(judged) == 1 or _good(judged[-1], promised):
+        return judged[-1]
+    # Chosen for its draws, the best must not be judged by the same draws: their evidence would be biased.
+    return _judged(max(judged, key=lambda fitted: fitted.efficiency).proposal, rng, draws)
+
+
+def _good(fitted: FittedProposal, promised: float) -> bool:
+    return fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
 
 
 def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
@@ -202,7 +223,7 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
         history.append(_Round(proposal, draws, efficiency(draws.log_weights)))
         left = min(left - 1, 2) if history[-1].efficiency > stage.enough and left > 2 else left - 1
         if left > 0:
-            proposal = _refitted(history, stage.components, rng)
+            proposal = _refitted(history, stage, rng)
     return history
 
 
@@ -229,7 +250,7 @@ def _first(posterior: Posterior, maxima: Maxima, rng: np.random.Generator) -> Pr
             scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))
     means = np.concatenate(centres)
     mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _DF)
-    return Proposal(posterior, levelling, mixture, cover)
+    return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
 
 
 def _cover(y: FloatArray, weights: FloatArray) -> StudentMixture:
@@ -247,8 +268,8 @@ def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
     return np.asarray(np.exp(power * log_weights - logsumexp(power * log_weights)))
 
 
-def _refitted(history: list[_Round], components: int, rng: np.random.Generator) -> Proposal:
-    """EM on the pooled draws of the last rounds."""
+def _refitted(history: list[_Round], stage: Stage, rng: np.random.Generator) -> Proposal:
+    """EM on the pooled draws of the last rounds, then new components in the places of those that it dropped."""
     rounds = history[-_HISTORY:]
     x, log_prior, log_posterior = (
         np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
@@ -256,26 +277,27 @@ def _refitted(history: list[_Round], components: int, rng: np.random.Generator) 
     made = np.logaddexp.reduce([entry.proposal.log_density(x, log_prior) for entry in rounds]) - np.log(len(rounds))
     weights = _tempered(log_posterior - made, least=0.05 * len(x))
     last = rounds[-1].proposal
-    y = last.levelling.level(x)[0]
+    y, log_volume = last.levelling.level(x)
     cover = _cover(y, weights)
     mixture = last.mixture
     for _ in range(3):
         mixture = mixture.updated(y, weights)
-    return Proposal(last.posterior, last.levelling, _reseeded(mixture, components, cover, y, rng, weights), cover)
+    proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
+    of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
+    for _ in range(stage.components - len(mixture.weights)):
+        short = log_posterior - proposal.combined(of_mixture, of_cover, log_volume, log_prior)
+        patch = _patch(y, short, cover)
+        mixture = mixture.joined(patch, _PATCH_SHARE)
+        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
+    return replace(proposal, mixture=mixture)
 
 
-def _reseeded(
-    mixture: StudentMixture, components: int, cover: StudentMixture, y: FloatArray, rng: np.random.Generator, weights: FloatArray
-) -> StudentMixture:
-    """Missing components start at weighted draws with half the overall spread and a small share."""
-    missing = components - len(mixture.weights)
-    if missing <= 0:
-        return mixture
-    centres = y[rng.choice(len(y), missing, p=weights)]
-    fresh = np.full(missing, 0.1 / components)
-    return StudentMixture(
-        np.concatenate([mixture.weights * (1.0 - fresh.sum()), fresh]),
-        np.concatenate([mixture.means, centres]),
-        np.concatenate([mixture.scales, np.repeat(cover.scales / 8.0, missing, axis=0)]),
-        mixture.df,
-    )
+def _patch(y: FloatArray, short: FloatArray, cover: StudentMixture) -> StudentMixture:
+    """A component where the proposal falls shortest of the posterior, shaped like the points around (Raftery and Bao 2010)."""
+    worst = y[short.argmax()]
+    distance = cover.square_distances(y - worst + cover.means[0])[0]
+    near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
+    weights = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size
+    apart = y[near] - worst
+    scale = (weights[:, None] * apart).T @ apart
+    return StudentMixture(np.ones(1), worst[None], scale[None], _DF)

@@ -41,7 +41,7 @@ QUANTITIES = (*NATURAL, "gain")
 LEVELS = (0.05, 0.5, 0.95)
 TOLERANCE = 1e-4
 #: Changes whenever a change of this file can change a number; stored references carry it.
-METHOD = "nested 1"
+METHOD = "nested 2"
 
 _STEP = 0.8  # first lattice step in units of the local standard deviation
 _DEPTH, _DEEPER = 15.0, 3.0  # nats below the highest lattice value at which the walk turns back; what is added if that is not enough
@@ -669,7 +669,7 @@ def _quantiles(audit: _Audit) -> _Quantiles:
     """Quantiles of every quantity at every level."""
     rows = [[_quantile(audit, *each, level) for level in LEVELS] for each in _scales(audit)]
     values, errors, worst = (np.array([[cell[i] for cell in row] for row in rows]) for i in range(3))
-    return _Quantiles(values, errors, worst.max(axis=(0, 1)))
+    return _Quantiles(values, errors, np.asarray((worst / audit.sds[:, None, None]).max(axis=(0, 1))))
 
 
 def _scales(audit: _Audit) -> Iterator[tuple[_Cumulative, FloatArray, Callable[[float], float]]]:
@@ -686,7 +686,7 @@ def _scales(audit: _Audit) -> Iterator[tuple[_Cumulative, FloatArray, Callable[[
 def _quantile(
     audit: _Audit, cumulative: _Cumulative, u: FloatArray, back: Callable[[float], float], level: float
 ) -> tuple[float, float, FloatArray]:
-    """One quantile, its error, and its error along each lattice direction in units of the standard deviation of u."""
+    """One quantile, its error, and what each lattice direction adds to that."""
     weight = audit.weight
     middle = float(weight @ u)
     scale = float(np.sqrt(weight @ (u - middle) ** 2)) + 1e-300
@@ -699,7 +699,7 @@ def _quantile(
     if cumulative.direction is not None:
         worst[cumulative.direction] += cumulative.own_error
     error = max(abs(back(at + side * shift) - back(at)) for side in (-1.0, 1.0))
-    return back(at), error, worst / (slope * scale)
+    return back(at), error, worst / slope * (error / shift)
 
 
 def _solve(cumulative: Callable[[float], float], level: float, middle: float, scale: float) -> float:

@@ -40,7 +40,8 @@ class SamplerSettings:
     ensembles : int
         Independent ensembles (chains), at least 4.
     walkers : int
-        Walkers of an ensemble, even and at least 8.
+        Walkers of an ensemble, even and at least 8. 0, the default, stands for one for every forty draws, 64 to 256: many short walks
+        cost less than few long ones, because a step of an ensemble costs much the same however many walkers it has.
     max_r_hat : float
         Largest rank-normalised split R-hat.
     max_thin : int
@@ -54,11 +55,13 @@ class SamplerSettings:
 
     draws: int = 4000
     ensembles: int = 4
-    walkers: int = 64
+    walkers: int = 0
     max_r_hat: float = 1.01
     max_thin: int = 64
 
     def __post_init__(self) -> None:
+        if self.walkers == 0:
+            object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
         rules = {
             f"draws={self.draws} must be in 1..1000000": 1 <= self.draws <= 10**6,
             f"ensembles={self.ensembles} must be at least 4": self.ensembles >= 4,
@@ -72,8 +75,8 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps kept of every walker: enough for twice the effective draws asked for, and never fewer than 32."""
-        return max(32, -(-2 * self.draws // (self.ensembles * self.walkers)))
+        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16."""
+        return max(16, -(-5 * self.draws // (2 * self.ensembles * self.walkers)))
 
     @property
     def required(self) -> int:
@@ -137,7 +140,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         thin *= 2
 
 
-_BURN_IN = 16
+_BURN_IN = 8
 
 
 class _Ensemble:
@@ -166,13 +169,13 @@ class _Ensemble:
 
 
 def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
-    """Emcee moves and their weights: mostly global where the proposal may be trusted, mostly local where it may not.
+    """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
     from emcee.moves import DEMove, StretchMove
 
-    local = 0.1 if fitted.trusted else 0.8
+    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
     return [(GlobalMove(fitted.proposal), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
 
 
@@ -180,14 +183,36 @@ def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named l
     """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
     from emcee.moves import MHMove
 
+    stock = _Stock(proposal)
+
     def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        fresh = proposal.sample(random, len(x))
-        both = np.concatenate([x, fresh])
-        log_prior = proposal.posterior.prior.log_density_unconstrained(both, proposal.posterior.sbar)
-        log_density = proposal.log_density(both, log_prior)
-        return fresh, log_density[: len(x)] - log_density[len(x) :]
+        fresh, log_fresh = stock.take(len(x), random)
+        return fresh, stock.log_density(x) - log_fresh
 
     return MHMove(propose, ndim=len(UNCONSTRAINED))
+
+
+class _Stock:
+    """Draws from a proposal with their log densities, made in large batches: for a few walkers at a time, overhead would be most of it."""
+
+    _BATCH = 2048
+
+    def __init__(self, proposal: Proposal) -> None:
+        self._proposal = proposal
+        self._x, self._log_density = np.empty((0, len(UNCONSTRAINED))), np.empty(0)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        posterior = self._proposal.posterior
+        return self._proposal.log_density(x, posterior.prior.log_density_unconstrained(x, posterior.sbar))
+
+    def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """The next draws, shape (size, 4), and their log densities, shape (size,)."""
+        if len(self._x) < size:
+            self._x = self._proposal.sample(random, max(size, self._BATCH))
+            self._log_density = self.log_density(self._x)
+        taken = self._x[:size], self._log_density[:size]
+        self._x, self._log_density = self._x[size:], self._log_density[size:]
+        return taken
 
 
 def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:

@@ -59,6 +59,13 @@ def test_mixture_density_is_scipys(mixture):
     assert mixture.log_density(x) == pytest.approx(np.log(sum(parts)), rel=1e-12)
 
 
+def test_a_joined_mixture_is_the_weighted_sum(mixture):
+    x = np.random.default_rng(3).normal(size=(10, 2))
+    other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=5.0)
+    expected = 0.8 * np.exp(mixture.log_density(x)) + 0.2 * np.exp(other.log_density(x))
+    assert np.exp(mixture.joined(other, 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
+
+
 def test_mixture_draws_have_the_mixtures_moments(mixture):
     n = 400_000
     x = mixture.sample(np.random.default_rng(1), n)
@@ -86,10 +93,9 @@ def test_proposals_fit_every_hard_case_or_say_so(name):
     posterior = Posterior(CASES[name])
     fitted = fit_proposal(posterior, np.random.default_rng(7))
     assert fitted.trusted == (fitted.pareto_k < 0.7 and fitted.efficiency > 0.02)
-    if name not in ("guessing at 0.5", "reversed answers", "perfect observer", "single pair"):
-        assert fitted.efficiency > 0.4
-    # Independent draws from two differently seeded proposals estimate one evidence.
+    # Independent draws from two differently seeded proposals estimate one evidence. A far tail may come to light in one of them.
     other = fit_proposal(posterior, np.random.default_rng(8))
+    assert max(fitted.efficiency, other.efficiency) > 0.6
     both = [logsumexp(f.draws.log_weights) - np.log(len(f.draws.log_weights)) for f in (fitted, other)]
     error = np.sqrt(sum((1 / f.efficiency - 1) / len(f.draws.log_weights) for f in (fitted, other)))
     assert both[0] - both[1] == pytest.approx(0.0, abs=5 * error)

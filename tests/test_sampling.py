@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 import bayes_toe as bt
 from bayes_toe.analysis import Settings, analyse
@@ -11,7 +12,7 @@ from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.hard_cases import hard_cases, twins
 from bayes_toe.posterior import Posterior
-from bayes_toe.proposal import fit_proposal
+from bayes_toe.proposal import fit_proposal, importance_draws
 from bayes_toe.sampling import JUDGED, SamplerSettings, judged_quantities, moves, sample_chains
 from bayes_toe.seeds import generator, stream
 
@@ -58,7 +59,7 @@ def _fitted_for(target):
         unlevel = staticmethod(lambda y: y)
 
     one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 5.0)
-    made = module.Proposal(Known(), Level(), one, one)
+    made = module.Proposal(Known(), Level(), one, one, 0.05)
     return module.FittedProposal(made, None, 0.5, 0.1)
 
 
@@ -104,6 +105,22 @@ def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():
     assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
     assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
+
+
+@pytest.mark.parametrize("name", ["S01", "S07", "S14"])
+def test_far_tails_do_not_come_in_lumps(name):
+    # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
+    posterior = Posterior(bt.example_study()[name])
+    fitted = fit_proposal(posterior, generator(1, name, "proposal"))
+    draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
+    weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
+    q0 = posterior.natural(draws.x).q0
+    level = np.sort(q0)[np.searchsorted(np.cumsum(weights[np.argsort(q0)]), 0.997)]
+    chains = sample_chains(fitted, SamplerSettings(draws=1000), 1)
+    beyond = (posterior.natural(chains.x).q0 > level).mean(axis=1)
+    # 640 or more effective draws a chain expect two or more beyond; a walker that stuck for long would add one in 64.
+    assert beyond.max() < 0.003 + 5 * np.sqrt(0.003 / 600)
+    assert beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
 
 
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
