@@ -22,7 +22,7 @@ from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError
 from bayes_toe.model import MAX_PULL, equal_probability, normalised_distance, pull
 from bayes_toe.model_evidence import EvidenceTable
-from bayes_toe.outputs import whole_file
+from bayes_toe.outputs import require_writable, whole_file
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.study import Subject
@@ -374,13 +374,33 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dp
     InputError
         If matplotlib knows no such format.
     """
-    suffix = Path(path).suffix.lstrip(".").lower()
-    if suffix not in figure.canvas.get_supported_filetypes():
-        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+    _require_format(path)
     with whole_file(path, overwrite=overwrite) as target, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
         figure.savefig(target, dpi=dpi)
     return Path(path)
+
+
+def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse now what :func:`save_figure` would refuse after long work; leaves nothing behind.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, or cannot be written.
+    InputError
+        If matplotlib knows no such format.
+    """
+    _require_format(path)
+    require_writable(path, overwrite=overwrite)
+
+
+def _require_format(path: str | Path) -> None:
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    suffix = Path(path).suffix.lstrip(".").lower()
+    if suffix not in FigureCanvasBase.get_supported_filetypes():
+        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
 
 
 def _new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
