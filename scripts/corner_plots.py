@@ -5,12 +5,11 @@ Coordinates: natural (mu1, sigma_p, sigma_l, q0), identified (offset, pull, widt
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import bayes_toe as bt
-from bayes_toe.outputs import file_stems, require_writable
+from bayes_toe.outputs import require_writable
 
 
 def main() -> int:
@@ -28,11 +27,11 @@ def main() -> int:
     try:
         draws = bt.load(options.posterior)
         names = draws.names if options.subject is None else draws.select(options.subject).names
-        stems = file_stems(list(draws.names))  # identifiers may be any text, file names may not
+        stems = bt.file_stems(draws.names)  # identifiers may be any text, file names may not
         paths = {name: Path(options.output, f"{stems[name]}.png") for name in names}
         for path in paths.values():  # before the first picture, not after it
             require_writable(path, overwrite=options.overwrite)
-        prior = bt.Prior(**json.loads(draws.attrs["settings"])["prior"]) if options.prior else None
+        prior = draws.prior if options.prior else None
         for name, path in paths.items():
             figure = bt.corner(draws, name, coordinates=coordinates, prior=prior)
             print(bt.save_figure(figure, path, overwrite=options.overwrite))

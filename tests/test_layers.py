@@ -14,6 +14,7 @@ LAYERS = [
     ["cli"],
     ["results"],
     ["report"],
+    ["corner_plot"],
     ["plots"],
     ["api", "example", "recipes"],
     ["draws"],
@@ -56,8 +57,8 @@ def test_imports_point_down(name):
     ("library", "owners"),
     [
         ("emcee", {"sampling"}),
-        ("matplotlib", {"plots"}),
-        ("corner", {"plots"}),
+        ("matplotlib", {"plots", "corner_plot"}),
+        ("corner", {"corner_plot"}),
         ("arviz", {"diagnostics"}),
         ("arviz_stats", {"diagnostics"}),
         ("xarray", {"draws"}),
