@@ -20,7 +20,7 @@ _PLACES = {
     "Study": "study",
     "Subject": "study",
     "read_study": "files",
-    "ReadOptions": "files",
+    "ReadOptions": "read_options",
     "example_study": "example",
     "example_truth": "example",
     "check_study": "checks",
@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from bayes_toe.errors import OutputError as OutputError
     from bayes_toe.example import example_study as example_study
     from bayes_toe.example import example_truth as example_truth
-    from bayes_toe.files import ReadOptions as ReadOptions
     from bayes_toe.files import read_study as read_study
     from bayes_toe.model import equal_probability as equal_probability
     from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
@@ -72,6 +71,7 @@ if TYPE_CHECKING:
     from bayes_toe.plots import save_figure as save_figure
     from bayes_toe.posterior import Posterior as Posterior
     from bayes_toe.prior import Prior as Prior
+    from bayes_toe.read_options import ReadOptions as ReadOptions
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
 

@@ -283,7 +283,8 @@ def main() -> None:
 
 
 def _read(path: Path, intensity: float | None, equal_code: str | None, different_code: str | None, columns: str | None) -> Study:
-    from bayes_toe.files import ReadOptions, parse_columns, read_study
+    from bayes_toe.files import read_study
+    from bayes_toe.read_options import ReadOptions, parse_columns
 
     mapping = {} if columns is None else parse_columns(columns)
     options = ReadOptions(intensity=intensity, equal_code=equal_code, different_code=different_code, columns=mapping)
