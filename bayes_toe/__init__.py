@@ -20,7 +20,7 @@ _PLACES = {
     "Study": "study",
     "Subject": "study",
     "read_study": "files",
-    "ReadOptions": "files",
+    "ReadOptions": "read_options",
     "example_study": "example",
     "example_truth": "example",
     "check_study": "checks",
@@ -33,10 +33,11 @@ _PLACES = {
     "load": "draws",
     "Draws": "draws",
     "EvidenceTable": "model_evidence",
-    "corner": "plots",
+    "corner": "corner_plot",
     "curves": "plots",
     "evidence_figure": "plots",
     "save_figure": "plots",
+    "file_stems": "outputs",
     "equal_probability": "model",
     "BayesToeError": "errors",
     "InputError": "errors",
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from bayes_toe.api import sample as sample
     from bayes_toe.api import settings_for as settings_for
     from bayes_toe.checks import check_study as check_study
+    from bayes_toe.corner_plot import corner as corner
     from bayes_toe.draws import Draws as Draws
     from bayes_toe.draws import load as load
     from bayes_toe.errors import BayesToeError as BayesToeError
@@ -60,16 +62,16 @@ if TYPE_CHECKING:
     from bayes_toe.errors import OutputError as OutputError
     from bayes_toe.example import example_study as example_study
     from bayes_toe.example import example_truth as example_truth
-    from bayes_toe.files import ReadOptions as ReadOptions
     from bayes_toe.files import read_study as read_study
     from bayes_toe.model import equal_probability as equal_probability
     from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
-    from bayes_toe.plots import corner as corner
+    from bayes_toe.outputs import file_stems as file_stems
     from bayes_toe.plots import curves as curves
     from bayes_toe.plots import evidence_figure as evidence_figure
     from bayes_toe.plots import save_figure as save_figure
     from bayes_toe.posterior import Posterior as Posterior
     from bayes_toe.prior import Prior as Prior
+    from bayes_toe.read_options import ReadOptions as ReadOptions
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
 

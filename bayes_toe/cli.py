@@ -193,13 +193,13 @@ def corner(
 
         loaded = load(posterior)
         chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
-        files = corner_files(chosen)
-        require_folder(output, files, overwrite=overwrite)
+        files = corner_files(loaded, chosen)
+        require_folder(output, list(files.values()), overwrite=overwrite)
         console = _console(quiet)
         with _progress(console, "drawing", len(chosen)) as tick:
             pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=workers, progress=tick)
-        with whole_folder(output, files, overwrite=overwrite) as target:
-            write_corners(pictures, target)
+        with whole_folder(output, list(files.values()), overwrite=overwrite) as target:
+            write_corners(pictures, target, files)
         console.print(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in [bold]{_safe(output)}[/bold]", highlight=False)
 
 
@@ -283,7 +283,8 @@ def main() -> None:
 
 
 def _read(path: Path, intensity: float | None, equal_code: str | None, different_code: str | None, columns: str | None) -> Study:
-    from bayes_toe.files import ReadOptions, parse_columns, read_study
+    from bayes_toe.files import read_study
+    from bayes_toe.read_options import ReadOptions, parse_columns
 
     mapping = {} if columns is None else parse_columns(columns)
     options = ReadOptions(intensity=intensity, equal_code=equal_code, different_code=different_code, columns=mapping)

@@ -24,6 +24,8 @@ NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 IDENTIFIED = ("offset", "pull", "width", "q0")
 UNCONSTRAINED = ("offset", "logit_pull", "log_width", "logit_q0")
 DERIVED = ("gamma", "sigma1", "gain", "width")
+#: Every quantity that has a name.
+QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
 
 
 class Identified(NamedTuple):
@@ -131,3 +133,17 @@ def derived(theta: Natural) -> dict[str, FloatArray]:
     ratio = variance_ratio(gamma)
     values = (gamma, np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma))
     return dict(zip(DERIVED, map(np.asarray, values), strict=True))
+
+
+def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
+    """Every named quantity that follows from natural coordinates: they themselves, the derived ones, offset and pull.
+
+    Examples
+    --------
+    >>> theta = Natural(*map(np.asarray, (0.5, 1.0, 2.0**0.5, 0.9)))
+    >>> found = quantities(theta, sbar=0.1)
+    >>> tuple(found) == QUANTITIES, round(float(found["pull"]), 6), round(float(found["offset"]), 6)
+    (True, 0.5, 0.2)
+    """
+    p = pull(theta.gamma)
+    return {**theta._asdict(), **derived(theta), "offset": np.asarray(p * (theta.mu1 - sbar)), "pull": p}

@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.analysis import Settings, SubjectResult
-from bayes_toe.coordinates import DERIVED, NATURAL, Natural, derived
+from bayes_toe.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
 from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import InputError
-from bayes_toe.model import pull
 from bayes_toe.outputs import whole_file
 from bayes_toe.posterior import Posterior
+from bayes_toe.prior import Prior
 from bayes_toe.sampling import Chains
 from bayes_toe.seeds import generator
 from bayes_toe.study import Study, Subject
@@ -67,6 +67,16 @@ class Draws:
     def attrs(self) -> dict[str, Any]:
         """Seed, prior, settings, versions and what was left out, as stored in the file."""
         return {str(key): value for key, value in self.tree.attrs.items()}
+
+    @property
+    def seed(self) -> int:
+        """The root seed; with it, the same study and the same settings the same draws come again."""
+        return int(self.tree.attrs["seed"])
+
+    @property
+    def prior(self) -> Prior:
+        """The prior that these draws were made under; its :meth:`Prior.describe` is the line for a Methods section."""
+        return Prior(**json.loads(self.tree.attrs["settings"])["prior"])
 
     @property
     def synthetic(self) -> bool:
@@ -124,12 +134,10 @@ class Draws:
             For an unknown subject or parameter.
         """
         self._require(name)
-        if parameter in ("offset", "pull"):
-            theta = self.natural(name)
-            p = pull(theta.gamma)
-            return p if parameter == "pull" else np.asarray(p * (theta.mu1 - Posterior(self.subject(name)).sbar))
+        if parameter not in QUANTITIES:
+            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(QUANTITIES)}")
         if parameter not in PARAMETERS:
-            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join((*PARAMETERS, 'offset', 'pull'))}")
+            return quantities(self.natural(name), Posterior(self.subject(name)).sbar)[parameter]
         return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
 
     def summary(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Figures: the only module that imports matplotlib and corner.
+"""Figures of curves and of evidence, and figures as files; corner plots have :mod:`bayes_toe.corner_plot`.
 
 Functions take Axes or make a Figure of their own, return it, never show it and never touch global settings. Colours keep the
 paper's meaning in a palette safe for colour-blind readers: red weaker stimulus first, blue stronger first, grey equal stimuli;
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,14 +17,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.coordinates import IDENTIFIED, NATURAL, Natural, derived
+from bayes_toe.coordinates import Natural
 from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError
-from bayes_toe.model import MAX_PULL, equal_probability, normalised_distance, pull
+from bayes_toe.model import equal_probability, normalised_distance
 from bayes_toe.model_evidence import EvidenceTable
-from bayes_toe.outputs import whole_file
-from bayes_toe.posterior import Posterior
-from bayes_toe.prior import Prior
+from bayes_toe.outputs import require_writable, whole_file
 from bayes_toe.study import Subject
 
 if TYPE_CHECKING:
@@ -34,33 +32,10 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
-POSTERIOR, PRIOR = "#0072B2", "#999999"
-LABELS = {
-    "mu1": r"$\mu_1$",
-    "sigma_p": r"$\sigma_p$",
-    "sigma_l": r"$\sigma_\ell$",
-    "q0": r"$q_0$",
-    "gamma": r"$\gamma$",
-    "sigma1": r"$\sigma_1$",
-    "gain": r"gain $K$",
-    "width": r"width $w$",
-    "offset": r"offset $c$",
-    "pull": r"pull $p$",
-}
-#: Where a quantity can lie, if not in (0, inf).
-_SUPPORT = {
-    "mu1": (-np.inf, np.inf),
-    "offset": (-np.inf, np.inf),
-    "q0": (0.0, 1.0),
-    "gamma": (0.0, 1.0),
-    "gain": (1.0 - MAX_PULL, 1.0),
-    "pull": (0.0, MAX_PULL),
-}
-COORDINATES = {"natural": NATURAL, "identified": IDENTIFIED}
+POSTERIOR = "#0072B2"
 #: Panels of one weaker stimulus each, beyond which curves give way to the normalised distance.
 _MAX_PANELS = 6
 _CURVE_DRAWS = 600
-_PRIOR_DRAWS = 200_000
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
@@ -76,118 +51,6 @@ def plain(name: str, limit: int = 32) -> str:
     return short.replace("$", r"\$")
 
 
-# --- corner plots ---------------------------------------------------------------------------------------------------------------
-
-
-def corner(
-    draws: Draws,
-    subject: str,
-    *,
-    coordinates: str | Sequence[str] = "natural",
-    truths: Mapping[str, float] | None = None,
-    prior: Prior | None = None,
-    fig: Figure | None = None,
-) -> Figure:
-    """Corner plot of one subject: contours hold 50 % and 90 % of the posterior, dashed lines mark 5, 50 and 95 %.
-
-    Parameters
-    ----------
-    draws : Draws
-    subject : str
-    coordinates : {"natural", "identified"} or sequence of str
-        Which quantities; a sequence names posterior variables, `offset` or `pull`.
-    truths : mapping of str to float, optional
-        Known values of a synthetic subject.
-    prior : Prior, optional
-        Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms.
-    fig : matplotlib Figure, optional
-        Drawn into, where given.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject or quantity.
-    """
-    names = _quantities(coordinates)
-    samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-    figure = _corner_figure(samples, names, truths, fig)
-    if prior is not None:
-        sbar = Posterior(draws.subject(subject), prior).sbar
-        _draw_prior(figure, _prior_samples(prior, sbar, names), samples, names)
-    _corner_title(figure, draws, subject, prior is not None, truths is not None)
-    return figure
-
-
-def _quantities(coordinates: str | Sequence[str]) -> tuple[str, ...]:
-    if not isinstance(coordinates, str):
-        return tuple(coordinates)
-    if coordinates not in COORDINATES:
-        raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
-    return COORDINATES[coordinates]
-
-
-def _corner_figure(samples: FloatArray, names: Sequence[str], truths: Mapping[str, float] | None, fig: Figure | None) -> Figure:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # corner imports ArviZ, which announces its refactoring
-        import corner as corner_package
-
-    figure = _new_figure(1.9 * len(names), 1.9 * len(names), layout=None) if fig is None else fig  # corner lays it out
-    drawn: Figure = corner_package.corner(
-        samples,
-        fig=figure,
-        bins=40,
-        range=[_span(name, column) for name, column in zip(names, samples.T, strict=True)],
-        labels=[LABELS[name] for name in names],
-        quantiles=(0.05, 0.5, 0.95),
-        levels=(0.5, 0.9),
-        truths=None if truths is None else [truths.get(name) for name in names],
-        truth_color=WEAKER_FIRST,
-        color=POSTERIOR,
-        smooth=1.0,
-        plot_datapoints=False,
-        fill_contours=True,
-        max_n_ticks=4,
-        labelpad=0.06,
-        label_kwargs={"fontsize": 13},
-    )
-    return drawn
-
-
-def _span(name: str, values: FloatArray) -> tuple[float, float]:
-    """Axis limits from quantiles, within the support: a few draws far out in a funnel do not squeeze the rest into one bin."""
-    low, high = np.quantile(values, [0.005, 0.995])
-    pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
-    least, most = _SUPPORT.get(name, (0.0, np.inf))
-    return max(float(low - pad), least), min(float(high + pad), most)
-
-
-def _prior_samples(prior: Prior, sbar: float, names: Sequence[str]) -> FloatArray:
-    theta = prior.sample(np.random.default_rng(0), _PRIOR_DRAWS)
-    p = pull(theta.gamma)
-    values = {**theta._asdict(), **derived(theta), "pull": p, "offset": p * (theta.mu1 - sbar)}
-    return np.column_stack([values[name] for name in names])
-
-
-def _draw_prior(figure: Figure, prior: FloatArray, samples: FloatArray, names: Sequence[str]) -> None:
-    axes = np.array(figure.axes).reshape(len(names), len(names))
-    for i, name in enumerate(names):
-        ax = axes[i, i]
-        edges = np.linspace(*_span(name, samples[:, i]), 41)
-        counts = np.histogram(prior[:, i], edges)[0] * (len(samples) / len(prior))
-        ax.stairs(counts, edges, color=PRIOR, lw=1.4, label="prior")
-
-
-def _corner_title(figure: Figure, draws: Draws, subject: str, with_prior: bool, with_truths: bool) -> None:
-    lines = [plain(subject) + (" (synthetic data)" if draws.synthetic else "")]
-    if subject in draws.not_converged:
-        lines.append("NOT CONVERGED")
-    key = ["blue: posterior, contours 50 and 90 %", "dashed: 5, 50, 95 %"]
-    key += ["grey: prior"] if with_prior else []
-    key += ["red: true value"] if with_truths else []
-    figure.text(0.97, 0.97, "\n".join(lines), ha="right", va="top", fontsize=14, weight="bold")
-    figure.text(0.97, 0.90, "\n".join([*key, "intensities: natural log"]), ha="right", va="top", fontsize=10, color="#444444")
-
-
 # --- fitted curves over the data --------------------------------------------------------------------------------------------------
 
 
@@ -200,12 +63,12 @@ def curves(draws: Draws, subject: str) -> Figure:
     weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
     theta = thinned(draws.natural(subject))
     if not 1 <= len(weaker) <= _MAX_PANELS:
-        figure = _new_figure(6.0, 3.8)
+        figure = new_figure(6.0, 3.8)
         distance_panel(figure.subplots(), counts, theta)
     else:
         across = min(2, len(weaker))
         down = -(-len(weaker) // across)
-        figure = _new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
+        figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
         panels = figure.subplots(down, across, sharey=True, squeeze=False)
         for ax, stimulus in zip(panels.ravel(), weaker, strict=False):
             order_panel(ax, counts, theta, float(stimulus), title=len(weaker) > 1)
@@ -300,8 +163,14 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bo
 
 def _legend_below(figure: Figure) -> None:
     """One legend for the figure, outside the panels: points may be anywhere in them."""
-    found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
     figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=10)
+
+
+def _main_first(ax: Axes) -> list[tuple[Any, str]]:
+    """Handles and labels, estimates with error bars before plain points: matplotlib itself lists all lines first."""
+    pairs = list(zip(*ax.get_legend_handles_labels(), strict=True))
+    return sorted(pairs, key=lambda pair: not isinstance(pair[0], tuple))
 
 
 # --- evidence -----------------------------------------------------------------------------------------------------------------------
@@ -316,7 +185,7 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     synthetic : bool
         Whether to say that the data are synthetic.
     """
-    figure = _new_figure(7.2, 1.7 + 0.27 * len(table.rows))
+    figure = new_figure(7.2, 1.7 + 0.27 * len(table.rows))
     axes = evidence_axes(figure.subplots(), table)
     if synthetic:
         axes.set_title("synthetic data", fontsize=10, loc="right")
@@ -374,16 +243,36 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dp
     InputError
         If matplotlib knows no such format.
     """
-    suffix = Path(path).suffix.lstrip(".").lower()
-    if suffix not in figure.canvas.get_supported_filetypes():
-        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+    _require_format(path)
     with whole_file(path, overwrite=overwrite) as target, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
         figure.savefig(target, dpi=dpi)
     return Path(path)
 
 
-def _new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse now what :func:`save_figure` would refuse after long work; leaves nothing behind.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, or cannot be written.
+    InputError
+        If matplotlib knows no such format.
+    """
+    _require_format(path)
+    require_writable(path, overwrite=overwrite)
+
+
+def _require_format(path: str | Path) -> None:
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    suffix = Path(path).suffix.lstrip(".").lower()
+    if suffix not in FigureCanvasBase.get_supported_filetypes():
+        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+
+
+def new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
     from matplotlib.figure import Figure
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_toe.api import Analysis
+from bayes_toe.corner_plot import corner
 from bayes_toe.draws import Draws
 from bayes_toe.outputs import file_stems, whole_folder, write_table
 from bayes_toe.parallel import run_jobs
-from bayes_toe.plots import corner, curves, evidence_figure, png
+from bayes_toe.plots import curves, evidence_figure, png
 from bayes_toe.prior import Prior
 from bayes_toe.report import Pictures, write_report
 
@@ -71,7 +72,7 @@ def write_results(
         jobs = [_drawing(analysis.draws, name, prior=prior, truth=truth, with_curves=True) for name in names]
         drawn = _draw_all(jobs, workers, progress)
         corners = {name: pictures[0] for name, pictures in drawn.items()}
-        write_corners(corners, target / "corner")
+        write_corners(corners, target / "corner", corner_files(analysis.draws, names))
         overview = png(evidence_figure(analysis.evidence, synthetic=analysis.study.synthetic))
         pictures = Pictures(overview, {name: found[1] for name, found in drawn.items()}, corners)
         write_report(analysis, summary, pictures, target / "report.html")
@@ -91,19 +92,17 @@ def draw_corners(
     return {name: pictures[0] for name, pictures in _draw_all(jobs, workers, progress).items()}
 
 
-def write_corners(pictures: Mapping[str, bytes], folder: Path) -> list[Path]:
-    """Write one PNG a subject; file names are made safe, since identifiers may be any text."""
+def write_corners(pictures: Mapping[str, bytes], folder: Path, files: Mapping[str, str]) -> None:
+    """Write one PNG a subject under the names of :func:`corner_files`."""
     folder.mkdir(parents=True, exist_ok=True)
-    stems = file_stems(list(pictures))
-    paths = [folder / f"{stems[name]}.png" for name in pictures]
-    for path, picture in zip(paths, pictures.values(), strict=True):
-        path.write_bytes(picture)
-    return paths
+    for name, picture in pictures.items():
+        (folder / files[name]).write_bytes(picture)
 
 
-def corner_files(subjects: Sequence[str]) -> list[str]:
-    """File names of the corner plots of these subjects."""
-    return [f"{stem}.png" for stem in file_stems(list(subjects)).values()]
+def corner_files(draws: Draws, subjects: Sequence[str]) -> dict[str, str]:
+    """File name of each subject's corner plot: safe, and the same whether one subject is drawn or all."""
+    stems = file_stems(draws.names)
+    return {name: f"{stems[name]}.png" for name in subjects}
 
 
 def _drawing(

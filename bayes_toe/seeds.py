@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import hashlib
+import operator
 import secrets
 
 import numpy as np
 
+from bayes_toe.errors import InputError
+
+#: The largest integer that a NetCDF file keeps.
+LARGEST_SEED = 2**63 - 1
+
 
 def root_seed(seed: int | None) -> int:
     """The seed asked for, or fresh entropy that is then reported and stored.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number from 0 to 2**63 - 1.
 
     Examples
     --------
     >>> root_seed(7)
     7
     """
-    return secrets.randbits(32) if seed is None else seed
+    return secrets.randbits(32) if seed is None else _whole(seed)
+
+
+def _whole(seed: int) -> int:
+    problem = f"seed={seed!r}: allowed is a whole number from 0 to 2**63 - 1"
+    try:
+        number = operator.index(seed)  # NumPy's integers too
+    except TypeError:
+        raise InputError(problem) from None
+    if not 0 <= number <= LARGEST_SEED:
+        raise InputError(problem)
+    return number
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
@@ -30,7 +52,7 @@ def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
     # Length-prefixed, so that no two lists of keys run together to the same text.
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
-    return np.random.SeedSequence([seed, *np.frombuffer(digest, np.uint32).tolist()])
+    return np.random.SeedSequence([_whole(seed), *np.frombuffer(digest, np.uint32).tolist()])
 
 
 def generator(seed: int, *keys: str | int) -> np.random.Generator:

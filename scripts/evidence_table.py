@@ -1,13 +1,15 @@
 """Compare the predictive-update model (H1) with free frequencies (H0) for every subject: a table and a figure.
 
 Example: python scripts/evidence_table.py study.csv -o evidence.csv --figure evidence.png --seed 1
-Without a study the bundled (synthetic) example is compared.
+Without a study the bundled (synthetic) example is compared. All values are natural logs.
 """
 
 import argparse
 import sys
 
 import bayes_toe as bt
+from bayes_toe.outputs import require_writable
+from bayes_toe.plots import require_figure
 
 
 def main() -> int:
@@ -16,12 +18,17 @@ def main() -> int:
     parser.add_argument("study", nargs="?", help="CSV of trials or counts")
     parser.add_argument("-o", "--output", default="evidence.csv")
     parser.add_argument("--figure", help="PNG, PDF or SVG to draw the log Bayes factors into")
-    parser.add_argument("--seed", type=int)
+    parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
+    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")
     options = parser.parse_args()
     try:
+        require_writable(options.output, overwrite=options.overwrite)  # before the work, not after it
+        if options.figure is not None:
+            require_figure(options.figure, overwrite=options.overwrite)
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
-        table = bt.evidence(study, seed=options.seed)
+        seed = bt.settings_for(seed=options.seed).seed
+        table = bt.evidence(study, seed=seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:
             figure = bt.evidence_figure(table, synthetic=study.synthetic)
@@ -29,10 +36,13 @@ def main() -> int:
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2
-    print(table.frame().round(3).to_string(index=False))
+    columns = ["subject", "n_trials", "log_evidence_h1", "log_evidence_h1_se", "log_evidence_h0", "log_bayes_factor"]
+    print(table.frame()[columns].round(3).to_string(index=False))
     for row in table:
         for note in row.notes:
             print(f"{row.subject}: {note}")
+    drawn = "" if options.figure is None else f", figure in {options.figure}"
+    print(f"{study.source}: seed {seed}; table in {options.output}{drawn}")
     return 0
 
 

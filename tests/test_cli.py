@@ -5,12 +5,14 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.results import corner_files
 
 PROGRAM = [sys.executable, "-m", "bayes_toe"]
 
@@ -79,6 +81,13 @@ def test_sample_is_the_same_for_any_number_of_workers(folder):
     for name in one.names:
         assert np.array_equal(one.values(name, "mu1"), two.values(name, "mu1"))
     assert one.tree["posterior_predictive"].equals(two.tree["posterior_predictive"])
+
+
+def test_a_picture_has_one_name_whether_drawn_alone_or_with_others():
+    draws = SimpleNamespace(names=("s01", "S01", "a/b"))
+    every = corner_files(draws, draws.names)
+    assert len({file.lower() for file in every.values()}) == 3
+    assert all(corner_files(draws, [name]) == {name: every[name]} for name in draws.names)
 
 
 def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):

@@ -46,6 +46,16 @@ def test_attributes_tell_how_it_was_made(saved):
     assert {"python", "emcee", "arviz", "bayes_toe"} <= set(json.loads(attrs["versions"]))
 
 
+def test_seed_and_prior_come_back_as_they_went_in(saved, small_study, tmp_path):
+    loaded = bt.load(saved)
+    assert (loaded.seed, loaded.prior) == (5, bt.Prior())
+    prior = bt.Prior(mu1_mean=-0.25, mu1_sd=1.5, sigma_p_scale=0.1 + 0.2)
+    draws = bt.sample(small_study.select(["A"]), draws=200, seed=np.int64(2**62), prior=prior, workers=1)
+    again = bt.load(draws.save(tmp_path / "posterior.nc"))
+    assert (again.seed, again.prior) == (2**62, prior)
+    assert again.attrs["prior"] == again.prior.describe()
+
+
 def test_saved_and_loaded_are_one(saved, analysis):
     loaded = bt.load(saved)
     assert loaded.names == analysis.draws.names

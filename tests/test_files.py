@@ -16,7 +16,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bayes_toe.errors import InputError
-from bayes_toe.files import ReadOptions, parse_columns, read_study
+from bayes_toe.files import read_study
+from bayes_toe.read_options import ReadOptions, parse_columns
 from bayes_toe.study import Study, Subject
 
 TRIALS = "subject,s1,s2,response\n"

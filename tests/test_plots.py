@@ -4,35 +4,9 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, OutputError
 from bayes_toe.hard_cases import hard_cases
-from bayes_toe.plots import LABELS, STRONGER_FIRST, WEAKER_FIRST, plain, png
-
-
-def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
-    truth = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
-    figure = bt.corner(analysis.draws, "A", truths=truth, prior=bt.Prior())
-    axes = np.array(figure.axes).reshape(4, 4)
-    assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[k] for k in ("mu1", "sigma_p", "sigma_l", "q0")]
-    for i, value in enumerate(truth.values()):
-        low, high = axes[i, i].get_xlim()
-        assert low < value < high
-        quantiles = np.quantile(analysis.draws.values("A", list(truth)[i]), [0.05, 0.5, 0.95])
-        drawn = [line.get_xdata()[0] for line in axes[i, i].lines]
-        assert all(np.isclose(drawn, q).any() for q in quantiles)
-        assert np.isclose(drawn, value).any()
-    assert axes[3, 3].get_xlim()[1] <= 1.0
-    assert any("grey: prior" in text.get_text() for text in figure.texts)
-    assert png(figure).startswith(b"\x89PNG")
-
-
-def test_corner_in_identified_or_any_coordinates(analysis):
-    assert len(bt.corner(analysis.draws, "B", coordinates="identified").axes) == 16
-    assert len(bt.corner(analysis.draws, "B", coordinates=["gain", "mu1"]).axes) == 4
-    with pytest.raises(InputError, match="must be one of"):
-        bt.corner(analysis.draws, "B", coordinates="polar")
-    with pytest.raises(InputError, match="unknown parameter"):
-        bt.corner(analysis.draws, "B", coordinates=["gain", "x"])
+from bayes_toe.plots import STRONGER_FIRST, WEAKER_FIRST, plain, require_figure
 
 
 def test_curves_show_both_orders_where_the_data_are(analysis):
@@ -71,6 +45,22 @@ def test_evidence_figure_has_a_row_a_subject(analysis):
     assert [t.get_text() for t in ax.get_yticklabels()] == ["A", "B", "C"]
     points = ax.containers[0].lines[0].get_xdata()
     assert points == pytest.approx([row.log_bayes_factor for row in analysis.evidence])
+
+
+def test_evidence_legend_names_the_main_estimate_first(analysis):
+    [legend] = bt.evidence_figure(analysis.evidence).legends
+    assert legend.get_texts()[0].get_text().startswith("importance sampling")
+
+
+def test_a_figure_is_refused_before_it_is_drawn(tmp_path):
+    (tmp_path / "old.png").write_text("precious")
+    with pytest.raises(InputError, match="suffix 'xyz'"):
+        require_figure(tmp_path / "new.xyz")
+    with pytest.raises(OutputError, match="exists"):
+        require_figure(tmp_path / "old.png")
+    require_figure(tmp_path / "old.png", overwrite=True)
+    require_figure(tmp_path / "new.pdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.png"]
 
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):

@@ -7,6 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from conftest import grouped_csv
+from matplotlib.image import imread
+
+import bayes_toe as bt
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 
@@ -15,43 +18,93 @@ def call(name, *args, cwd):
     return subprocess.run([sys.executable, str(SCRIPTS / name), *map(str, args)], capture_output=True, text=True, cwd=cwd)
 
 
+def is_drawn(path):
+    """A picture that reads back and is not blank."""
+    picture = imread(path)[..., :3]
+    return picture.min() < 0.5 < picture.max()
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, small_study):
+    """Two subjects, one with a name that no file may have, and their draws."""
     folder = tmp_path_factory.mktemp("scripts")
-    grouped_csv(folder / "study.csv", small_study.select(["A", "B"]))
+    a, b, _ = small_study
+    grouped_csv(folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_equal, b.n_trials)]))
+    (folder / "taken.png").write_bytes(b"precious")
     done = call("sample_posteriors.py", "study.csv", "-o", "p.nc", "--draws", "500", "--seed", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "sigma_p" in done.stdout
+    assert "seed 1" in done.stdout
     return folder
 
 
+def test_the_draws_are_those_of_the_study(folder):
+    draws = bt.load(folder / "p.nc")
+    assert draws.names == ("A", "b/2")
+    assert draws.attrs["seed"] == 1
+
+
 def test_evidence_table_and_figure(folder):
-    done = call("evidence_table.py", "study.csv", "-o", "e.csv", "--figure", "e.pdf", "--seed", "1", cwd=folder)
+    arguments = ("evidence_table.py", "study.csv", "-o", "e.csv", "--figure", "e.png")
+    done = call(*arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert list(pd.read_csv(folder / "e.csv").subject) == ["A", "B"]
-    assert (folder / "e.pdf").read_bytes().startswith(b"%PDF")
+    assert is_drawn(folder / "e.png")
+    table = pd.read_csv(folder / "e.csv")
+    assert list(table.subject) == ["A", "b/2"]
+
+    seed = done.stdout.split("seed ")[1].split(";")[0]  # fresh, and printed: the table can be made again
+    again = call(*arguments, "--seed", seed, "--overwrite", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "e.csv"), table, check_exact=True)
 
 
-@pytest.mark.parametrize("coordinates", ["natural", "identified", "gain,mu1"])
-def test_corner_plot(folder, coordinates):
-    done = call("corner_plots.py", "p.nc", "A", "-o", f"{coordinates}.png", "--coordinates", coordinates, "--prior", cwd=folder)
+def test_without_a_figure_only_the_table_is_written(folder, tmp_path):
+    done = call("evidence_table.py", folder / "study.csv", "--seed", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert (folder / f"{coordinates}.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["evidence.csv"]
+
+
+@pytest.mark.parametrize("coordinates", ["natural", "identified", "gain, mu1"])
+def test_corner_plots_of_all_subjects(folder, tmp_path, coordinates):
+    done = call("corner_plots.py", folder / "p.nc", "-o", "corner", "--coordinates", coordinates, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    pictures = sorted((tmp_path / "corner").iterdir())
+    assert len(pictures) == 2
+    assert all(is_drawn(path) for path in pictures)
+
+
+def test_corner_plot_of_one_subject(folder, tmp_path):
+    done = call("corner_plots.py", folder / "p.nc", "--subject", "A", "--prior", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "corner").iterdir()] == ["A.png"]
+    assert is_drawn(tmp_path / "corner" / "A.png")
+
+    refused = call("corner_plots.py", folder / "p.nc", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "A.png: exists" in refused.stderr
+    assert len(list((tmp_path / "corner").iterdir())) == 1
 
 
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("sample_posteriors.py", "none.csv"), "none.csv"),
-        (("sample_posteriors.py", "study.csv", "-o", "p.nc", "--draws", "200"), "exists"),
-        (("evidence_table.py", "p.nc"), "p.nc"),
-        (("corner_plots.py", "p.nc", "Z", "-o", "z.png"), "no subject 'Z'"),
-        (("corner_plots.py", "p.nc", "A", "-o", "z.xyz"), "suffix"),
+        (("sample_posteriors.py", "none.csv", "-o", "z.nc"), "none.csv"),
+        (("sample_posteriors.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),  # refused before the study is read
+        (("sample_posteriors.py", "study.csv", "-o", "z.nc", "--draws", "0"), "draws=0"),
+        (("evidence_table.py", "p.nc", "-o", "z.csv", "--figure", "z.png"), "p.nc"),
+        (("evidence_table.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),
+        (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "taken.png"), "taken.png: exists"),
+        (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "z.xyz"), "suffix"),
+        (("corner_plots.py", "none.nc", "-o", "z"), "none.nc"),
+        (("corner_plots.py", "p.nc", "-o", "z", "--subject", "Z"), "no subject 'Z'"),
+        (("corner_plots.py", "p.nc", "-o", "z", "--coordinates", "mu2"), "mu2"),
     ],
 )
-def test_problems_are_lines_and_exit_code_2(folder, arguments, named):
+def test_problems_are_one_line_and_exit_code_2(folder, arguments, named):
+    before = (folder / "p.nc").read_bytes()
     done = call(*arguments, cwd=folder)
     assert done.returncode == 2
     assert named in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not (folder / "z.png").exists()
+    assert len(done.stderr.splitlines()) == 1
+    assert not list(folder.glob("z*"))
+    assert (folder / "p.nc").read_bytes() == before
