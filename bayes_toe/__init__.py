@@ -28,6 +28,10 @@ _PLACES = {
     "Posterior": "posterior",
     "sample": "api",
     "evidence": "api",
+    "asymmetry": "response_asymmetry",
+    "AsymmetryTable": "response_asymmetry",
+    "covariate_tests": "covariates",
+    "read_covariates": "covariates",
     "run": "api",
     "settings_for": "api",
     "load": "draws",
@@ -54,6 +58,8 @@ if TYPE_CHECKING:
     from bayes_toe.api import settings_for as settings_for
     from bayes_toe.checks import check_study as check_study
     from bayes_toe.corner_plot import corner as corner
+    from bayes_toe.covariates import covariate_tests as covariate_tests
+    from bayes_toe.covariates import read_covariates as read_covariates
     from bayes_toe.draws import Draws as Draws
     from bayes_toe.draws import load as load
     from bayes_toe.errors import BayesToeError as BayesToeError
@@ -72,6 +78,8 @@ if TYPE_CHECKING:
     from bayes_toe.posterior import Posterior as Posterior
     from bayes_toe.prior import Prior as Prior
     from bayes_toe.read_options import ReadOptions as ReadOptions
+    from bayes_toe.response_asymmetry import AsymmetryTable as AsymmetryTable
+    from bayes_toe.response_asymmetry import asymmetry as asymmetry
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
 

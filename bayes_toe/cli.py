@@ -18,8 +18,10 @@ from bayes_toe.errors import BayesToeError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.covariates import CovariateTable
     from bayes_toe.draws import Draws
     from bayes_toe.model_evidence import EvidenceTable
+    from bayes_toe.response_asymmetry import AsymmetryTable
     from bayes_toe.study import Study
 
 NOT_CONVERGED = 3
@@ -170,6 +172,48 @@ def evidence(
         table.save(output, overwrite=overwrite)
         _say_evidence(console, table)
         console.print(f"seed {root}; table in [bold]{_safe(output)}[/bold]", highlight=False)
+
+
+@app.command()
+def asymmetry(
+    study: StudyFile,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="asymmetry.csv", help="Table to write.")] = Path("asymmetry.csv"),
+    covariates: Annotated[
+        Path | None,
+        typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
+    ] = None,
+    intensity: Intensity = None,
+    equal_code: EqualCode = None,
+    different_code: DifferentCode = None,
+    columns: Columns = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Time-order asymmetry of every comparison without a model: size, exact test, direction.
+
+    [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
+    """
+    with _problems_as_lines():
+        from bayes_toe.covariates import covariate_tests, read_covariates
+        from bayes_toe.outputs import require_writable
+        from bayes_toe.response_asymmetry import asymmetry as compute
+
+        beside = output.with_name(f"{output.stem}_covariates.csv")
+        for path in [output] if covariates is None else [output, beside]:
+            require_writable(path, overwrite=overwrite)
+        people = None if covariates is None else read_covariates(covariates)
+        read = _read(study, intensity, equal_code, different_code, columns)
+        console = _console(quiet)
+        _say_study(console, read)
+        table = compute(read)
+        tests = None if people is None else covariate_tests(people, table.outcomes())
+        table.save(output, overwrite=overwrite)
+        _say_asymmetry(console, table)
+        if tests is not None:
+            tests.save(beside, overwrite=overwrite)
+            _say_covariates(console, tests)
+        files = [output] if tests is None else [output, beside]
+        console.print(f"written: [bold]{', '.join(map(_safe, files))}[/bold]", highlight=False)
 
 
 @app.command()
@@ -396,6 +440,44 @@ def _say_evidence(console: Console, table: EvidenceTable) -> None:
     for row in table:
         for note in row.notes:
             console.print(f"[yellow]note[/yellow] {_safe(row.subject)}: {_safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _say_asymmetry(console: Console, table: AsymmetryTable) -> None:
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
+        one = row.maximal
+        if one is not None:
+            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} \u00b1 {one.asymmetry_se:.2f}"
+            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
+            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
+            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
+        rows.append(shown)
+    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
+    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
+    console.print(_table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled, {}))
+    console.print(_safe(table.population().describe()), highlight=False, soft_wrap=True)
+    for note in table.notes:
+        console.print(f"[yellow]note[/yellow] {_safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _say_covariates(console: Console, tests: CovariateTable) -> None:
+    rows: list[dict[Any, Any]] = [
+        {
+            "covariate": row.covariate,
+            "outcome": row.outcome,
+            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
+            "n": row.n,
+            "difference or r": _number(row.difference_or_r, 3),
+            "statistic": _number(row.statistic),
+            "df": _number(row.df, 1),
+            "p": _number(row.p_value, 3),
+        }
+        for row in tests
+    ]
+    console.print(_table("covariates: Welch's t or Pearson's r, not corrected for their number", rows, {}))
+    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
+        console.print(f"[yellow]note[/yellow] {_safe(note)}", highlight=False, soft_wrap=True)
 
 
 def _number(value: float | None, digits: int = 2) -> str:
