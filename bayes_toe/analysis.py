@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
 from bayes_toe.parallel import run_jobs
+from bayes_toe.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.proposal import fit_proposal
@@ -37,11 +38,12 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """Evidence of one subject and, where sampling was asked for, its chains."""
+    """Evidence of one subject; where sampling was asked for, its chains; and, where the study is not too large, values per pair."""
 
     subject: Subject
     evidence: SubjectEvidence
     chains: Chains | None
+    pointwise: Pointwise | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +51,15 @@ class _Job:
     subject: Subject
     settings: Settings
     with_chains: bool
+    with_pointwise: bool
 
 
 def analyse(
     study: Study, settings: Settings, *, with_chains: bool, workers: int | None = None, progress: Progress | None = None
 ) -> Sequence[SubjectResult]:
     """Analyse every subject; results are in the study's order and do not depend on it or on the number of workers."""
-    jobs = [_Job(subject, settings, with_chains) for subject in study]
+    with_pointwise = with_chains and values_needed(study, settings.sampler) <= POINTWISE_LIMIT
+    jobs = [_Job(subject, settings, with_chains, with_pointwise) for subject in study]
     results: dict[int, SubjectResult] = {}
     for index, result in run_jobs(_analyse_subject, jobs, workers):
         results[index] = result
@@ -69,4 +73,5 @@ def _analyse_subject(job: _Job) -> SubjectResult:
     maxima = find_maxima(posterior)
     fitted = fit_proposal(posterior, generator(job.settings.seed, job.subject.name, "proposal"), maxima=maxima)
     chains = sample_chains(fitted, job.settings.sampler, job.settings.seed) if job.with_chains else None
-    return SubjectResult(job.subject, subject_evidence(job.subject, maxima, fitted), chains)
+    by_pair = pointwise(posterior, chains.x, job.settings.seed) if chains is not None and job.with_pointwise else None
+    return SubjectResult(job.subject, subject_evidence(job.subject, maxima, fitted), chains, by_pair)

@@ -22,10 +22,10 @@ from bayes_toe.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived
 from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import InputError
 from bayes_toe.outputs import whole_file
+from bayes_toe.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import Chains
-from bayes_toe.seeds import generator
 from bayes_toe.study import Study, Subject
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ FloatArray = npt.NDArray[np.float64]
 PARAMETERS = (*NATURAL, *DERIVED)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat")
-#: Values of one pointwise group beyond which both are left out of the file: 20 million are 80 MB each.
-POINTWISE_LIMIT = 20_000_000
 _UNITS = {"q0": "1", "gamma": "1", "gain": "1"}
 
 
@@ -200,13 +198,12 @@ def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settin
         "constant_data": _long_group(study, "n_trials"),
     }
     left_out = ""
-    kept = sum(chains_of(result).x[..., 0].size * result.subject.n_pairs for result in results)
-    if kept <= POINTWISE_LIMIT:
-        groups.update(_pointwise_groups(results, settings, groups["observed_data"]))
+    if all(result.pointwise is not None for result in results):
+        groups.update(_pointwise_groups(results, groups["observed_data"]))
     else:
         left_out = (
-            f"log_likelihood and posterior_predictive left out: {kept:,} values each, more than {POINTWISE_LIMIT:,}; "
-            "sample fewer draws or fewer subjects at a time to have them"
+            f"log_likelihood and posterior_predictive left out: {values_needed(study, settings.sampler):,} values each, more than "
+            f"{POINTWISE_LIMIT:,}; sample fewer draws or fewer subjects at a time to have them"
         )
     tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
     tree.attrs.update(_attributes(study, settings, left_out))
@@ -276,21 +273,16 @@ def _long_group(study: Study, key: str) -> xr.Dataset:
     return xr.Dataset({key: ("obs", columns[key])}, {"obs": np.arange(len(owner)), **coords})
 
 
-def _pointwise_groups(results: Sequence[SubjectResult], settings: Settings, observed: xr.Dataset) -> dict[str, xr.Dataset]:
+def _pointwise_groups(results: Sequence[SubjectResult], observed: xr.Dataset) -> dict[str, xr.Dataset]:
     import xarray as xr
 
-    likelihood, predicted = [], []
-    for result in results:
-        posterior, x = Posterior(result.subject, settings.prior), chains_of(result).x
-        rng = generator(settings.seed, result.subject.name, "posterior_predictive")
-        # One chain at a time: temporaries of a large design stay small.
-        likelihood.append(np.stack([posterior.pair_log_likelihood(chain).astype(np.float32) for chain in x]))
-        q = (posterior.equal_probability(chain) for chain in x)
-        predicted.append(np.stack([rng.binomial(result.subject.n_trials, part).astype(np.int32) for part in q]))
     dims = ("chain", "draw", "obs")
+    found = [result.pointwise for result in results if result.pointwise is not None]
+    log_likelihood = np.concatenate([values.log_likelihood for values in found], axis=2)
+    predicted = np.concatenate([values.predicted for values in found], axis=2)
     return {
-        name: xr.Dataset({"n_equal": (dims, np.concatenate(parts, axis=2))}, observed.coords)
-        for name, parts in (("log_likelihood", likelihood), ("posterior_predictive", predicted))
+        "log_likelihood": xr.Dataset({"n_equal": (dims, log_likelihood)}, observed.coords),
+        "posterior_predictive": xr.Dataset({"n_equal": (dims, predicted)}, observed.coords),
     }
 
 
@@ -313,9 +305,10 @@ def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, An
 
 
 def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
-    """Light compression for the big groups; what is random to the last bit hardly shrinks and is left alone."""
-    packed = {"zlib": True, "complevel": 1}
-    return {f"/{name}": {"n_equal": packed} for name in ("log_likelihood", "posterior_predictive") if name in tree.children}
+    """Light compression for the predicted counts, which shrink to a third; what is random to the last bit hardly shrinks."""
+    if "posterior_predictive" not in tree.children:
+        return {}
+    return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
 def _summary_row(values: FloatArray) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe import draws as module
+from bayes_toe import analysis as analysis_module
 from bayes_toe.diagnostics import pareto_k
 from bayes_toe.draws import PARAMETERS, SUMMARY_COLUMNS
 from bayes_toe.errors import InputError, OutputError
@@ -128,7 +128,7 @@ def test_offset_and_pull_are_the_identified_ones(analysis):
 
 
 def test_a_large_study_leaves_the_pointwise_groups_out_and_says_so(small_study, monkeypatch):
-    monkeypatch.setattr(module, "POINTWISE_LIMIT", 1000)
+    monkeypatch.setattr(analysis_module, "POINTWISE_LIMIT", 1000)
     draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)
     assert "log_likelihood" not in draws.tree.children
     assert "left out" in draws.attrs["left_out"]
