@@ -65,6 +65,15 @@ class Prior:
         inside = (theta.sigma_p > 0) & (theta.gamma > 0) & (theta.gamma < 1) & (theta.q0 > 0) & (theta.q0 < 1)
         return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p), -np.inf)
 
+    def log_density_variances(self, theta: Natural) -> FloatArray:
+        """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
+
+        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 / sigma_p^2. Source: Appendix C.
+        """
+        inside = (theta.sigma_p > 0) & (theta.gamma >= 0) & (theta.gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
+        volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
+        return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p) + volume, -np.inf)
+
     def log_density_unconstrained(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
         """Log density with respect to the unconstrained coordinates x, shape (..., 4) -> (...)."""
         points = np.asarray(x, np.float64)
