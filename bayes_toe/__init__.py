@@ -32,6 +32,9 @@ _PLACES = {
     "AsymmetryTable": "response_asymmetry",
     "covariate_tests": "covariates",
     "read_covariates": "covariates",
+    "fit": "fit_table",
+    "FitTable": "fit_table",
+    "compare_intervals": "uncertainty",
     "run": "api",
     "settings_for": "api",
     "load": "draws",
@@ -69,6 +72,8 @@ if TYPE_CHECKING:
     from bayes_toe.example import example_study as example_study
     from bayes_toe.example import example_truth as example_truth
     from bayes_toe.files import read_study as read_study
+    from bayes_toe.fit_table import FitTable as FitTable
+    from bayes_toe.fit_table import fit as fit
     from bayes_toe.model import equal_probability as equal_probability
     from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
     from bayes_toe.outputs import file_stems as file_stems
@@ -82,6 +87,7 @@ if TYPE_CHECKING:
     from bayes_toe.response_asymmetry import asymmetry as asymmetry
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
+    from bayes_toe.uncertainty import compare_intervals as compare_intervals
 
 
 def __getattr__(name: str) -> Any:

@@ -38,10 +38,15 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """Evidence of one subject; where sampling was asked for, its chains; and, where the study is not too large, values per pair."""
+    """What was asked for of one subject, None for the rest; values per pair are left out of large studies.
+
+    `efficiency` and `pareto_k` tell how good the fitted proposal is.
+    """
 
     subject: Subject
-    evidence: SubjectEvidence
+    efficiency: float
+    pareto_k: float
+    evidence: SubjectEvidence | None
     chains: Chains | None
     pointwise: Pointwise | None
 
@@ -50,16 +55,23 @@ class SubjectResult:
 class _Job:
     subject: Subject
     settings: Settings
+    with_evidence: bool
     with_chains: bool
     with_pointwise: bool
 
 
 def analyse(
-    study: Study, settings: Settings, *, with_chains: bool, workers: int | None = None, progress: Progress | None = None
+    study: Study,
+    settings: Settings,
+    *,
+    with_evidence: bool = True,
+    with_chains: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> Sequence[SubjectResult]:
     """Analyse every subject; results are in the study's order and do not depend on it or on the number of workers."""
     with_pointwise = with_chains and values_needed(study, settings.sampler) <= POINTWISE_LIMIT
-    jobs = [_Job(subject, settings, with_chains, with_pointwise) for subject in study]
+    jobs = [_Job(subject, settings, with_evidence, with_chains, with_pointwise) for subject in study]
     results: dict[int, SubjectResult] = {}
     for index, result in run_jobs(_analyse_subject, jobs, workers):
         results[index] = result
@@ -69,9 +81,16 @@ def analyse(
 
 
 def _analyse_subject(job: _Job) -> SubjectResult:
-    posterior = Posterior(job.subject, job.settings.prior)
+    subject, seed = job.subject, job.settings.seed
+    posterior = Posterior(subject, job.settings.prior)
     maxima = find_maxima(posterior)
-    fitted = fit_proposal(posterior, generator(job.settings.seed, job.subject.name, "proposal"), maxima=maxima)
-    chains = sample_chains(fitted, job.settings.sampler, job.settings.seed) if job.with_chains else None
-    by_pair = pointwise(posterior, chains.x, job.settings.seed) if chains is not None and job.with_pointwise else None
-    return SubjectResult(job.subject, subject_evidence(job.subject, maxima, fitted), chains, by_pair)
+    fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
+    chains = sample_chains(fitted, job.settings.sampler, seed) if job.with_chains else None
+    return SubjectResult(
+        subject=subject,
+        efficiency=fitted.efficiency,
+        pareto_k=fitted.pareto_k,
+        evidence=subject_evidence(maxima, fitted, seed) if job.with_evidence else None,
+        chains=chains,
+        pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,
+    )

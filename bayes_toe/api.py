@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from bayes_toe.analysis import Settings, analyse
+from bayes_toe.analysis import Settings, SubjectResult, analyse
 from bayes_toe.draws import Draws, build_draws
 from bayes_toe.errors import ConvergenceWarning
 from bayes_toe.model_evidence import EvidenceTable
@@ -46,9 +46,14 @@ def run(study: Study, settings: Settings, *, workers: int | None = None, progres
     progress : callable, optional
         Called with a subject's name when that subject is done.
     """
-    results = analyse(study, settings, with_chains=True, workers=workers, progress=progress)
-    table = EvidenceTable(tuple(result.evidence for result in results))
-    return Analysis(study, build_draws(study, results, settings), table, settings)
+    results = analyse(study, settings, workers=workers, progress=progress)
+    return Analysis(study, build_draws(study, results, settings), _table(results, settings), settings)
+
+
+def draw(study: Study, settings: Settings, *, workers: int | None = None, progress: Progress | None = None) -> Draws:
+    """Sample every subject, without the evidence; arguments as in :func:`run`."""
+    results = analyse(study, settings, with_evidence=False, workers=workers, progress=progress)
+    return build_draws(study, results, settings)
 
 
 def sample(
@@ -83,7 +88,7 @@ def sample(
     >>> draws.values("S01", "gain").shape
     (4, 2048)
     """
-    result = run(study, settings_for(draws=draws, seed=seed, prior=prior), workers=workers, progress=progress).draws
+    result = draw(study, settings_for(draws=draws, seed=seed, prior=prior), workers=workers, progress=progress)
     for name, shortfall in result.not_converged.items():
         warnings.warn(f"subject {name!r} did not converge: {shortfall}", ConvergenceWarning, stacklevel=2)
     return result
@@ -106,5 +111,10 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    results = analyse(study, settings_for(seed=seed, prior=prior), with_chains=False, workers=workers, progress=progress)
-    return EvidenceTable(tuple(result.evidence for result in results))
+    settings = settings_for(seed=seed, prior=prior)
+    results = analyse(study, settings, with_chains=False, workers=workers, progress=progress)
+    return _table(results, settings)
+
+
+def _table(results: Sequence[SubjectResult], settings: Settings) -> EvidenceTable:
+    return EvidenceTable(tuple(r.evidence for r in results if r.evidence is not None), settings.seed, settings.prior)

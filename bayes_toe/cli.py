@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from bayes_toe.covariates import CovariateTable
     from bayes_toe.draws import Draws
+    from bayes_toe.fit_table import FitTable
     from bayes_toe.model_evidence import EvidenceTable
     from bayes_toe.response_asymmetry import AsymmetryTable
     from bayes_toe.study import Study
@@ -123,8 +124,7 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
     """
     with _problems_as_lines():
-        from bayes_toe.api import run as analyse
-        from bayes_toe.api import settings_for
+        from bayes_toe.api import draw, settings_for
         from bayes_toe.outputs import require_writable
 
         require_writable(output, overwrite=overwrite)
@@ -133,7 +133,7 @@ def sample(
         _say_study(console, read)
         settings = settings_for(draws=draws, seed=seed)
         with _progress(console, "sampling", len(read)) as tick:
-            made = analyse(read, settings, workers=workers, progress=tick).draws
+            made = draw(read, settings, workers=workers, progress=tick)
         made.save(output, overwrite=overwrite)
         _say_draws(console, made)
         console.print(f"seed {settings.seed}; draws in [bold]{_safe(output)}[/bold]", highlight=False)
@@ -214,6 +214,42 @@ def asymmetry(
             _say_covariates(console, tests)
         files = [output] if tests is None else [output, beside]
         console.print(f"written: [bold]{', '.join(map(_safe, files))}[/bold]", highlight=False)
+
+
+@app.command()
+def fit(
+    study: StudyFile,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="fit.csv", help="Table to write.")] = Path("fit.csv"),
+    replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
+    level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
+    seed: Seed = None,
+    workers: Workers = None,
+    intensity: Intensity = None,
+    equal_code: EqualCode = None,
+    different_code: DifferentCode = None,
+    columns: Columns = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
+
+    [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
+    """
+    with _problems_as_lines():
+        from bayes_toe.bootstrap import require_level
+        from bayes_toe.fit_table import fit as compute
+        from bayes_toe.outputs import require_writable
+
+        require_level(level)
+        require_writable(output, overwrite=overwrite)
+        read = _read(study, intensity, equal_code, different_code, columns)
+        console = _console(quiet)
+        _say_study(console, read)
+        with _progress(console, "fitting", len(read)) as tick:
+            table = compute(read, replicates=replicates, level=level, seed=seed, workers=workers, progress=tick)
+        table.save(output, overwrite=overwrite)
+        _say_fits(console, table)
+        console.print(f"seed {table.seed}; table in [bold]{_safe(output)}[/bold]", highlight=False)
 
 
 @app.command()
@@ -432,14 +468,18 @@ def _say_evidence(console: Console, table: EvidenceTable) -> None:
             "log evidence H0": _number(row.log_evidence_h0),
             "log Bayes factor": _number(row.log_bayes_factor),
             "favours": verdict(row),
+            "k-hat": _number(row.pareto_k),
             "Laplace": _number(row.log_bayes_factor_laplace),
         }
         for row in table
     ]
     console.print(_table("evidence: natural logs, H1 minus H0", rows, {}))
+    about: dict[str, list[str]] = {}
     for row in table:
         for note in row.notes:
-            console.print(f"[yellow]note[/yellow] {_safe(row.subject)}: {_safe(note)}", highlight=False, soft_wrap=True)
+            about.setdefault(note, []).append(row.subject)
+    for note, names in about.items():
+        console.print(f"[yellow]note[/yellow] {_safe(', '.join(names))}: {_safe(note)}", highlight=False, soft_wrap=True)
 
 
 def _say_asymmetry(console: Console, table: AsymmetryTable) -> None:
@@ -478,6 +518,28 @@ def _say_covariates(console: Console, tests: CovariateTable) -> None:
     console.print(_table("covariates: Welch's t or Pearson's r, not corrected for their number", rows, {}))
     for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
         console.print(f"[yellow]note[/yellow] {_safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _say_fits(console: Console, table: FitTable) -> None:
+    rows: list[dict[Any, Any]] = []
+    for one in table:
+        limits = one.bootstrap.intervals(table.level).tolist()
+        cells = map(_with_interval, one.parameters.tolist(), limits)
+        row: dict[Any, Any] = {"subject": one.subject, **dict(zip(("mu1", "sigma_p", "sigma_l", "q0"), cells, strict=True))}
+        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
+    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
+    console.print(_table(title, rows, {}))
+    for one in table:
+        for note in one.notes:
+            console.print(f"[yellow]note[/yellow] {_safe(one.subject)}: {_safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _with_interval(value: float, limits: list[float]) -> str:
+    from math import isnan
+
+    if isnan(value):
+        return "-"
+    return f"{value:.2f}" + ("" if isnan(limits[0]) else f" ({limits[0]:.2f}, {limits[1]:.2f})")
 
 
 def _number(value: float | None, digits: int = 2) -> str:

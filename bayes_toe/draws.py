@@ -256,8 +256,8 @@ def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:
         "max_r_hat": ("subject", [max(d.r_hat for d in c.diagnostics.values()) for c in chains]),
         "thin": ("subject", [c.thin for c in chains]),
         "steps": ("subject", [c.steps for c in chains]),
-        "proposal_efficiency": ("subject", [result.evidence.efficiency for result in results]),
-        "pareto_k": ("subject", [result.evidence.pareto_k for result in results]),
+        "proposal_efficiency": ("subject", [result.efficiency for result in results]),
+        "pareto_k": ("subject", [result.pareto_k for result in results]),
     }
     size = chains[0].log_posterior.shape
     return xr.Dataset(data, {"chain": np.arange(size[0]), "draw": np.arange(size[1]), "subject": _names(results)})

@@ -1,4 +1,4 @@
-"""The maximum of a log posterior in unconstrained coordinates: safeguarded Newton, all starts in one batch."""
+"""The maxima of a log posterior in unconstrained coordinates, all starts in one batch."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logit
 
+from bayes_toe.newton import ascend
 from bayes_toe.posterior import Posterior
 from bayes_toe.study import Subject
 
 FloatArray = npt.NDArray[np.float64]
-_MAX_ITERATIONS = 200
-_DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a start counts as arrived
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +46,12 @@ def find_maxima(posterior: Posterior) -> Maxima:
     >>> find_maxima(Posterior(subject)).arrived
     True
     """
-    x, value, arrived = _newton(posterior, starts(posterior.subject))
-    if arrived.any():
-        x, value = x[arrived], value[arrived]
+    found = ascend(_LogPosterior(posterior), starts(posterior.subject).T)
+    kept = found.arrived if found.arrived.any() else np.ones_like(found.arrived)
+    x, value = found.x.T[kept], found.value[kept]
     chosen = _distinct(x, value)
     curvature = -posterior.derivatives(x[chosen])[1]
-    return Maxima(x[chosen], value[chosen], curvature, bool(arrived.any()))
+    return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()))
 
 
 def starts(subject: Subject) -> FloatArray:
@@ -64,36 +63,20 @@ def starts(subject: Subject) -> FloatArray:
     return np.stack([axis.ravel() for axis in grid], axis=-1)
 
 
-def _newton(posterior: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Levenberg-damped Newton ascent of every start; a step is kept only if it raises the density."""
-    x, value = x.copy(), posterior.log_density(x)
-    damping = np.full(len(x), 1e-2)
-    arrived = np.zeros(len(x), bool)
-    for _ in range(_MAX_ITERATIONS):
-        at = np.flatnonzero(~arrived & (damping < 1e12))
-        if not len(at):
-            break
-        step, decrement = _step(posterior, x[at], damping[at])
-        trial = x[at] + step
-        trial_value = posterior.log_density(trial)
-        better = trial_value >= value[at]
-        arrived[at] = (decrement < _DECREMENT * (1.0 + np.abs(value[at]) * 1e-3)) & better
-        x[at[better]], value[at[better]] = trial[better], trial_value[better]
-        damping[at] = np.where(better, np.maximum(damping[at] / 8.0, 1e-12), damping[at] * 4.0)
-    return x, value, arrived
+@dataclass(frozen=True, eq=False)
+class _LogPosterior:
+    """The log posterior as the ascent wants it, points on the last axis."""
 
+    posterior: Posterior
 
-def _step(posterior: Posterior, x: FloatArray, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ascent step and twice its predicted gain; eigenvalues enter by size, so that a saddle is left uphill."""
-    gradient, hessian = posterior.derivatives(x)
-    scale = 1.0 / np.sqrt(np.abs(np.diagonal(hessian, axis1=1, axis2=2)) + 1e-300)
-    scaled = -hessian * scale[:, :, None] * scale[:, None, :]
-    values, vectors = np.linalg.eigh(scaled)
-    slope = np.einsum("nij,ni->nj", vectors, gradient * scale)
-    along = slope / (np.abs(values) + damping[:, None])
-    decrement = np.sum(slope**2 / (np.abs(values) + 1e-300), axis=1)
-    step = np.einsum("nij,nj->ni", vectors, along) * scale
-    return step * np.minimum(1.0, 5.0 / np.abs(step).max(axis=1, keepdims=True).clip(1e-300)), decrement
+    def evaluate(self, x: FloatArray, _: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Value, gradient and Hessian; where the density is 0 there are no derivatives, and no step leads there."""
+        value = self.posterior.log_density(x.T)
+        some = np.isfinite(value)
+        gradient, hessian = np.zeros(x.shape), np.zeros((len(x), *x.shape))
+        first, second = self.posterior.derivatives(x.T[some])
+        gradient[:, some], hessian[:, :, some] = first.T, np.moveaxis(second, 0, -1)
+        return value, gradient, hessian
 
 
 def _distinct(x: FloatArray, value: FloatArray) -> npt.NDArray[np.intp]:

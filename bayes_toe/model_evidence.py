@@ -15,9 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaln, logsumexp
 
+from bayes_toe.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.errors import InputError
+from bayes_toe.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.maximum import Maxima
 from bayes_toe.outputs import write_table
+from bayes_toe.prior import LOG_2PI, Prior
 from bayes_toe.proposal import FittedProposal
 from bayes_toe.study import Subject
 
@@ -25,9 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FloatArray = npt.NDArray[np.float64]
-LOG_2PI = float(np.log(2.0 * np.pi))
 
-
+#: Columns of evidence.csv. New ones are appended only: scripts that read by position go on working.
 EVIDENCE_COLUMNS = (
     "subject",
     "n_pairs",
@@ -39,6 +41,9 @@ EVIDENCE_COLUMNS = (
     "log_evidence_h1_laplace",
     "log_evidence_h0_laplace",
     "log_bayes_factor_laplace",
+    "pareto_k",
+    "log_evidence_h1_laplace_natural",
+    "log_evidence_h1_bootstrap",
 )
 
 
@@ -54,6 +59,8 @@ class SubjectEvidence:
     log_evidence_h0: float
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
+    log_evidence_h1_laplace_natural: float | None
+    log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
     notes: tuple[str, ...] = ()
@@ -72,9 +79,11 @@ class SubjectEvidence:
 
 @dataclass(frozen=True)
 class EvidenceTable:
-    """Evidence of every subject of a study, in the study's order."""
+    """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to."""
 
     rows: tuple[SubjectEvidence, ...]
+    seed: int | None = None
+    prior: Prior | None = None
 
     def __iter__(self) -> Iterator[SubjectEvidence]:
         return iter(self.rows)
@@ -96,10 +105,14 @@ class EvidenceTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def subject_evidence(subject: Subject, maxima: Maxima, fitted: FittedProposal) -> SubjectEvidence:
-    """Everything the evidence table says of one subject."""
+def subject_evidence(maxima: Maxima, fitted: FittedProposal, seed: int) -> SubjectEvidence:
+    """Everything the evidence table says of one subject; the seed is for the bootstrap of Appendix C's recipe."""
+    posterior = fitted.proposal.posterior
+    subject = posterior.subject
     value, error, why_not = importance_evidence(fitted)
     laplace, why_no_laplace = laplace_evidence(maxima)
+    natural, why_no_natural = laplace_evidence_natural(posterior)
+    bootstrap, about_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=seed, prior=posterior.prior), posterior.prior)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -109,9 +122,11 @@ def subject_evidence(subject: Subject, maxima: Maxima, fitted: FittedProposal) -
         log_evidence_h0=frequency_evidence(subject),
         log_evidence_h1_laplace=laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
+        log_evidence_h1_laplace_natural=natural,
+        log_evidence_h1_bootstrap=bootstrap,
         efficiency=fitted.efficiency,
         pareto_k=fitted.pareto_k,
-        notes=tuple(note for note in (why_not, why_no_laplace) if note),
+        notes=tuple(note for note in (why_not, why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
 
 
@@ -133,21 +148,6 @@ def importance_evidence(fitted: FittedProposal) -> tuple[float | None, float | N
     n = len(fitted.draws.log_weights)
     value = float(logsumexp(fitted.draws.log_weights) - np.log(n))
     return value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), ""
-
-
-def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
-    """Laplace's approximation to the log evidence of H1 at the highest maximum, in unconstrained identified coordinates.
-
-    log p(n, x0) - log |-H|^(1/2) + (k/2) log 2 pi. Source: Eq. app:evidapprox with the covariance of the local Gaussian. None, with
-    the reason, where there is no proper maximum.
-    """
-    if not maxima.arrived:
-        return None, "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward an edge)"
-    eigenvalues = np.linalg.eigvalsh(maxima.curvature[0])
-    if eigenvalues[0] <= 0:
-        return None, "Laplace of H1 does not exist: the Hessian at the maximum is not negative definite"
-    half_log_det = 0.5 * float(np.log(eigenvalues).sum())
-    return float(maxima.value[0] - half_log_det + 0.5 * len(eigenvalues) * LOG_2PI), ""
 
 
 def frequency_evidence(subject: Subject) -> float:

@@ -65,6 +65,15 @@ class Prior:
         inside = (theta.sigma_p > 0) & (theta.gamma > 0) & (theta.gamma < 1) & (theta.q0 > 0) & (theta.q0 < 1)
         return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p), -np.inf)
 
+    def log_density_variances(self, theta: Natural) -> FloatArray:
+        """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
+
+        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 / sigma_p^2. Source: Appendix C.
+        """
+        inside = (theta.sigma_p > 0) & (theta.gamma >= 0) & (theta.gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
+        volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
+        return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p) + volume, -np.inf)
+
     def log_density_unconstrained(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
         """Log density with respect to the unconstrained coordinates x, shape (..., 4) -> (...)."""
         points = np.asarray(x, np.float64)
@@ -80,7 +89,7 @@ class Prior:
     def derivatives(self, x: npt.ArrayLike, sbar: float) -> tuple[FloatArray, FloatArray]:
         """Gradient (..., 4) and Hessian (..., 4, 4) of :meth:`log_density_unconstrained`."""
         points = np.asarray(x, np.float64)
-        gradient, hessian = _jacobian_derivatives(points)
+        gradient, hessian = jacobian_derivatives(points)
         with np.errstate(over="ignore"):  # 1/p^2 is beyond the largest float where p < 1e-154: infinite is right there
             for part in (self._mu1_derivatives(points, sbar), self._sigma_p_derivatives(points)):
                 gradient += part[0]
@@ -101,11 +110,8 @@ class Prior:
 
     def _sigma_p_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of -sigma_p^2 / (2 scale^2) with log sigma_p = b + 1.5 log(1 - p)."""
-        a, b = x[..., 1], x[..., 2]
-        p, p1, p2 = pull_derivatives(a)
-        y = (np.exp(b) * (1.0 - p) ** 1.5 / self.sigma_p_scale) ** 2
-        slope = -1.5 * p1 / (1.0 - p)
-        bend = -1.5 * (p2 / (1.0 - p) + (p1 / (1.0 - p)) ** 2)
+        slope, bend = log_sigma_p_derivatives(x[..., 1])
+        y = (np.exp(x[..., 2]) * (1.0 - MAX_PULL * expit(x[..., 1])) ** 1.5 / self.sigma_p_scale) ** 2
         gradient, hessian = _zeros(x)
         gradient[..., 1], gradient[..., 2] = -y * slope, -y
         hessian[..., 1, 1], hessian[..., 2, 2] = -y * (2.0 * slope**2 + bend), -2.0 * y
@@ -137,7 +143,13 @@ def pull_derivatives(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
     return p, p1, p1 * -np.tanh(0.5 * a)
 
 
-def _jacobian_derivatives(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def log_sigma_p_derivatives(a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative of log sigma_p = b + 1.5 log(1 - p) with respect to a."""
+    p, p1, p2 = pull_derivatives(a)
+    return -1.5 * p1 / (1.0 - p), -1.5 * (p2 / (1.0 - p) + (p1 / (1.0 - p)) ** 2)
+
+
+def jacobian_derivatives(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives of :func:`bayes_toe.coordinates.log_jacobian`."""
     a, top = x[..., 1], x[..., 3]
     p, p1, p2 = pull_derivatives(a)

@@ -106,6 +106,36 @@ def test_evidence_alone_gives_the_table_of_run(folder, results):
     assert (folder / "evidence.csv").read_text() == (results[0] / "evidence.csv").read_text()
 
 
+def test_fit_writes_its_columns_and_states_its_level(folder):
+    for workers in ("1", "2"):
+        args = ("-o", f"fit{workers}.csv", "--replicates", "50", "--level", "0.8", "--seed", "1", "--workers", workers)
+        done = call("fit", "study.csv", *args, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        assert "80 % percentile intervals of 50 bootstrap replicates" in done.stdout
+    assert (folder / "fit1.csv").read_text() == (folder / "fit2.csv").read_text()
+    frame = pd.read_csv(folder / "fit1.csv", dtype={"subject": str}, keep_default_na=False)
+    limits = [f"{name}_{side}" for name in ("mu1", "sigma_p", "sigma_l", "q0") for side in ("lower", "upper")]
+    assert list(frame.columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0", "log_likelihood", "at_edge", *limits]
+    assert list(frame.subject) == ["A", "B"]
+    assert (frame.sigma_p_lower < frame.sigma_p_upper).all()
+    again = call("fit", "study.csv", "-o", "fit1.csv", cwd=folder)
+    assert again.returncode == 2
+    assert "exists" in again.stderr
+    wrong = call("fit", "study.csv", "-o", "x.csv", "--level", "1.5", cwd=folder)
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert not (folder / "x.csv").exists()
+
+
+def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
+    (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
+    done = call("fit", "s.csv", "-o", "fit.csv", "--replicates", "20", "--seed", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "not determined by these answers: sigma_p, sigma_l, q0" in done.stdout
+    row = pd.read_csv(tmp_path / "fit.csv", dtype=str, keep_default_na=False).iloc[0]
+    assert (row.at_edge, row.sigma_p, row.sigma_l_upper) == ("not unique", "", "")
+
+
 def test_simulate_then_check_then_quiet(tmp_path):
     made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", "3", "--batches", "4", "--seed", "1", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
@@ -127,7 +157,13 @@ def test_check_names_what_cannot_be_learnt(tmp_path):
 
 def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
     (tmp_path / "bad.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0,12,10\ny,0,abc,1,2\n")
-    for command in (["check", "bad.csv"], ["run", "bad.csv", "-o", "out"], ["sample", "bad.csv"], ["evidence", "bad.csv"]):
+    for command in (
+        ["check", "bad.csv"],
+        ["run", "bad.csv", "-o", "out"],
+        ["sample", "bad.csv"],
+        ["evidence", "bad.csv"],
+        ["fit", "bad.csv"],
+    ):
         done = call(*command, cwd=tmp_path)
         assert done.returncode == 2
         lines = done.stderr.strip().splitlines()
@@ -181,7 +217,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in ("run", "sample", "evidence", "asymmetry", "corner", "simulate", "check"):
+    for command in ("run", "sample", "evidence", "asymmetry", "fit", "corner", "simulate", "check"):
         done = call(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example

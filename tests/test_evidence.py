@@ -9,13 +9,13 @@ from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.hard_cases import hard_cases
+from bayes_toe.laplace import laplace_evidence
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import (
     EVIDENCE_COLUMNS,
     frequency_evidence,
     frequency_evidence_laplace,
     importance_evidence,
-    laplace_evidence,
     subject_evidence,
 )
 from bayes_toe.posterior import Posterior
@@ -86,7 +86,7 @@ def test_laplace_is_exact_for_a_normal_density():
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     maxima = find_maxima(Posterior(subject))
-    row = subject_evidence(subject, maxima, fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima))
+    row = subject_evidence(maxima, fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima), seed=1)
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None
@@ -117,7 +117,8 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     lines = path.read_text().splitlines()
     assert lines[0] == (
         "subject,n_pairs,n_trials,log_evidence_h1,log_evidence_h1_se,log_evidence_h0,log_bayes_factor,"
-        "log_evidence_h1_laplace,log_evidence_h0_laplace,log_bayes_factor_laplace"
+        "log_evidence_h1_laplace,log_evidence_h0_laplace,log_bayes_factor_laplace,"
+        "pareto_k,log_evidence_h1_laplace_natural,log_evidence_h1_bootstrap"
     )
     assert tuple(lines[0].split(",")) == EVIDENCE_COLUMNS
     frame = analysis.evidence.frame()

@@ -108,3 +108,9 @@ def test_problems_are_one_line_and_exit_code_2(folder, arguments, named):
     assert len(done.stderr.splitlines()) == 1
     assert not list(folder.glob("z*"))
     assert (folder / "p.nc").read_bytes() == before
+
+
+def test_the_bootstrap_benchmark_finds_the_same_optima(folder):
+    done = call("bootstrap_speed.py", "--subjects", "S06", "--replicates", "20", "--loop", "3", "--repeats", "1", cwd=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 / 0 / 0" in done.stdout

@@ -1,0 +1,171 @@
+"""The fit table of a study: maximum-likelihood parameters of every subject with percentile bootstrap intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.bootstrap import Bootstrap, bootstrap_subject, require_level
+from bayes_toe.coordinates import NATURAL
+from bayes_toe.errors import InputError
+from bayes_toe.fits import Fits
+from bayes_toe.maximum_likelihood import fit_subject
+from bayes_toe.outputs import write_table
+from bayes_toe.parallel import run_jobs
+from bayes_toe.prior import Prior
+from bayes_toe.seeds import root_seed
+from bayes_toe.study import Study, Subject
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+
+FIT_COLUMNS = (
+    *("subject", *NATURAL, "log_likelihood", "at_edge"),
+    *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectFit:
+    """Fit of one subject: the maximum, its bootstrap, and what has to be said of them."""
+
+    subject: str
+    fitted: Fits
+    bootstrap: Bootstrap
+    notes: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> FloatArray:
+        """mu1, sigma_p, sigma_l (natural-log intensity) and q0; NaN where the data leave a parameter open, which `at_edge` says."""
+        return np.asarray(self.fitted.parameters[0])
+
+    @property
+    def log_likelihood(self) -> float:
+        """At the maximum, without binomial coefficients and without the penalty on mu1; natural log."""
+        return float(self.fitted.log_likelihood[0])
+
+    @property
+    def at_edge(self) -> str:
+        """Edges on which the maximum lies, joined with ';': see :data:`bayes_toe.fits.EDGES`; empty where it lies inside."""
+        return self.fitted.at_edge[0]
+
+
+@dataclass(frozen=True, eq=False)
+class FitTable:
+    """Fits of every subject of a study, in the study's order.
+
+    Attributes
+    ----------
+    rows : tuple of SubjectFit
+    level : float
+        Of the percentile bootstrap intervals.
+    replicates : int
+    seed : int
+    """
+
+    rows: tuple[SubjectFit, ...]
+    level: float
+    replicates: int
+    seed: int
+
+    def __iter__(self) -> Iterator[SubjectFit]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, name: str) -> SubjectFit:
+        for row in self.rows:
+            if row.subject == name:
+                return row
+        raise InputError(f"no subject {name!r} in the fit table")
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
+        import pandas as pd
+
+        cells = [
+            [row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel()] for row in self
+        ]
+        return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write fit.csv, whole or not at all."""
+        return write_table(self.frame(), path, overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    prior: Prior
+    replicates: int
+    seed: int = field(repr=False)
+
+
+def fit(
+    study: Study,
+    *,
+    replicates: int = 1000,
+    level: float = 0.95,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> FitTable:
+    """Maximum-likelihood fit of every subject, with the paper's penalty on mu1, and percentile bootstrap intervals.
+
+    Parameters
+    ----------
+    study : Study
+    replicates : int
+        Bootstrap replicates of every subject.
+    level : float
+        Of the intervals, between 0 and 1.
+    seed : int, optional
+        Root seed of the bootstrap; without it fresh entropy, stored in the table.
+    prior : Prior, optional
+        Its normal of mu1 is the penalty; the default is the paper's V_1 = 10^2 around 0.
+    workers : int, optional
+        Processes; by default one per processor. The numbers do not depend on it.
+    progress : callable, optional
+        Called with a subject's name when that subject is done.
+
+    Raises
+    ------
+    InputError
+        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, or `seed` not a whole number from 0 to 2**63 - 1.
+
+    Examples
+    --------
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fit(Study([one]), replicates=50, seed=1, workers=1)["S01"].at_edge
+    'q0=1'
+    """
+    require_level(level)
+    if replicates < 1:
+        raise InputError(f"replicates={replicates} must be at least 1")
+    root, penalty = root_seed(seed), Prior() if prior is None else prior
+    jobs = [_Job(subject, penalty, replicates, root) for subject in study]
+    rows: dict[int, SubjectFit] = {}
+    for index, row in run_jobs(_fit_one, jobs, workers):
+        rows[index] = row
+        if progress is not None:
+            progress(row.subject)
+    return FitTable(tuple(rows[index] for index in range(len(jobs))), level, replicates, root)
+
+
+def _fit_one(job: _Job) -> SubjectFit:
+    fitted = fit_subject(job.subject, job.prior)
+    replicates = bootstrap_subject(job.subject, seed=job.seed, prior=job.prior, replicates=job.replicates, fitted=fitted)
+    notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
+    open_ = [name for name, value in zip(NATURAL, fitted.parameters[0], strict=True) if np.isnan(value)]
+    if open_:
+        notes.append(f"not determined by these answers: {', '.join(open_)}")
+    return SubjectFit(job.subject.name, fitted, replicates, (*notes, *replicates.remarks()))
