@@ -86,7 +86,7 @@ def sample(
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
     >>> draws.values("S01", "gain").shape
-    (4, 2048)
+    (4, 1024)
     """
     result = draw(study, settings_for(draws=draws, seed=seed, prior=prior), workers=workers, progress=progress)
     for name, shortfall in result.not_converged.items():

@@ -28,7 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _PRIOR_SHARE = 0.01
 _COVER_DF, _DF = 3.0, 30.0
-_PATCH_SHARE = 0.01
+_PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
 
 
@@ -49,8 +49,11 @@ STAGES = (
     Stage(components=16, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 _POOR = 0.5  # efficiency below which the second stage runs
-_REFITS = 3
-_HEAVY = 12.0  # a weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps
+_REFITS = 5
+_HARD = 2  # times the judging draws, where refits were needed
+#: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps; and where 20,000 draws
+#: hold one such point, there are others that they missed, and the evidence is too low by more than its standard error says.
+_HEAVY = 6.0
 #: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
 TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
 
@@ -172,7 +175,7 @@ def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxi
     maxima : Maxima, optional
         Local maxima, where they are known already.
     draws : int
-        Size of the judging sample.
+        Size of the judging sample; twice as many where refits were needed.
 
     Examples
     --------
@@ -184,18 +187,23 @@ def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxi
     found = find_maxima(posterior) if maxima is None else maxima
     history = _adapt(_first(posterior, found, rng), STAGES[0], rng)
     if _best(history).efficiency < _POOR:
-        history = _adapt(_refitted(history, STAGES[1], rng), STAGES[1], rng)
+        history = _adapt(_refitted(history, STAGES[1]), STAGES[1], rng)
     promised = _best(history).efficiency
     judged = [_judged(_best(history).proposal, rng, draws)]
+    if _good(judged[0], promised):
+        return judged[0]
     while len(judged) <= _REFITS and not _good(judged[-1], promised):
         # The judging draws found what the fitting draws had missed: learn from them (and from all, where they are poor), judge again.
-        last = _Round(judged[-1].proposal, judged[-1].draws, judged[-1].efficiency)
-        history = [last] if judged[-1].trusted else [*history, last]
-        judged.append(_judged(_refitted(history, STAGES[1], rng), rng, draws))
-    if len(judged) == 1 or _good(judged[-1], promised):
-        return judged[-1]
-    # Chosen for its draws, the best must not be judged by the same draws: their evidence would be biased.
-    return _judged(max(judged, key=lambda fitted: fitted.efficiency).proposal, rng, draws)
+        last = judged[-1]
+        if last.efficiency > _POOR:
+            proposal = _patched(last.proposal, last.draws, _PATCHES)
+        else:
+            history = [*history, _Round(last.proposal, last.draws, last.efficiency)]
+            proposal = _refitted(history, STAGES[1])
+        judged.append(_judged(proposal, rng, draws))
+    # Chosen for its draws, a proposal must not be judged by the same draws: the evidence would be biased. Its tails are hard: more draws.
+    chosen = judged[-1] if _good(judged[-1], promised) else max(judged, key=lambda fitted: fitted.efficiency)
+    return _judged(chosen.proposal, rng, _HARD * draws)
 
 
 def _good(fitted: FittedProposal, promised: float) -> bool:
@@ -223,7 +231,7 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
         history.append(_Round(proposal, draws, efficiency(draws.log_weights)))
         left = min(left - 1, 2) if history[-1].efficiency > stage.enough and left > 2 else left - 1
         if left > 0:
-            proposal = _refitted(history, stage, rng)
+            proposal = _refitted(history, stage)
     return history
 
 
@@ -268,7 +276,7 @@ def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
     return np.asarray(np.exp(power * log_weights - logsumexp(power * log_weights)))
 
 
-def _refitted(history: list[_Round], stage: Stage, rng: np.random.Generator) -> Proposal:
+def _refitted(history: list[_Round], stage: Stage) -> Proposal:
     """EM on the pooled draws of the last rounds, then new components in the places of those that it dropped."""
     rounds = history[-_HISTORY:]
     x, log_prior, log_posterior = (
@@ -277,15 +285,21 @@ def _refitted(history: list[_Round], stage: Stage, rng: np.random.Generator) -> 
     made = np.logaddexp.reduce([entry.proposal.log_density(x, log_prior) for entry in rounds]) - np.log(len(rounds))
     weights = _tempered(log_posterior - made, least=0.05 * len(x))
     last = rounds[-1].proposal
-    y, log_volume = last.levelling.level(x)
-    cover = _cover(y, weights)
+    y = last.levelling.level(x)[0]
     mixture = last.mixture
     for _ in range(3):
         mixture = mixture.updated(y, weights)
-    proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
+    proposal = Proposal(last.posterior, last.levelling, mixture, _cover(y, weights), stage.cover_share)
+    return _patched(proposal, WeightedDraws(x, log_prior, log_posterior, made), stage.components - len(mixture.weights))
+
+
+def _patched(proposal: Proposal, draws: WeightedDraws, patches: int) -> Proposal:
+    """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010)."""
+    y, log_volume = proposal.levelling.level(draws.x)
+    mixture, cover = proposal.mixture, proposal.cover
     of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
-    for _ in range(stage.components - len(mixture.weights)):
-        short = log_posterior - proposal.combined(of_mixture, of_cover, log_volume, log_prior)
+    for _ in range(patches):
+        short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
         patch = _patch(y, short, cover)
         mixture = mixture.joined(patch, _PATCH_SHARE)
         of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
@@ -293,7 +307,7 @@ def _refitted(history: list[_Round], stage: Stage, rng: np.random.Generator) -> 
 
 
 def _patch(y: FloatArray, short: FloatArray, cover: StudentMixture) -> StudentMixture:
-    """A component where the proposal falls shortest of the posterior, shaped like the points around (Raftery and Bao 2010)."""
+    """A component at the point of the largest shortfall, shaped like the points around it."""
     worst = y[short.argmax()]
     distance = cover.square_distances(y - worst + cover.means[0])[0]
     near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]

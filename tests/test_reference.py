@@ -9,6 +9,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.hard_cases import hard_cases
+from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import importance_evidence
 from bayes_toe.proposal import fit_proposal
 from bayes_toe.quadrature import integrate
@@ -36,6 +37,17 @@ def test_evidence_agrees_within_four_standard_errors(name):
         return
     case = STORED["cases"][name]
     assert value == pytest.approx(case["log_evidence"], abs=4 * error + case["log_evidence_error"])
+
+
+@pytest.mark.parametrize("name", ["S01", "one order missing"])
+def test_error_bars_of_the_evidence_are_honest_over_a_hundred_seeds(name):
+    posterior, case = bt.Posterior(SUBJECTS[name]), STORED["cases"][name]
+    maxima = find_maxima(posterior)
+    estimates = [importance_evidence(fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima)) for seed in range(100)]
+    z = np.array([(value - case["log_evidence"]) / error for value, error, _ in estimates if value is not None])
+    assert len(z) >= 95
+    assert 0.8 < z.std(ddof=1) < 1.25
+    assert abs(z.mean()) < 0.4
 
 
 @pytest.mark.parametrize("name", sorted(STORED["cases"]))
