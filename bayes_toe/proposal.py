@@ -193,17 +193,18 @@ def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxi
     if _good(judged[0], promised):
         return judged[0]
     while len(judged) <= _REFITS and not _good(judged[-1], promised):
-        # The judging draws found what the fitting draws had missed: learn from them (and from all, where they are poor), judge again.
-        last = judged[-1]
-        if last.efficiency > _POOR:
-            proposal = _patched(last.proposal, last.draws, _PATCHES)
-        else:
-            history = [*history, _Round(last.proposal, last.draws, last.efficiency)]
-            proposal = _refitted(history, STAGES[1])
-        judged.append(_judged(proposal, rng, draws))
+        judged.append(_judged(_mended(judged[-1], history), rng, draws))
     # Chosen for its draws, a proposal must not be judged by the same draws: the evidence would be biased. Its tails are hard: more draws.
     chosen = judged[-1] if _good(judged[-1], promised) else max(judged, key=lambda fitted: fitted.efficiency)
     return _judged(chosen.proposal, rng, _HARD * draws)
+
+
+def _mended(fitted: FittedProposal, history: list[_Round]) -> Proposal:
+    """A proposal that has learnt from its judging draws what the fitting draws had missed; anew from all of them where it is poor."""
+    if fitted.efficiency > _POOR:
+        return _patched(fitted.proposal, fitted.draws, _PATCHES)
+    history.append(_Round(fitted.proposal, fitted.draws, fitted.efficiency))
+    return _refitted(history, STAGES[1])
 
 
 def _good(fitted: FittedProposal, promised: float) -> bool:
