@@ -181,10 +181,10 @@ def test_an_output_that_cannot_be_written_is_known_before_the_work(folder, place
 
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch, tmp_path):
-    # A limit of one pass, set from outside for this test only: the guessing observer cannot reach it.
+    # One pass and an R-hat that chance alone exceeds, set from outside for this test only.
     code = (
         "import sys, bayes_toe.sampling as s, bayes_toe.cli as c;"
-        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-1], 1);"
+        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-2], 1.000001, 1);"
         "sys.argv = ['bayes-toe', *sys.argv[1:]]; c.main()"
     )
     counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])

@@ -64,7 +64,7 @@ def test_imports_point_down(name):
         ("arviz", {"diagnostics"}),
         ("arviz_stats", {"diagnostics"}),
         ("xarray", {"draws"}),
-        ("joblib", {"parallel"}),
+        ("loky", {"parallel"}),
         ("typer", {"cli"}),
         ("jinja2", {"report"}),
     ],
