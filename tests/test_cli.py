@@ -60,7 +60,7 @@ def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
     assert text.index("Model evidence") < text.index('id="subject-1"')
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 1 + 2 * 2
+    assert text.count("data:image/png;base64,") == 3 + 2 * 2
     assert "synthetic data" not in text
 
 
