@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bayes_toe.draws import Draws
 from bayes_toe.ellipse import Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
-from bayes_toe.plots import COLUMN, EQUAL, LETTERS, PAGE, SMALL, dress, legend_below, new_figure, panel, plain
+from bayes_toe.plots import COLUMN, EQUAL, LETTERS, PAGE, SMALL, any_characters, dress, legend_below, new_figure, panel, plain
 from bayes_toe.subject_plot import answers_axes, central
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ MOST_INSETS = 8
 _ACROSS = 2
 #: How many times the range of the stimuli the map reaches beyond them at most; what lies farther out is named at its edge.
 _FARTHEST = 4.0
+#: Points from its subject beyond which a name is joined to it by a line.
+_LEADER = 9.0
 
 
 def map_axes(
@@ -73,7 +75,8 @@ def map_axes(
         _draw_subject(ax, found[name], centres[name], colours[name])
     ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
-    _write_names(ax, centres, labels)
+    with any_characters():
+        _write_names(ax, centres, labels)
     return ax
 
 
@@ -246,6 +249,9 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
         words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
         text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)
         _place(text, renderer, within, taken)
+        if np.hypot(*text.xyann) > _LEADER:
+            line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
+            ax.annotate("", tuple(shown[name]), text.xyann, textcoords="offset points", arrowprops=line, zorder=5)
         taken.append(text.get_window_extent(renderer))
         if beyond:
             ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
@@ -271,7 +277,7 @@ def _put(text: Any, place: tuple[float, float, str, str], renderer: Any) -> Any:
 
 def _places() -> Iterator[tuple[float, float, str, str]]:
     """Offsets in points with their alignment: right, left, above, below and between, then farther out."""
-    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0):
+    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0):
         near = 0.7 * away
         yield from (
             (away, 0.0, "left", "center"),

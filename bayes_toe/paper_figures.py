@@ -19,7 +19,19 @@ from bayes_toe.map_plot import map_figure, without_pointwise
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import whole_folder
 from bayes_toe.parallel import run_jobs
-from bayes_toe.plots import COLUMN, PAGE, SMALL, dress, evidence_axes, evidence_plane_axes, legend_above, new_figure, picture, plain
+from bayes_toe.plots import (
+    COLUMN,
+    PAGE,
+    SMALL,
+    any_characters,
+    dress,
+    evidence_axes,
+    evidence_plane_axes,
+    legend_above,
+    new_figure,
+    picture,
+    plain,
+)
 from bayes_toe.response_asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.study import Subject
 from bayes_toe.subject_plot import central, examples_figure
@@ -303,7 +315,8 @@ def write_figures(
 
 def _draw(job: _Drawing) -> dict[str, bytes]:
     figure = FIGURES[job.name](job.material)
-    figure.draw_without_rendering()
+    with any_characters():
+        figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that every format has it alike
     return {suffix: picture(figure, suffix, dpi=_DPI) for suffix in job.formats}
 

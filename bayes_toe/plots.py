@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -253,9 +254,10 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
         if at.any():
             ax.plot(*points[at].T, marker, ms=4.5, mfc="none", mew=1.1, color=colour, label=label)
     if len(points):
-        pad = 0.08 * max(float(np.ptp(points)), 1e-3)
+        pad = max(0.08 * float(np.ptp(points)), 0.02)
         limits = (float(points.min()) - pad, float(points.max()) + pad)
         ax.set(xlim=limits, ylim=limits)
+        ax.locator_params(nbins=6)
         legend_above(ax, columns=2)
     if len(points) < len(table.rows):
         said = f"{len(table.rows) - len(points)} without a reliable estimate"
@@ -302,13 +304,20 @@ def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     return buffer.getvalue()
 
 
+@contextmanager
+def any_characters() -> Iterator[None]:
+    """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        yield
+
+
 def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
     import matplotlib as mpl
 
     # Only in here: fonts as fonts, not as outlines, which some journals refuse; names in an SVG from its content, not from chance.
     settings: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "bayes_toe"}
-    with warnings.catch_warnings(), mpl.rc_context(settings):
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+    with any_characters(), mpl.rc_context(settings):
         figure.savefig(where, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
