@@ -81,9 +81,9 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
 
 
 def asymmetry_height(table: AsymmetryTable) -> float:
-    """Inches that a figure of :func:`asymmetry_axes` needs: rows of many comparisons are higher."""
-    most = max((len(row.comparisons) for row in table.rows), default=0)
-    return _MARGIN + _ROW * len(table.rows) * min(max(1.0, most / 5.0), 4.0)
+    """Inches that a figure of :func:`asymmetry_axes` needs: rows are higher where most subjects have many comparisons."""
+    usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0
+    return _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0)
 
 
 def _draw_row(ax: Axes, i: int, row: SubjectAsymmetry, level: float) -> None:
