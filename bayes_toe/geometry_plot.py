@@ -157,8 +157,10 @@ def gamma_figure(draws: Draws | None = None) -> Figure:
     figure = new_figure(PAGE, 2.4)
     for ax, quantity in zip(figure.subplots(1, 3), QUANTITIES, strict=True):
         gamma_axes(quantity, ax, subjects=subjects)
-    if subjects:
+    if draws is not None:
         legend_below(figure, size=SMALL)
+        if draws.synthetic:
+            figure.suptitle("synthetic data", fontsize=SMALL)
     return figure
 
 

@@ -242,7 +242,7 @@ def test_figures_of_the_bundled_study_are_legible(bundled, name):
     figure = FIGURES[name](material_of(bundled))
     require_legible(figure)
     assert figure.get_size_inches()[0] <= 7.0
-    assert any("synthetic" in text.get_text() for text in texts_of(figure)) or name == "figure_6_gamma"
+    assert any("synthetic" in text.get_text() for text in texts_of(figure))
 
 
 @pytest.mark.parametrize("case", ["one subject", "one order missing", "single pair", "400 pairs with 3 trials", "all equal"])
