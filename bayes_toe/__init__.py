@@ -44,6 +44,18 @@ _PLACES = {
     "curves": "plots",
     "evidence_figure": "plots",
     "save_figure": "plots",
+    "figures": "paper_figures",
+    "write_figures": "paper_figures",
+    "asymmetry_axes": "asymmetry_plot",
+    "order_axes": "asymmetry_plot",
+    "filter_axes": "filter_plot",
+    "answers_axes": "subject_plot",
+    "prior_axes": "subject_plot",
+    "collapse_axes": "subject_plot",
+    "map_axes": "map_plot",
+    "plane_axes": "geometry_plot",
+    "gamma_axes": "geometry_plot",
+    "mass_ellipse": "ellipse",
     "file_stems": "outputs",
     "equal_probability": "model",
     "BayesToeError": "errors",
@@ -59,12 +71,15 @@ if TYPE_CHECKING:
     from bayes_toe.api import run as run
     from bayes_toe.api import sample as sample
     from bayes_toe.api import settings_for as settings_for
+    from bayes_toe.asymmetry_plot import asymmetry_axes as asymmetry_axes
+    from bayes_toe.asymmetry_plot import order_axes as order_axes
     from bayes_toe.checks import check_study as check_study
     from bayes_toe.corner_plot import corner as corner
     from bayes_toe.covariates import covariate_tests as covariate_tests
     from bayes_toe.covariates import read_covariates as read_covariates
     from bayes_toe.draws import Draws as Draws
     from bayes_toe.draws import load as load
+    from bayes_toe.ellipse import mass_ellipse as mass_ellipse
     from bayes_toe.errors import BayesToeError as BayesToeError
     from bayes_toe.errors import ConvergenceWarning as ConvergenceWarning
     from bayes_toe.errors import InputError as InputError
@@ -72,11 +87,17 @@ if TYPE_CHECKING:
     from bayes_toe.example import example_study as example_study
     from bayes_toe.example import example_truth as example_truth
     from bayes_toe.files import read_study as read_study
+    from bayes_toe.filter_plot import filter_axes as filter_axes
     from bayes_toe.fit_table import FitTable as FitTable
     from bayes_toe.fit_table import fit as fit
+    from bayes_toe.geometry_plot import gamma_axes as gamma_axes
+    from bayes_toe.geometry_plot import plane_axes as plane_axes
+    from bayes_toe.map_plot import map_axes as map_axes
     from bayes_toe.model import equal_probability as equal_probability
     from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
     from bayes_toe.outputs import file_stems as file_stems
+    from bayes_toe.paper_figures import figures as figures
+    from bayes_toe.paper_figures import write_figures as write_figures
     from bayes_toe.plots import curves as curves
     from bayes_toe.plots import evidence_figure as evidence_figure
     from bayes_toe.plots import save_figure as save_figure
@@ -87,6 +108,9 @@ if TYPE_CHECKING:
     from bayes_toe.response_asymmetry import asymmetry as asymmetry
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
+    from bayes_toe.subject_plot import answers_axes as answers_axes
+    from bayes_toe.subject_plot import collapse_axes as collapse_axes
+    from bayes_toe.subject_plot import prior_axes as prior_axes
     from bayes_toe.uncertainty import compare_intervals as compare_intervals
 
 

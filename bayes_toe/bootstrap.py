@@ -7,12 +7,12 @@ corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff. All replicates are fitted in on
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.coordinates import NATURAL, Natural
+from bayes_toe.ellipse import Ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.fits import EDGES, Fits, join
 from bayes_toe.maximum_likelihood import Counts, Design, fit_counts, fit_subject
@@ -30,20 +30,6 @@ _SINGULAR = 1e-10
 #: Starts of a replicate: offset in widths, pull as a share of the largest. With these, one replicate in 33,000 (33 subjects, bundled, hard
 #: and real) stayed below the best of 96 starts.
 _AROUND = ((0.02, 0.005), (0.25, 0.03), (0.5, 0.3), (0.25, 0.95))
-
-
-class Ellipse(NamedTuple):
-    """Level curve of a normal distribution in (mu1, sigma_p), natural-log intensity: centre, half axes, angle of the first (radians)."""
-
-    centre: FloatArray
-    half_axes: FloatArray
-    angle: float
-
-    def outline(self, points: int = 100) -> FloatArray:
-        """Closed curve, shape (points, 2)."""
-        t = np.linspace(0.0, 2.0 * np.pi, points)
-        turn = np.array([[np.cos(self.angle), -np.sin(self.angle)], [np.sin(self.angle), np.cos(self.angle)]])
-        return np.asarray(self.centre + (np.stack([np.cos(t), np.sin(t)], axis=-1) * self.half_axes) @ turn.T)
 
 
 @dataclass(frozen=True, eq=False)

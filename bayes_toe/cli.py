@@ -253,6 +253,53 @@ def fit(
 
 
 @app.command()
+def figures(
+    study: Annotated[Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts; none means the bundled example.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")] = Path("figures"),
+    subject: Annotated[
+        list[str] | None,
+        typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
+    ] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
+    seed: Seed = None,
+    draws: DrawCount = 4000,
+    workers: Workers = None,
+    intensity: Intensity = None,
+    equal_code: EqualCode = None,
+    different_code: DifferentCode = None,
+    columns: Columns = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """The paper's figures of a study, with captions: 1C, 2 to 6 and Appendix C's.
+
+    [bold]Example[/bold]: bayes-toe figures study.csv -o figures --subject S06 --subject S04 --seed 1
+    """
+    with _problems_as_lines():
+        from bayes_toe.api import run as analyse
+        from bayes_toe.api import settings_for
+        from bayes_toe.example import example_study
+        from bayes_toe.outputs import require_folder
+        from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
+
+        chosen = ["pdf", "png"] if formats is None else formats
+        require_folder(output, products(chosen), overwrite=overwrite)
+        read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
+        if subject is not None:
+            require_subjects(subject, read.names)
+        console = _console(quiet)
+        _say_study(console, read)
+        settings = settings_for(draws=draws, seed=seed)
+        with _progress(console, "sampling", len(read)) as tick:
+            analysis = analyse(read, settings, workers=workers, progress=tick)
+        _say_draws(console, analysis.draws)
+        with _progress(console, "drawing", len(FIGURES)) as tick:
+            write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=overwrite, workers=workers, progress=tick)
+        console.print(f"seed {settings.seed}; figures and captions in [bold]{_safe(output)}[/bold]", highlight=False)
+        _exit_for(analysis.draws)
+
+
+@app.command()
 def corner(
     posterior: Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for one PNG a subject.")] = Path("corner"),

@@ -196,6 +196,56 @@ def predictive_check(posterior: Posterior, x: npt.ArrayLike, seed: int) -> Predi
     return PredictiveCheck(expected / len(points), fewer / len(points), more / len(points), share, error)
 
 
+@dataclass(frozen=True)
+class FitSummary:
+    """Goodness of fit of one subject in a few numbers, for tables.
+
+    Attributes
+    ----------
+    deviance : float
+        Smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood.
+    degrees_of_freedom : int
+        Pairs less the four parameters.
+    p_overall, p_overall_se : float
+        Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
+    worst_p : float
+        Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
+    worst_pair : tuple of float
+        That pair, (s1, s2) in natural-log intensity.
+    """
+
+    deviance: float
+    degrees_of_freedom: int
+    p_overall: float
+    p_overall_se: float
+    worst_p: float
+    worst_pair: tuple[float, float]
+
+
+def summarise_fit(posterior: Posterior, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+    """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, 4), unconstrained.
+
+    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.
+
+    Raises
+    ------
+    NumericalError
+        If draws have another shape or hold a NaN.
+    """
+    points, subject = _require_points(x), posterior.subject
+    check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
+    best = int(np.argmax(posterior.parts(points).log_likelihood))
+    worst = int(np.argmin(check.p_value))
+    return FitSummary(
+        float(deviance(posterior, points[best : best + 1]).sum()),
+        subject.n_pairs - PARAMETERS,
+        check.p_overall,
+        check.p_overall_se,
+        float(check.p_value[worst]),
+        (float(subject.s1[worst]), float(subject.s2[worst])),
+    )
+
+
 def binomial_tails(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, q: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """P(N <= k) and P(N >= k) for N ~ Binomial(n, q); `rest` is 1 - q. Arguments broadcast.
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -36,6 +37,9 @@ POSTERIOR = "#0072B2"
 #: Panels of one weaker stimulus each, beyond which curves give way to the normalised distance.
 _MAX_PANELS = 6
 _CURVE_DRAWS = 600
+#: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
+COLUMN, PAGE = 3.4, 7.0
+SMALL, LETTERS = 7.0, 8.0
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
@@ -75,7 +79,7 @@ def curves(draws: Draws, subject: str) -> Figure:
         for ax in panels.ravel()[len(weaker) :]:
             ax.remove()
         figure.supylabel("P('equal')", fontsize=10)
-    _legend_below(figure)
+    legend_below(figure)
     figure.suptitle(plain(subject) + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
     return figure
 
@@ -86,7 +90,7 @@ def thinned(theta: Natural) -> Natural:
     return Natural(*(values.ravel()[::every, None] for values in theta))
 
 
-def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, title: bool = False) -> Axes:
+def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, title: bool = False, size: float = 5.5) -> Axes:
     """Both orders of all pairs with one weaker stimulus, over the stronger one; as in Fig. 3, upper row.
 
     Parameters
@@ -99,6 +103,8 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
         The weaker stimulus, natural-log intensity.
     title : bool
         Whether to name the weaker stimulus above the panel.
+    size : float
+        Of the marks, points.
     """
     shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
     top = max(float(np.maximum(counts.s1, counts.s2)[shown].max()), weaker + 1e-9)
@@ -112,8 +118,8 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
     for s1, s2, of_kind, colour, marker, label in kinds:
         at = shown & of_kind
         if at.any():
-            _draw_band(ax, x, equal_probability(s1, s2, *theta), colour)
-            _draw_points(ax, np.maximum(counts.s1, counts.s2)[at], counts, at, _Mark(colour, marker, label))
+            _draw_band(ax, x, equal_probability(s1, s2, *theta), colour, 0.3 * size)
+            _draw_points(ax, np.maximum(counts.s1, counts.s2)[at], counts, at, _Mark(colour, marker, label, size))
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
         ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
@@ -143,12 +149,13 @@ class _Mark:
     colour: str
     marker: str
     label: str
+    size: float = 5.5
 
 
-def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str) -> None:
+def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
     for low, high, opacity in _BANDS:
         ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
-    ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
+    ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
 def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bool_], mark: _Mark) -> None:
@@ -157,14 +164,33 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bo
     q = (k + 1.0) / (n + 2.0)
     error = np.sqrt(q * (1.0 - q) / (n + 3.0))
     crowded = len(counts.s1) > 60
-    style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": 5.5, "elinewidth": 1.2}
+    style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": mark.size, "elinewidth": mark.size / 4.6}
     ax.errorbar(x, q, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style)
 
 
-def _legend_below(figure: Figure) -> None:
-    """One legend for the figure, outside the panels: points may be anywhere in them."""
+def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> None:
+    """One legend for the figure, outside the panels: points may be anywhere in them. Size of letters in points."""
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=10)
+    style: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2} if size <= LETTERS else {}
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=size, **style)
+
+
+def legend_above(ax: Axes, *, columns: int = 1) -> None:
+    """One legend for a panel, above it, in small letters; estimates with error bars come first."""
+    pairs = _main_first(ax)
+    ax.legend(
+        [handle for handle, _ in pairs],
+        [label for _, label in pairs],
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=columns,
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.3,
+        columnspacing=1.0,
+        borderaxespad=0.2,
+        labelspacing=0.25,
+    )
 
 
 def _main_first(ax: Axes) -> list[tuple[Any, str]]:
@@ -189,7 +215,7 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     axes = evidence_axes(figure.subplots(), table)
     if synthetic:
         axes.set_title("synthetic data", fontsize=10, loc="right")
-    _legend_below(figure)
+    legend_below(figure)
     return figure
 
 
@@ -213,6 +239,34 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     return ax
 
 
+def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
+    """Log evidence of H1 (upward) against H0 (to the right), one point a subject, as the paper's figure in Appendix C.
+
+    Per trial, so that studies and subjects of any length share one scale; above the diagonal the predictive update is favoured.
+    Subjects without a reliable estimate are left out and counted in the panel.
+    """
+    ax = panel(ax, high=COLUMN)
+    known = [(row.log_evidence_h0, row.log_evidence_h1, row.n_trials) for row in table.rows if row.log_evidence_h1 is not None]
+    points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(-1, 2)
+    ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
+    for favoured, colour, marker, label in ((True, POSTERIOR, "o", "H1 favoured"), (False, WEAKER_FIRST, "s", "H0 favoured")):
+        at = (points[:, 1] > points[:, 0]) == favoured
+        if at.any():
+            ax.plot(*points[at].T, marker, ms=4.5, mfc="none", mew=1.1, color=colour, label=label)
+    if len(points):
+        pad = max(0.08 * float(np.ptp(points)), 0.02)
+        limits = (float(points.min()) - pad, float(points.max()) + pad)
+        ax.set(xlim=limits, ylim=limits)
+        ax.locator_params(nbins=6)
+        legend_above(ax, columns=2)
+    if len(points) < len(table.rows):
+        said = f"{len(table.rows) - len(points)} without a reliable estimate"
+        ax.text(0.98, 0.03, said, transform=ax.transAxes, ha="right", va="bottom", fontsize=SMALL, color=EQUAL)
+    ax.set_aspect("equal")
+    ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
+    return dress(ax)
+
+
 def _say_missing(ax: Axes, rows: Sequence[Any], value: FloatArray, laplace: FloatArray) -> None:
     """A subject without an estimate gets words in its row, not an empty line."""
     for i in range(len(rows)):
@@ -224,13 +278,47 @@ def _say_missing(ax: Axes, rows: Sequence[Any], value: FloatArray, laplace: Floa
 # --- files --------------------------------------------------------------------------------------------------------------------------
 
 
+#: What would differ from one writing to the next, by format.
+_UNDATED: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    "svg": {"Date": None, "Creator": None},
+}
+
+
 def png(figure: Figure, *, dpi: int = 150) -> bytes:
     """A figure as PNG; characters that the font lacks are drawn as boxes without a warning."""
+    return picture(figure, "png", dpi=dpi)
+
+
+def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
+    """A figure as the content of a file; without dates or random names, so that the same figure gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If matplotlib knows no such format.
+    """
     buffer = io.BytesIO()
+    _write(figure, buffer, _require_suffix(f"figure.{suffix}"), dpi)
+    return buffer.getvalue()
+
+
+@contextmanager
+def any_characters() -> Iterator[None]:
+    """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return buffer.getvalue()
+        yield
+
+
+def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
+    import matplotlib as mpl
+
+    # Only in here: fonts as fonts, not as outlines, which some journals refuse; names in an SVG from its content, not from chance.
+    settings: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "bayes_toe"}
+    with any_characters(), mpl.rc_context(settings):
+        figure.savefig(where, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
 def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200) -> Path:
@@ -243,10 +331,9 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dp
     InputError
         If matplotlib knows no such format.
     """
-    _require_format(path)
-    with whole_file(path, overwrite=overwrite) as target, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        figure.savefig(target, dpi=dpi)
+    suffix = _require_suffix(path)
+    with whole_file(path, overwrite=overwrite) as target:
+        _write(figure, target, suffix, dpi)
     return Path(path)
 
 
@@ -260,16 +347,17 @@ def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
     InputError
         If matplotlib knows no such format.
     """
-    _require_format(path)
+    _require_suffix(path)
     require_writable(path, overwrite=overwrite)
 
 
-def _require_format(path: str | Path) -> None:
+def _require_suffix(path: str | Path) -> str:
     from matplotlib.backend_bases import FigureCanvasBase
 
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+    return suffix
 
 
 def new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
@@ -277,3 +365,19 @@ def new_figure(wide: float, high: float, layout: Literal["constrained"] | None =
     from matplotlib.figure import Figure
 
     return Figure(figsize=(wide, high), layout=layout)
+
+
+def panel(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
+    """The Axes given, or those of a new figure of so many inches."""
+    return new_figure(wide, high).subplots() if ax is None else ax
+
+
+def dress(ax: Axes) -> Axes:
+    """Letters and lines of a panel as a journal prints them: 7 points for numbers, 8 for words, no box."""
+    ax.tick_params(labelsize=SMALL, width=0.6, length=2.5, pad=2.0)
+    for text in (ax.xaxis.label, ax.yaxis.label, ax.title):
+        text.set_fontsize(LETTERS)
+    for side, spine in ax.spines.items():
+        spine.set_linewidth(0.6)
+        spine.set_visible(side in ("left", "bottom"))
+    return ax

@@ -13,9 +13,11 @@ import numpy as np
 
 from bayes_toe.api import Analysis
 from bayes_toe.checks import Finding, check_study
+from bayes_toe.goodness_of_fit import FitSummary
 from bayes_toe.model_evidence import SubjectEvidence
 from bayes_toe.outputs import whole_file
 from bayes_toe.prior import Prior
+from bayes_toe.response_asymmetry import LEVEL, AsymmetryTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,11 +30,22 @@ _LITTLE_LEARNT = 0.5
 
 @dataclass(frozen=True)
 class Pictures:
-    """PNG figures of a report: the evidence of all subjects, and per subject its curves and its corner plot."""
+    """PNG figures of a report: evidence, asymmetry (may be empty) and map of all subjects; per subject its curves and its corner plot."""
 
     evidence: bytes
+    asymmetry: bytes
+    map: bytes
     curves: Mapping[str, bytes]
     corner: Mapping[str, bytes]
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What a report says besides the analysis: summary of the draws, model-free asymmetries, goodness of fit by subject."""
+
+    summary: pd.DataFrame
+    asymmetry: AsymmetryTable
+    fits: Mapping[str, FitSummary]
 
 
 def verdict(row: SubjectEvidence) -> str:
@@ -70,25 +83,25 @@ def prior_spread(prior: Prior) -> dict[str, float]:
     return {"mu1": prior.mu1_sd, "sigma_p": prior.sigma_p_scale * (1.0 - 2.0 / np.pi) ** 0.5, "gamma": uniform, "q0": uniform}
 
 
-def write_report(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures, path: str | Path, *, overwrite: bool = False) -> Path:
+def write_report(analysis: Analysis, facts: Facts, pictures: Pictures, path: str | Path, *, overwrite: bool = False) -> Path:
     """Render the report to `path`, whole or not at all."""
-    text = render(analysis, summary, pictures)
+    text = render(analysis, facts, pictures)
     with whole_file(path, overwrite=overwrite) as target:
         target.write_text(text, encoding="utf-8")
     return Path(path)
 
 
-def render(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures) -> str:
+def render(analysis: Analysis, facts: Facts, pictures: Pictures) -> str:
     """The report as HTML; every text from outside is escaped by the template engine."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(number=_number, data_uri=_data_uri)
+    environment.filters.update(number=_number, signed=_signed, p_value=_p_value, data_uri=_data_uri)
     source = (files("bayes_toe") / "templates" / "report.html").read_text(encoding="utf-8")
-    return environment.from_string(source).render(_context(analysis, summary, pictures))
+    return environment.from_string(source).render(_context(analysis, facts, pictures))
 
 
-def _context(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures) -> dict[str, Any]:
+def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, Any]:
     findings = check_study(analysis.study)
     rows = [(row, verdict(row)) for row in analysis.evidence]
     return {
@@ -99,22 +112,24 @@ def _context(analysis: Analysis, summary: pd.DataFrame, pictures: Pictures) -> d
         "undecided": UNDECIDED,
         "not_converged": analysis.draws.not_converged,
         "study_findings": [finding for finding in findings if finding.subject == ""],
-        "evidence_picture": pictures.evidence,
-        "subjects": [_subject_context(analysis, summary, pictures, index, findings) for index in range(len(analysis.study))],
+        "pictures": pictures,
+        "effects": [(row, facts.fits[row.subject]) for row in facts.asymmetry],
+        "population": facts.asymmetry.population(),
+        "asymmetry_notes": facts.asymmetry.notes,
+        "level": LEVEL,
+        "subjects": [_subject_context(analysis, facts, pictures, index, findings) for index in range(len(analysis.study))],
     }
 
 
-def _subject_context(
-    analysis: Analysis, summary: pd.DataFrame, pictures: Pictures, index: int, findings: Sequence[Finding]
-) -> dict[str, Any]:
+def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index: int, findings: Sequence[Finding]) -> dict[str, Any]:
     counts = analysis.study.subjects[index]
     name = counts.name
     stats = analysis.draws.group("sample_stats").sel(subject=name)
-    row = analysis.evidence[name]
+    row, fit = analysis.evidence[name], facts.fits[name]
     return {
         "anchor": f"subject-{index + 1}",
         "counts": counts,
-        "parameters": summary[summary["subject"] == name].to_dict("records"),
+        "parameters": facts.summary[facts.summary["subject"] == name].to_dict("records"),
         "curves": pictures.curves[name],
         "corner": pictures.corner[name],
         "shortfall": analysis.draws.not_converged.get(name, ""),
@@ -125,6 +140,10 @@ def _subject_context(
             "steps of each walker": _kept(analysis, int(stats["steps"]), int(stats["thin"])),
             "proposal efficiency": f"{row.efficiency:.2f}",
             "Pareto k-hat": f"{row.pareto_k:.2f}",
+            "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
+            "predictive p": _p_value(fit.p_overall),
+            "predictive p, worst pair": _p_value(fit.worst_p),
+            "worst pair (s1, s2)": f"({fit.worst_pair[0]:.3g}, {fit.worst_pair[1]:.3g})",
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
         "prior_dominated": prior_dominated(analysis, name),
@@ -139,6 +158,22 @@ def _kept(analysis: Analysis, steps: int, thin: int) -> str:
 def _number(value: float | None, digits: int = 2) -> str:
     """A number for a table; a dash where there is none."""
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}".replace("-", "−")
+
+
+def _signed(value: float, digits: int = 2) -> str:
+    """A number for a table, with its sign."""
+    return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def _p_value(value: float) -> str:
+    """A p-value for a table.
+
+    Examples
+    --------
+    >>> _p_value(0.0), _p_value(0.0123), _p_value(0.5)
+    ('< 0.001', '0.012', '0.50')
+    """
+    return "< 0.001" if value < 0.001 else f"{value:.2g}" if value < 0.095 else f"{value:.2f}"
 
 
 def _data_uri(picture: bytes) -> str:

@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from bayes_toe.api import Analysis
+from bayes_toe.asymmetry_plot import asymmetry_axes, asymmetry_height
+from bayes_toe.coordinates import Natural, unconstrained
 from bayes_toe.corner_plot import corner
 from bayes_toe.draws import Draws
+from bayes_toe.goodness_of_fit import FitSummary, summarise_fit
+from bayes_toe.map_plot import study_map_axes, without_pointwise
+from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import file_stems, whole_folder, write_table
 from bayes_toe.parallel import run_jobs
-from bayes_toe.plots import curves, evidence_figure, png
+from bayes_toe.plots import curves, evidence_figure, new_figure, png
+from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
-from bayes_toe.report import Pictures, write_report
+from bayes_toe.report import Facts, Pictures, write_report
+from bayes_toe.response_asymmetry import AsymmetryTable, subject_asymmetry
 
 Progress = Callable[[str], None]
 Truth = Mapping[str, Mapping[str, float]]
@@ -31,7 +41,24 @@ class _Drawing:
     coordinates: str
     prior: Prior | None
     truth: Mapping[str, float] | None
-    with_curves: bool
+    for_report: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Corner plot and, for a report, fitted curves and goodness of fit of one subject."""
+
+    corner: bytes
+    curves: bytes = b""
+    fit: FitSummary | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Overview:
+    """A picture of all subjects, by the function that draws it and what that takes."""
+
+    draw: Callable[[Any], bytes]
+    material: Any
 
 
 def write_results(
@@ -68,14 +95,15 @@ def write_results(
         summary = analysis.draws.summary()
         write_table(summary, target / "summary.csv")
         analysis.evidence.save(target / "evidence.csv")
-        prior = analysis.settings.prior
-        jobs = [_drawing(analysis.draws, name, prior=prior, truth=truth, with_curves=True) for name in names]
-        drawn = _draw_all(jobs, workers, progress)
-        corners = {name: pictures[0] for name, pictures in drawn.items()}
+        asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
+        jobs = [_drawing(analysis.draws, name, prior=analysis.settings.prior, truth=truth, for_report=True) for name in names]
+        drawn, overviews = _draw_all(jobs, _overviews(analysis, asymmetry), workers, progress)
+        corners = {name: found.corner for name, found in drawn.items()}
         write_corners(corners, target / "corner", corner_files(analysis.draws, names))
-        overview = png(evidence_figure(analysis.evidence, synthetic=analysis.study.synthetic))
-        pictures = Pictures(overview, {name: found[1] for name, found in drawn.items()}, corners)
-        write_report(analysis, summary, pictures, target / "report.html")
+        evidence, effects, subjects_map = overviews
+        pictures = Pictures(evidence, effects, subjects_map, {name: found.curves for name, found in drawn.items()}, corners)
+        facts = Facts(summary, asymmetry, {name: found.fit for name, found in drawn.items() if found.fit is not None})
+        write_report(analysis, facts, pictures, target / "report.html")
     return Path(folder)
 
 
@@ -89,7 +117,7 @@ def draw_corners(
 ) -> dict[str, bytes]:
     """Corner plots of some subjects as PNG, by subject."""
     jobs = [_drawing(draws, name, coordinates=coordinates) for name in subjects]
-    return {name: pictures[0] for name, pictures in _draw_all(jobs, workers, progress).items()}
+    return {name: found.corner for name, found in _draw_all(jobs, (), workers, progress)[0].items()}
 
 
 def write_corners(pictures: Mapping[str, bytes], folder: Path, files: Mapping[str, str]) -> None:
@@ -112,21 +140,69 @@ def _drawing(
     coordinates: str = "natural",
     prior: Prior | None = None,
     truth: Truth | None = None,
-    with_curves: bool = False,
+    for_report: bool = False,
 ) -> _Drawing:
     of_subject = None if truth is None else truth.get(subject)
-    return _Drawing(draws.select(subject), subject, coordinates, prior, of_subject, with_curves)
+    return _Drawing(draws.select(subject), subject, coordinates, prior, of_subject, for_report)
 
 
-def _draw_all(jobs: Sequence[_Drawing], workers: int | None, progress: Progress | None) -> dict[str, tuple[bytes, bytes]]:
-    drawn: dict[int, tuple[bytes, bytes]] = {}
-    for index, pictures in run_jobs(_draw_one, jobs, workers):
-        drawn[index] = pictures
-        if progress is not None:
-            progress(jobs[index].subject)
-    return {job.subject: drawn[index] for index, job in enumerate(jobs)}
+def _overviews(analysis: Analysis, asymmetry: AsymmetryTable) -> tuple[_Overview, _Overview, _Overview]:
+    """Evidence, asymmetry and map, in the order of :class:`Pictures`."""
+    return (
+        _Overview(_draw_evidence, (analysis.evidence, analysis.study.synthetic)),
+        _Overview(_draw_asymmetry, asymmetry),
+        _Overview(_draw_map, without_pointwise(analysis.draws)),
+    )
 
 
-def _draw_one(job: _Drawing) -> tuple[bytes, bytes]:
-    figure = corner(job.draws, job.subject, coordinates=job.coordinates, truths=job.truth, prior=job.prior)
-    return png(figure, dpi=110), png(curves(job.draws, job.subject), dpi=120) if job.with_curves else b""
+def _draw_all(
+    jobs: Sequence[_Drawing], overviews: Sequence[_Overview], workers: int | None, progress: Progress | None
+) -> tuple[dict[str, _Drawn], list[bytes]]:
+    """Every subject's pictures by name, and the overviews in their order."""
+    drawn: dict[int, _Drawn] = {}
+    wide: dict[int, bytes] = {}
+    everything: list[_Drawing | _Overview] = [*overviews, *jobs]
+    for index, found in run_jobs(_draw, everything, workers):
+        if isinstance(found, _Drawn):
+            drawn[index - len(overviews)] = found
+            if progress is not None:
+                progress(jobs[index - len(overviews)].subject)
+        else:
+            wide[index] = found
+    return {job.subject: drawn[index] for index, job in enumerate(jobs)}, [wide[index] for index in range(len(overviews))]
+
+
+def _draw(job: _Drawing | _Overview) -> _Drawn | bytes:
+    return job.draw(job.material) if isinstance(job, _Overview) else _draw_one(job)
+
+
+def _draw_one(job: _Drawing) -> _Drawn:
+    picture = png(corner(job.draws, job.subject, coordinates=job.coordinates, truths=job.truth, prior=job.prior), dpi=110)
+    if not job.for_report:
+        return _Drawn(picture)
+    return _Drawn(picture, png(curves(job.draws, job.subject), dpi=120), _fit(job.draws, job.subject))
+
+
+def _fit(draws: Draws, subject: str) -> FitSummary:
+    posterior = Posterior(draws.subject(subject), draws.prior)
+    theta = Natural(*map(np.ravel, draws.natural(subject)))
+    return summarise_fit(posterior, unconstrained(theta, posterior.sbar), draws.seed)
+
+
+def _draw_evidence(material: tuple[EvidenceTable, bool]) -> bytes:
+    return png(evidence_figure(material[0], synthetic=material[1]))
+
+
+def _draw_asymmetry(table: AsymmetryTable) -> bytes:
+    """Empty where no pair was presented in both orders."""
+    if not any(row.comparisons for row in table):
+        return b""
+    figure = new_figure(4.8, asymmetry_height(table))
+    asymmetry_axes(table, figure.subplots())
+    return png(figure, dpi=120)
+
+
+def _draw_map(draws: Draws) -> bytes:
+    figure = new_figure(5.4, 4.0)
+    study_map_axes(draws, figure.subplots())
+    return png(figure, dpi=120)

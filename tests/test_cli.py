@@ -60,7 +60,10 @@ def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
     assert text.index("Model evidence") < text.index('id="subject-1"')
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 1 + 2 * 2
+    assert text.count("data:image/png;base64,") == 3 + 2 * 2
+    assert "Order effect without a model, and fit of the model" in text
+    assert "largest asymmetry is positive for" in " ".join(text.split())
+    assert text.count("predictive p, worst pair") == 2
     assert "synthetic data" not in text
 
 
@@ -134,6 +137,32 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
     assert "not determined by these answers: sigma_p, sigma_l, q0" in done.stdout
     row = pd.read_csv(tmp_path / "fit.csv", dtype=str, keep_default_na=False).iloc[0]
     assert (row.at_edge, row.sigma_p, row.sigma_l_upper) == ("not unique", "", "")
+
+
+def test_figures_of_chosen_subjects_in_one_format(folder):
+    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300"]
+    done = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}
+    assert "captions.md" in made
+    assert len(made) == 8
+    assert all(name.endswith(".svg") for name in made - {"captions.md"})
+    assert "Subjects B." in (folder / "pictures" / "captions.md").read_text(encoding="utf-8")
+    again = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
+    assert again.returncode == 2
+    assert "overwrite" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "said"), [(("--subject", "Z"), "no subject 'Z'"), (("--format", "gif"), "allowed: pdf, png, svg")], ids=["subject", "format"]
+)
+def test_figures_refuse_before_the_work(folder, option, said):
+    done = call("figures", "study.csv", "-o", "none", *option, cwd=folder)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert not (folder / "none").exists()
 
 
 def test_simulate_then_check_then_quiet(tmp_path):
@@ -217,7 +246,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in ("run", "sample", "evidence", "asymmetry", "fit", "corner", "simulate", "check"):
+    for command in ("run", "sample", "evidence", "asymmetry", "fit", "figures", "corner", "simulate", "check"):
         done = call(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example

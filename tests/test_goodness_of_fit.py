@@ -164,3 +164,18 @@ def test_real_draws_of_a_subject(analysis):
         check = gof.predictive_check(posterior, x, seed=1)
         assert check.p_overall > 0.05
         assert check.p_value.min() > 0.05
+
+
+def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
+    posterior = bt.Posterior(small_study["B"])
+    x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
+    found = gof.summarise_fit(posterior, x, seed=3, most=len(x))
+    check = gof.predictive_check(posterior, x, seed=3)
+    assert (found.p_overall, found.p_overall_se) == (check.p_overall, check.p_overall_se)
+    assert found.worst_p == check.p_value.min()
+    at = int(np.argmin(check.p_value))
+    assert found.worst_pair == (posterior.subject.s1[at], posterior.subject.s2[at])
+    assert found.deviance == pytest.approx(gof.deviance(posterior, x).sum(axis=1).min())
+    best = min(gof.fit_at(posterior, start).deviance for start in find_maxima(posterior).x)
+    assert best - 0.2 < found.deviance < best + 0.1
+    assert found.degrees_of_freedom == 9

@@ -13,8 +13,9 @@ LAYERS = [
     ["__main__"],
     ["cli"],
     ["results"],
-    ["report"],
-    ["corner_plot"],
+    ["report", "paper_figures"],
+    ["corner_plot", "map_plot"],
+    ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot"],
     ["plots"],
     ["api", "example", "recipes", "uncertainty"],
     ["draws"],
@@ -28,7 +29,7 @@ LAYERS = [
     ["posterior", "maximum_likelihood"],
     ["prior", "geometry", "likelihood", "fits"],
     ["coordinates", "newton", "frequencies", "filtering"],
-    ["model", "study", "seeds", "exact_test", "perception"],
+    ["model", "study", "ellipse", "seeds", "exact_test", "perception"],
     ["errors"],
 ]
 DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
@@ -59,7 +60,10 @@ def test_imports_point_down(name):
     ("library", "owners"),
     [
         ("emcee", {"sampling"}),
-        ("matplotlib", {"plots", "corner_plot"}),
+        (
+            "matplotlib",
+            {"plots", "corner_plot", "map_plot", "subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot", "paper_figures"},
+        ),
         ("corner", {"corner_plot"}),
         ("arviz", {"diagnostics"}),
         ("arviz_stats", {"diagnostics"}),
