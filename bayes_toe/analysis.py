@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from bayes_toe.fit_table import SubjectFit, subject_fit
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
 from bayes_toe.parallel import run_jobs
@@ -38,7 +39,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """What was asked for of one subject, None for the rest; values per pair are left out of large studies.
+    """What was asked for of one subject, None for the rest; the fit comes with the evidence, values per pair only with small studies.
 
     `efficiency` and `pareto_k` tell how good the fitted proposal is.
     """
@@ -47,6 +48,7 @@ class SubjectResult:
     efficiency: float
     pareto_k: float
     evidence: SubjectEvidence | None
+    fit: SubjectFit | None
     chains: Chains | None
     pointwise: Pointwise | None
 
@@ -86,11 +88,13 @@ def _analyse_subject(job: _Job) -> SubjectResult:
     maxima = find_maxima(posterior)
     fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
     chains = sample_chains(fitted, job.settings.sampler, seed) if job.with_chains else None
+    fit = subject_fit(subject, posterior.prior, seed=seed) if job.with_evidence else None
     return SubjectResult(
         subject=subject,
         efficiency=fitted.efficiency,
         pareto_k=fitted.pareto_k,
-        evidence=subject_evidence(maxima, fitted, seed) if job.with_evidence else None,
+        evidence=None if fit is None else subject_evidence(maxima, fitted, fit.bootstrap),
+        fit=fit,
         chains=chains,
         pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,
     )

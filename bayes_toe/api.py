@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from bayes_toe.analysis import Settings, SubjectResult, analyse
 from bayes_toe.draws import Draws, build_draws
 from bayes_toe.errors import ConvergenceWarning
+from bayes_toe.fit_table import REPLICATES, FitTable
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import SamplerSettings
@@ -16,16 +17,18 @@ from bayes_toe.seeds import root_seed
 from bayes_toe.study import Study
 
 Progress = Callable[[str], None]
+_LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them."""
+    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits."""
 
     study: Study
     draws: Draws
     evidence: EvidenceTable
     settings: Settings
+    fits: FitTable
 
 
 def settings_for(*, draws: int = 4000, seed: int | None = None, prior: Prior | None = None) -> Settings:
@@ -47,7 +50,8 @@ def run(study: Study, settings: Settings, *, workers: int | None = None, progres
         Called with a subject's name when that subject is done.
     """
     results = analyse(study, settings, workers=workers, progress=progress)
-    return Analysis(study, build_draws(study, results, settings), _table(results, settings), settings)
+    fits = FitTable(tuple(r.fit for r in results if r.fit is not None), _LEVEL, REPLICATES, settings.seed)
+    return Analysis(study, build_draws(study, results, settings), _table(results, settings), settings, fits)
 
 
 def draw(study: Study, settings: Settings, *, workers: int | None = None, progress: Progress | None = None) -> Draws:

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Bootstrap replicates of a subject, as many as in the paper.
+REPLICATES = 1000
+
 FIT_COLUMNS = (
     *("subject", *NATURAL, "log_likelihood", "at_edge"),
     *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
@@ -112,7 +115,7 @@ class _Job:
 def fit(
     study: Study,
     *,
-    replicates: int = 1000,
+    replicates: int = REPLICATES,
     level: float = 0.95,
     seed: int | None = None,
     prior: Prior | None = None,
@@ -162,10 +165,15 @@ def fit(
 
 
 def _fit_one(job: _Job) -> SubjectFit:
-    fitted = fit_subject(job.subject, job.prior)
-    replicates = bootstrap_subject(job.subject, seed=job.seed, prior=job.prior, replicates=job.replicates, fitted=fitted)
+    return subject_fit(job.subject, job.prior, seed=job.seed, replicates=job.replicates)
+
+
+def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:
+    """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
+    fitted = fit_subject(subject, prior)
+    made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
     notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
     open_ = [name for name, value in zip(NATURAL, fitted.parameters[0], strict=True) if np.isnan(value)]
     if open_:
         notes.append(f"not determined by these answers: {', '.join(open_)}")
-    return SubjectFit(job.subject.name, fitted, replicates, (*notes, *replicates.remarks()))
+    return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))

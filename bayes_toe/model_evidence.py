@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaln, logsumexp
 
-from bayes_toe.bootstrap import bootstrap_evidence, bootstrap_subject
+from bayes_toe.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.errors import InputError
 from bayes_toe.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.maximum import Maxima
@@ -105,14 +105,14 @@ class EvidenceTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def subject_evidence(maxima: Maxima, fitted: FittedProposal, seed: int) -> SubjectEvidence:
-    """Everything the evidence table says of one subject; the seed is for the bootstrap of Appendix C's recipe."""
+def subject_evidence(maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap) -> SubjectEvidence:
+    """Everything the evidence table says of one subject; the replicates are those of Appendix C's recipe."""
     posterior = fitted.proposal.posterior
     subject = posterior.subject
     value, error, why_not = importance_evidence(fitted)
     laplace, why_no_laplace = laplace_evidence(maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior)
-    bootstrap, about_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=seed, prior=posterior.prior), posterior.prior)
+    bootstrap, about_bootstrap = bootstrap_evidence(replicates, posterior.prior)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,

@@ -13,6 +13,8 @@ import numpy as np
 
 from bayes_toe.api import Analysis
 from bayes_toe.checks import Finding, check_study
+from bayes_toe.coordinates import NATURAL
+from bayes_toe.fit_table import SubjectFit
 from bayes_toe.goodness_of_fit import FitSummary
 from bayes_toe.model_evidence import SubjectEvidence
 from bayes_toe.outputs import whole_file
@@ -129,7 +131,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
     return {
         "anchor": f"subject-{index + 1}",
         "counts": counts,
-        "parameters": facts.summary[facts.summary["subject"] == name].to_dict("records"),
+        "parameters": _parameters(facts.summary[facts.summary["subject"] == name], analysis.fits[name], analysis.fits.level),
         "curves": pictures.curves[name],
         "corner": pictures.corner[name],
         "shortfall": analysis.draws.not_converged.get(name, ""),
@@ -140,6 +142,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "steps of each walker": _kept(analysis, int(stats["steps"]), int(stats["thin"])),
             "proposal efficiency": f"{row.efficiency:.2f}",
             "Pareto k-hat": f"{row.pareto_k:.2f}",
+            "maximum likelihood at an edge": analysis.fits[name].at_edge or "no",
             "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
             "predictive p": _p_value(fit.p_overall),
             "predictive p, worst pair": _p_value(fit.worst_p),
@@ -148,6 +151,16 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
         "prior_dominated": prior_dominated(analysis, name),
     }
+
+
+def _parameters(summary: pd.DataFrame, fit: SubjectFit, level: float) -> list[dict[str, Any]]:
+    """Rows of the parameter table: the posterior's summary and, for natural parameters, the fit with its bootstrap interval."""
+    natural = dict(zip(NATURAL, zip(fit.parameters, fit.bootstrap.intervals(level), strict=True), strict=True))
+    rows = []
+    for row in summary.to_dict("records"):
+        best, (lower, upper) = natural.get(row["parameter"], (None, (None, None)))
+        rows.append({**{str(key): value for key, value in row.items()}, "fit": best, "fit_lower": lower, "fit_upper": upper})
+    return rows
 
 
 def _kept(analysis: Analysis, steps: int, thin: int) -> str:

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import bayes_toe as bt
+from bayes_toe.bootstrap import bootstrap_subject
 from bayes_toe.hard_cases import hard_cases
 from bayes_toe.laplace import laplace_evidence
 from bayes_toe.maximum import find_maxima
@@ -85,7 +86,9 @@ def test_laplace_is_exact_for_a_normal_density():
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     maxima = find_maxima(Posterior(subject))
-    row = subject_evidence(maxima, fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima), seed=1)
+    row = subject_evidence(
+        maxima, fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima), bootstrap_subject(subject, seed=1)
+    )
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None

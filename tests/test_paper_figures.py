@@ -323,6 +323,6 @@ def test_captions_say_what_is_left_out_and_what_did_not_converge(small_study, an
     assert "Left out: no pair of different stimuli was presented in both orders" in words
     tree = analysis.draws.tree.copy(deep=True)
     tree["sample_stats"]["converged"][0] = 0
-    doubtful = Analysis(small_study, bt.Draws(tree), analysis.evidence, analysis.settings)
+    doubtful = Analysis(small_study, bt.Draws(tree), analysis.evidence, analysis.settings, analysis.fits)
     assert "NOT CONVERGED" in captions(material_of(doubtful))
     assert "A, B, C" in captions(material_of(analysis))
