@@ -5,24 +5,18 @@ Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bayes_toe import terminal
 from bayes_toe.errors import BayesToeError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from bayes_toe.covariates import CovariateTable
     from bayes_toe.draws import Draws
-    from bayes_toe.fit_table import FitTable
-    from bayes_toe.model_evidence import EvidenceTable
-    from bayes_toe.response_asymmetry import AsymmetryTable
     from bayes_toe.study import Study
 
 NOT_CONVERGED = 3
@@ -91,17 +85,17 @@ def run(
 
         require_folder(output, PRODUCTS, overwrite=overwrite)
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         settings = settings_for(draws=draws, seed=seed)
-        with _progress(console, "sampling", len(read)) as tick:
+        with terminal.progress_bar(console, "sampling", len(read)) as tick:
             analysis = analyse(read, settings, workers=workers, progress=tick)
-        _say_draws(console, analysis.draws)
-        _say_evidence(console, analysis.evidence)
+        terminal.say_draws(console, analysis.draws)
+        terminal.say_evidence(console, analysis.evidence)
         truth = example_truth() if study is None else None
-        with _progress(console, "drawing", len(read)) as tick:
+        with terminal.progress_bar(console, "drawing", len(read)) as tick:
             write_results(analysis, output, overwrite=overwrite, truth=truth, workers=workers, progress=tick)
-        console.print(f"seed {settings.seed}; results in [bold]{_safe(output)}[/bold]: {', '.join(PRODUCTS)}", highlight=False)
+        console.print(f"seed {settings.seed}; results in [bold]{terminal.safe(output)}[/bold]: {', '.join(PRODUCTS)}", highlight=False)
         _exit_for(analysis.draws)
 
 
@@ -129,14 +123,14 @@ def sample(
 
         require_writable(output, overwrite=overwrite)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         settings = settings_for(draws=draws, seed=seed)
-        with _progress(console, "sampling", len(read)) as tick:
+        with terminal.progress_bar(console, "sampling", len(read)) as tick:
             made = draw(read, settings, workers=workers, progress=tick)
         made.save(output, overwrite=overwrite)
-        _say_draws(console, made)
-        console.print(f"seed {settings.seed}; draws in [bold]{_safe(output)}[/bold]", highlight=False)
+        terminal.say_draws(console, made)
+        console.print(f"seed {settings.seed}; draws in [bold]{terminal.safe(output)}[/bold]", highlight=False)
         _exit_for(made)
 
 
@@ -164,14 +158,14 @@ def evidence(
 
         require_writable(output, overwrite=overwrite)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         root = root_seed(seed)
-        with _progress(console, "evidence", len(read)) as tick:
+        with terminal.progress_bar(console, "evidence", len(read)) as tick:
             table = compute(read, seed=root, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
-        _say_evidence(console, table)
-        console.print(f"seed {root}; table in [bold]{_safe(output)}[/bold]", highlight=False)
+        terminal.say_evidence(console, table)
+        console.print(f"seed {root}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
 @app.command()
@@ -203,17 +197,17 @@ def asymmetry(
             require_writable(path, overwrite=overwrite)
         people = None if covariates is None else read_covariates(covariates)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         table = compute(read)
         tests = None if people is None else covariate_tests(people, table.outcomes())
         table.save(output, overwrite=overwrite)
-        _say_asymmetry(console, table)
+        terminal.say_asymmetry(console, table)
         if tests is not None:
             tests.save(beside, overwrite=overwrite)
-            _say_covariates(console, tests)
+            terminal.say_covariates(console, tests)
         files = [output] if tests is None else [output, beside]
-        console.print(f"written: [bold]{', '.join(map(_safe, files))}[/bold]", highlight=False)
+        console.print(f"written: [bold]{', '.join(map(terminal.safe, files))}[/bold]", highlight=False)
 
 
 @app.command()
@@ -243,13 +237,13 @@ def fit(
         require_level(level)
         require_writable(output, overwrite=overwrite)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
-        with _progress(console, "fitting", len(read)) as tick:
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
+        with terminal.progress_bar(console, "fitting", len(read)) as tick:
             table = compute(read, replicates=replicates, level=level, seed=seed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
-        _say_fits(console, table)
-        console.print(f"seed {table.seed}; table in [bold]{_safe(output)}[/bold]", highlight=False)
+        terminal.say_fits(console, table)
+        console.print(f"seed {table.seed}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
 @app.command()
@@ -287,15 +281,15 @@ def figures(
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
         if subject is not None:
             require_subjects(subject, read.names)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         settings = settings_for(draws=draws, seed=seed)
-        with _progress(console, "sampling", len(read)) as tick:
+        with terminal.progress_bar(console, "sampling", len(read)) as tick:
             analysis = analyse(read, settings, workers=workers, progress=tick)
-        _say_draws(console, analysis.draws)
-        with _progress(console, "drawing", len(FIGURES)) as tick:
+        terminal.say_draws(console, analysis.draws)
+        with terminal.progress_bar(console, "drawing", len(FIGURES)) as tick:
             write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=overwrite, workers=workers, progress=tick)
-        console.print(f"seed {settings.seed}; figures and captions in [bold]{_safe(output)}[/bold]", highlight=False)
+        console.print(f"seed {settings.seed}; figures and captions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
         _exit_for(analysis.draws)
 
 
@@ -322,12 +316,12 @@ def corner(
         chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
         files = corner_files(loaded, chosen)
         require_folder(output, list(files.values()), overwrite=overwrite)
-        console = _console(quiet)
-        with _progress(console, "drawing", len(chosen)) as tick:
+        console = terminal.new_console(quiet)
+        with terminal.progress_bar(console, "drawing", len(chosen)) as tick:
             pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=workers, progress=tick)
         with whole_folder(output, list(files.values()), overwrite=overwrite) as target:
             write_corners(pictures, target, files)
-        console.print(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in [bold]{_safe(output)}[/bold]", highlight=False)
+        console.print(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
 @app.command()
@@ -367,8 +361,11 @@ def simulate(
         if truth is not None:
             write_table(truth_frame(names, observers), truth, overwrite=overwrite)
         total = sum(len(one.equal) for one in trials)
-        console = _console(quiet)
-        console.print(f"{len(names)} synthetic subjects, {total} trials in [bold]{_safe(output)}[/bold]; seed {root}", highlight=False)
+        console = terminal.new_console(quiet)
+        console.print(
+            f"{len(names)} synthetic subjects, {total} trials in [bold]{terminal.safe(output)}[/bold]; seed {root}",
+            highlight=False,
+        )
 
 
 @app.command()
@@ -388,15 +385,15 @@ def check(
         from bayes_toe.checks import check_study, describe
 
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = _console(quiet)
-        _say_study(console, read)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
         frame = describe(read)
         formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
-        console.print(_table("subjects", frame.to_dict("records"), formats))
+        console.print(terminal.table_of("subjects", frame.to_dict("records"), formats))
         findings = check_study(read)
         for finding in findings:
             about = f"{finding.subject}: " if finding.subject else ""
-            console.print(f"[yellow]warning[/yellow] {_safe(about + finding.message)}", highlight=False, soft_wrap=True)
+            console.print(f"[yellow]warning[/yellow] {terminal.safe(about + finding.message)}", highlight=False, soft_wrap=True)
         if not findings:
             console.print("no warnings")
 
@@ -430,167 +427,6 @@ def _problems_as_lines() -> Iterator[None]:
     except KeyboardInterrupt:
         typer.echo("interrupted: nothing was written", err=True)
         raise typer.Exit(130) from None
-
-
-# --- printing -----------------------------------------------------------------------------------------------------------------------
-
-
-def _console(quiet: bool) -> Console:
-    from rich.console import Console
-
-    # Not a terminal: a width that keeps a table's row on one line, so that logs can be searched.
-    return Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
-
-
-def _safe(text: object) -> str:
-    """Text from outside, kept from being read as markup."""
-    from rich.markup import escape
-
-    return escape(str(text))
-
-
-@contextmanager
-def _progress(console: Console, what: str, total: int) -> Iterator[Callable[[str], None]]:
-    """A progress bar on a terminal, nothing elsewhere."""
-    from rich.progress import Progress
-
-    with Progress(console=console, disable=not console.is_terminal or console.quiet, transient=True) as bar:
-        task = bar.add_task(what, total=total)
-
-        def tick(_: str) -> None:
-            bar.advance(task)
-
-        yield tick
-
-
-def _table(title: str, rows: list[dict[Any, Any]], formats: Mapping[str, Callable[[Any], str]]) -> Any:
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, key in enumerate(rows[0]):
-        table.add_column(str(key), justify="left" if index == 0 else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*(formats.get(key, _safe)(value) for key, value in row.items()))
-    return table
-
-
-def _say_study(console: Console, study: Study) -> None:
-    label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
-    trials = sum(subject.total_trials for subject in study)
-    plural = "" if len(study) == 1 else "s"
-    console.print(f"[bold]{_safe(study.source)}[/bold]{label}: {len(study)} subject{plural}, {trials} trials", highlight=False)
-    for note in study.notes:
-        console.print(f"  {_safe(note)}", highlight=False, soft_wrap=True)
-
-
-def _say_draws(console: Console, draws: Draws) -> None:
-    import numpy as np
-
-    stats, missed = draws.group("sample_stats"), draws.not_converged
-    rows = []
-    for i, name in enumerate(draws.names):
-        row: dict[Any, Any] = {"subject": name}
-        for key in ("mu1", "gain", "sigma_p", "sigma_l", "q0"):
-            low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
-            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in ("mu1", "gain") else "")
-        row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
-        row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
-        row["converged"] = "NO" if name in missed else "yes"
-        rows.append(row)
-    console.print(_table("posterior: medians (5 %, 95 %)", rows, {}))
-    for name, shortfall in missed.items():
-        console.print(f"[red]not converged[/red] {_safe(name)}: {_safe(shortfall)}", highlight=False, soft_wrap=True)
-    if draws.attrs["left_out"]:
-        console.print(_safe(draws.attrs["left_out"]), highlight=False, soft_wrap=True)
-
-
-def _say_evidence(console: Console, table: EvidenceTable) -> None:
-    from bayes_toe.report import verdict
-
-    rows: list[dict[Any, Any]] = [
-        {
-            "subject": row.subject,
-            "log evidence H1": _number(row.log_evidence_h1),
-            "s.e.": _number(row.log_evidence_h1_se, 4),
-            "log evidence H0": _number(row.log_evidence_h0),
-            "log Bayes factor": _number(row.log_bayes_factor),
-            "favours": verdict(row),
-            "k-hat": _number(row.pareto_k),
-            "Laplace": _number(row.log_bayes_factor_laplace),
-        }
-        for row in table
-    ]
-    console.print(_table("evidence: natural logs, H1 minus H0", rows, {}))
-    about: dict[str, list[str]] = {}
-    for row in table:
-        for note in row.notes:
-            about.setdefault(note, []).append(row.subject)
-    for note, names in about.items():
-        console.print(f"[yellow]note[/yellow] {_safe(', '.join(names))}: {_safe(note)}", highlight=False, soft_wrap=True)
-
-
-def _say_asymmetry(console: Console, table: AsymmetryTable) -> None:
-    rows: list[dict[Any, Any]] = []
-    for row in table:
-        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
-        one = row.maximal
-        if one is not None:
-            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} \u00b1 {one.asymmetry_se:.2f}"
-            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
-            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
-            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
-        rows.append(shown)
-    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
-    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
-    console.print(_table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled, {}))
-    console.print(_safe(table.population().describe()), highlight=False, soft_wrap=True)
-    for note in table.notes:
-        console.print(f"[yellow]note[/yellow] {_safe(note)}", highlight=False, soft_wrap=True)
-
-
-def _say_covariates(console: Console, tests: CovariateTable) -> None:
-    rows: list[dict[Any, Any]] = [
-        {
-            "covariate": row.covariate,
-            "outcome": row.outcome,
-            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
-            "n": row.n,
-            "difference or r": _number(row.difference_or_r, 3),
-            "statistic": _number(row.statistic),
-            "df": _number(row.df, 1),
-            "p": _number(row.p_value, 3),
-        }
-        for row in tests
-    ]
-    console.print(_table("covariates: Welch's t or Pearson's r, not corrected for their number", rows, {}))
-    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
-        console.print(f"[yellow]note[/yellow] {_safe(note)}", highlight=False, soft_wrap=True)
-
-
-def _say_fits(console: Console, table: FitTable) -> None:
-    rows: list[dict[Any, Any]] = []
-    for one in table:
-        limits = one.bootstrap.intervals(table.level).tolist()
-        cells = map(_with_interval, one.parameters.tolist(), limits)
-        row: dict[Any, Any] = {"subject": one.subject, **dict(zip(("mu1", "sigma_p", "sigma_l", "q0"), cells, strict=True))}
-        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
-    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
-    console.print(_table(title, rows, {}))
-    for one in table:
-        for note in one.notes:
-            console.print(f"[yellow]note[/yellow] {_safe(one.subject)}: {_safe(note)}", highlight=False, soft_wrap=True)
-
-
-def _with_interval(value: float, limits: list[float]) -> str:
-    from math import isnan
-
-    if isnan(value):
-        return "-"
-    return f"{value:.2f}" + ("" if isnan(limits[0]) else f" ({limits[0]:.2f}, {limits[1]:.2f})")
-
-
-def _number(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _exit_for(draws: Draws) -> None:

@@ -12,6 +12,7 @@ PACKAGE = Path(bayes_toe.__file__).parent
 LAYERS = [
     ["__main__"],
     ["cli"],
+    ["terminal"],
     ["results"],
     ["report", "paper_figures"],
     ["corner_plot", "map_plot"],
@@ -70,6 +71,7 @@ def test_imports_point_down(name):
         ("xarray", {"draws"}),
         ("loky", {"parallel"}),
         ("typer", {"cli"}),
+        ("rich", {"terminal"}),
         ("jinja2", {"report"}),
     ],
 )

@@ -1,0 +1,184 @@
+"""What the command line prints: tables, notes, a progress bar. On a terminal and, plainer, in a log."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_toe.covariates import CovariateTable
+    from bayes_toe.draws import Draws
+    from bayes_toe.fit_table import FitTable
+    from bayes_toe.model_evidence import EvidenceTable
+    from bayes_toe.response_asymmetry import AsymmetryTable
+    from bayes_toe.study import Study
+
+
+def new_console(quiet: bool) -> Console:
+    """Where everything is printed; nothing is where `quiet`."""
+    from rich.console import Console
+
+    # Not a terminal: a width that keeps a table's row on one line, so that logs can be searched.
+    return Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
+
+
+def safe(text: object) -> str:
+    """Text from outside, kept from being read as markup."""
+    from rich.markup import escape
+
+    return escape(str(text))
+
+
+@contextmanager
+def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[[str], None]]:
+    """A progress bar on a terminal, nothing elsewhere."""
+    from rich.progress import Progress
+
+    with Progress(console=console, disable=not console.is_terminal or console.quiet, transient=True) as bar:
+        task = bar.add_task(what, total=total)
+
+        def tick(_: str) -> None:
+            bar.advance(task)
+
+        yield tick
+
+
+def table_of(title: str, rows: list[dict[Any, Any]], formats: Mapping[str, Callable[[Any], str]]) -> Any:
+    """A table of rows with the same keys, which name its columns; texts are escaped."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for index, key in enumerate(rows[0]):
+        table.add_column(str(key), justify="left" if index == 0 else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(formats.get(key, safe)(value) for key, value in row.items()))
+    return table
+
+
+def say_study(console: Console, study: Study) -> None:
+    """What was read, and what there is to say of it."""
+    label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
+    trials = sum(subject.total_trials for subject in study)
+    plural = "" if len(study) == 1 else "s"
+    console.print(f"[bold]{safe(study.source)}[/bold]{label}: {len(study)} subject{plural}, {trials} trials", highlight=False)
+    for note in study.notes:
+        console.print(f"  {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_draws(console: Console, draws: Draws) -> None:
+    """Medians and convergence of every subject."""
+    import numpy as np
+
+    stats, missed = draws.group("sample_stats"), draws.not_converged
+    rows = []
+    for i, name in enumerate(draws.names):
+        row: dict[Any, Any] = {"subject": name}
+        for key in ("mu1", "gain", "sigma_p", "sigma_l", "q0"):
+            low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
+            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in ("mu1", "gain") else "")
+        row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
+        row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
+        row["converged"] = "NO" if name in missed else "yes"
+        rows.append(row)
+    console.print(table_of("posterior: medians (5 %, 95 %)", rows, {}))
+    for name, shortfall in missed.items():
+        console.print(f"[red]not converged[/red] {safe(name)}: {safe(shortfall)}", highlight=False, soft_wrap=True)
+    if draws.attrs["left_out"]:
+        console.print(safe(draws.attrs["left_out"]), highlight=False, soft_wrap=True)
+
+
+def say_evidence(console: Console, table: EvidenceTable) -> None:
+    """The evidence table, and each note once with the subjects that it is about."""
+    from bayes_toe.report import verdict
+
+    rows: list[dict[Any, Any]] = [
+        {
+            "subject": row.subject,
+            "log evidence H1": _number(row.log_evidence_h1),
+            "s.e.": _number(row.log_evidence_h1_se, 4),
+            "log evidence H0": _number(row.log_evidence_h0),
+            "log Bayes factor": _number(row.log_bayes_factor),
+            "favours": verdict(row),
+            "k-hat": _number(row.pareto_k),
+            "Laplace": _number(row.log_bayes_factor_laplace),
+        }
+        for row in table
+    ]
+    console.print(table_of("evidence: natural logs, H1 minus H0", rows, {}))
+    about: dict[str, list[str]] = {}
+    for row in table:
+        for note in row.notes:
+            about.setdefault(note, []).append(row.subject)
+    for note, names in about.items():
+        console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
+    """The largest asymmetry of each subject, and the counts over subjects."""
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
+        one = row.maximal
+        if one is not None:
+            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} \u00b1 {one.asymmetry_se:.2f}"
+            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
+            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
+            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
+        rows.append(shown)
+    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
+    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
+    console.print(table_of("asymmetry: q(c, r) - q(r, c), largest of each subject", filled, {}))
+    console.print(safe(table.population().describe()), highlight=False, soft_wrap=True)
+    for note in table.notes:
+        console.print(f"[yellow]note[/yellow] {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_covariates(console: Console, tests: CovariateTable) -> None:
+    """Tests of covariates."""
+    rows: list[dict[Any, Any]] = [
+        {
+            "covariate": row.covariate,
+            "outcome": row.outcome,
+            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
+            "n": row.n,
+            "difference or r": _number(row.difference_or_r, 3),
+            "statistic": _number(row.statistic),
+            "df": _number(row.df, 1),
+            "p": _number(row.p_value, 3),
+        }
+        for row in tests
+    ]
+    console.print(table_of("covariates: Welch's t or Pearson's r, not corrected for their number", rows, {}))
+    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
+        console.print(f"[yellow]note[/yellow] {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_fits(console: Console, table: FitTable) -> None:
+    """Maximum-likelihood fits with their bootstrap intervals."""
+    rows: list[dict[Any, Any]] = []
+    for one in table:
+        limits = one.bootstrap.intervals(table.level).tolist()
+        cells = map(_with_interval, one.parameters.tolist(), limits)
+        row: dict[Any, Any] = {"subject": one.subject, **dict(zip(("mu1", "sigma_p", "sigma_l", "q0"), cells, strict=True))}
+        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
+    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
+    console.print(table_of(title, rows, {}))
+    for one in table:
+        for note in one.notes:
+            console.print(f"[yellow]note[/yellow] {safe(one.subject)}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _with_interval(value: float, limits: list[float]) -> str:
+    from math import isnan
+
+    if isnan(value):
+        return "-"
+    return f"{value:.2f}" + ("" if isnan(limits[0]) else f" ({limits[0]:.2f}, {limits[1]:.2f})")
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
