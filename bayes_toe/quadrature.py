@@ -203,8 +203,10 @@ class _Inner:
         for halvings in range(60):
             mass, error, best = _masses(panels, len(outer))
             total = np.bincount(panels.node, mass, len(outer))
+            some = best > -np.inf  # a line on which the density is 0 throughout has mass 0, and no error
             with np.errstate(over="ignore"):
-                allowed = self.tolerance * np.maximum(total, np.exp(floor - best))
+                spare = np.exp(np.subtract(floor, best, where=some, out=np.full(len(best), -np.inf)))
+            allowed = self.tolerance * np.maximum(total, spare)
             bad = (error > allowed[panels.node]) | (_unresolved(panels, best) & (halvings < 30))  # an edge is sharp for ever
             open_nodes = np.zeros(len(outer), bool)
             open_nodes[panels.node[bad]] = True

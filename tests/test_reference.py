@@ -12,7 +12,6 @@ from bayes_toe.hard_cases import hard_cases
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import importance_evidence
 from bayes_toe.proposal import fit_proposal
-from bayes_toe.quadrature import integrate
 from bayes_toe.sampling import SamplerSettings, sample_chains
 
 STORED = json.loads((Path(__file__).parent / "reference" / "reference.json").read_text(encoding="utf-8"))
@@ -65,37 +64,3 @@ def test_draws_have_the_means_and_quantiles(name):
         for level, quantile in zip(STORED["levels"], case["quantiles"][i], strict=True):
             below = (values < quantile).mean()
             assert below == pytest.approx(level, abs=5 * np.sqrt(level * (1 - level) / 4000) + 0.003)
-
-
-def test_a_cheap_case_is_reproduced():
-    found, case = integrate(bt.Posterior(SUBJECTS["all equal"])), STORED["cases"]["all equal"]
-    assert found.log_evidence == pytest.approx(case["log_evidence"], abs=2 * case["log_evidence_error"])
-    assert found.means == pytest.approx(case["means"], rel=1e-3)
-
-
-class Gaussian:
-    """A density with known integral in the place of a posterior: normal in (c, a, b, l), mass e^3."""
-
-    sbar = 0.0
-    mean = np.array([0.3, -1.0, -0.5, 1.5])
-    factor = np.array([[0.4, 0, 0, 0], [0.3, 0.8, 0, 0], [0.05, -0.1, 0.3, 0], [0.1, 0.2, 0.0, 0.6]])
-
-    def log_density(self, x):
-        whitened = np.linalg.solve(self.factor, (x - self.mean).T)
-        return 3.0 - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(self.factor)).sum() - 2 * np.log(2 * np.pi)
-
-    def natural(self, x):
-        from bayes_toe.coordinates import natural
-
-        return natural(x, self.sbar)
-
-
-def test_quadrature_of_a_known_density():
-    found = integrate(Gaussian())
-    assert found.log_evidence == pytest.approx(3.0, abs=1e-4)
-    x = Gaussian.mean + np.random.default_rng(0).standard_normal((400_000, 4)) @ Gaussian.factor.T
-    theta = Gaussian().natural(x)
-    for i, key in ((1, "sigma_p"), (2, "sigma_l"), (3, "q0")):
-        values = getattr(theta, key)
-        assert found.means[i] == pytest.approx(values.mean(), abs=5 * values.std() / np.sqrt(len(values)))
-        assert found.quantiles[i][1] == pytest.approx(np.median(values), abs=8 * values.std() / np.sqrt(len(values)))
