@@ -400,7 +400,21 @@ def check(
 
 def main() -> None:
     """Entry point of the `bayes-toe` command."""
-    app()
+    try:
+        app()
+    finally:
+        _leave()
+
+
+def _leave() -> None:
+    """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
+    import gc
+
+    from bayes_toe.parallel import stop_workers
+
+    stop_workers()
+    gc.collect()
+    gc.freeze()
 
 
 # --- reading ------------------------------------------------------------------------------------------------------------------------

@@ -77,10 +77,10 @@ class Levelling:
         """Levelled coordinates y of x, shape (points, 4), and log |dy/dx|, shape (points,)."""
         mean, log_spread = self._conditional(x)
         y = np.stack([(x[:, 0] - mean) * np.exp(-log_spread), _probit(x[:, 1]), x[:, 2], _probit(x[:, 3])], axis=1)
-        return y, _log_slope(x[:, 1], y[:, 1]) + _log_slope(x[:, 3], y[:, 3]) - log_spread
+        return y, _log_volume(x, y, log_spread)
 
-    def unlevel(self, y: FloatArray) -> FloatArray:
-        """Unconstrained coordinates x of y, shape (points, 4).
+    def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unconstrained coordinates x of y, shape (points, 4), and log |dy/dx| there, shape (points,).
 
         A probit beyond 37 stands for a pull or a lapse below the smallest float; the posterior has no mass there to any digit. Such points
         become :data:`NOWHERE`, where its density is 0: draws without weight, proposals that are refused.
@@ -89,7 +89,7 @@ class Levelling:
         x[np.abs(y[:, [1, 3]]).max(axis=1) > 37.0] = NOWHERE
         mean, log_spread = self._conditional(x)
         x[:, 0] = mean + y[:, 0] * np.exp(log_spread)
-        return x
+        return x, _log_volume(x, y, log_spread)
 
     def _conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
@@ -109,6 +109,10 @@ def _probit(logit: FloatArray) -> FloatArray:
 def _logit(probit: FloatArray) -> FloatArray:
     """Inverse of :func:`_probit`."""
     return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
+
+
+def _log_volume(x: FloatArray, y: FloatArray, log_spread: FloatArray) -> FloatArray:
+    return np.asarray(_log_slope(x[:, 1], y[:, 1]) + _log_slope(x[:, 3], y[:, 3]) - log_spread)
 
 
 def _log_slope(logit: FloatArray, probit: FloatArray) -> FloatArray:

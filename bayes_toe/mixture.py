@@ -92,8 +92,9 @@ class StudentMixture:
 
     def square_distances(self, x: FloatArray) -> FloatArray:
         """Squared Mahalanobis distance to every component, shape (J, N)."""
-        apart = x[None] - self.means[:, None]
-        return np.asarray(np.square(apart @ self._whiteners.transpose(0, 2, 1)).sum(axis=2))
+        # Points on the last axis: numpy sums over the few dimensions many points at a time, not point by point.
+        apart = np.ascontiguousarray(x.T) - self.means[:, :, None]
+        return np.asarray(np.square(self._whiteners @ apart).sum(axis=1))
 
     def _log_terms(self, distances: FloatArray) -> FloatArray:
         dim = self.means.shape[1]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import TypeVar
+from concurrent.futures import Future
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import Any, TypeVar
 
 from bayes_toe.errors import InputError
 
@@ -47,25 +49,49 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
             yield from _shared(function, jobs, count - 1)
 
 
+def stop_workers() -> None:
+    """End idle workers at once. They wait for further calls otherwise, and take their time to tidy up when this process ends."""
+    while _executors:
+        _executors.pop().shutdown(wait=True, kill_workers=True)
+
+
+_executors: list[Any] = []  # loky's, which is one for all calls
+
+
 def _shared(function: Callable[[Job], Result], jobs: Sequence[Job], others: int) -> Iterator[tuple[int, Result]]:
-    """Share jobs between this process and `others` workers, each of which has one job to do and one in hand."""
+    """Share jobs between this process and `others` workers; a worker that is done is handed the next job at once, by callback."""
     from loky import get_reusable_executor
 
     executor = get_reusable_executor(max_workers=others, env=dict.fromkeys(_THREADS, "1"))
+    _executors[:] = [executor]
     waiting = deque(enumerate(jobs))
-    running: dict[Future[Result], int] = {}
+    done: SimpleQueue[tuple[int, Future[Result]]] = SimpleQueue()
+
+    def hand_out() -> None:
+        try:
+            index, job = waiting.popleft()
+        except IndexError:  # another thread may have taken the last one: only the attempt tells
+            return
+        executor.submit(function, job).add_done_callback(lambda future: finish(index, future))
+
+    def finish(index: int, future: Future[Result]) -> None:
+        hand_out()
+        done.put((index, future))
+
     try:
-        while waiting or running:
-            while waiting and len(running) < 2 * others:
-                index, job = waiting.popleft()
-                running[executor.submit(function, job)] = index
-            if waiting:
-                index, job = waiting.popleft()
-                yield index, function(job)
-            else:
-                wait(running, return_when=FIRST_COMPLETED)
-            for future in [future for future in running if future.done()]:
-                yield running.pop(future), future.result()
+        for _ in range(others):
+            hand_out()
+        left = len(jobs)
+        while left:
+            own = None
+            with suppress(IndexError):
+                own = waiting.popleft()
+            if own is not None:
+                yield own[0], function(own[1])
+                left -= 1
+            while left and (own is None or not done.empty()):
+                index, future = done.get()
+                yield index, future.result()
+                left -= 1
     finally:
-        for future in running:
-            future.cancel()
+        waiting.clear()

@@ -93,9 +93,13 @@ class Posterior:
     def parts(self, x: npt.ArrayLike) -> Parts:
         """Log likelihood and log prior at x, shape (points, 4)."""
         points = _require_points(x)
+        return Parts(self.log_likelihood(points), self.prior.log_density_unconstrained(points, self.sbar))
+
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood at x, shape (points, 4) -> (points,)."""
+        points = _require_points(x)
         rows = max(1, _BLOCK // self.subject.n_pairs)
-        blocks = [self._block(points[i : i + rows]) for i in range(0, len(points), rows)]
-        return Parts(np.concatenate(blocks), self.prior.log_density_unconstrained(points, self.sbar))
+        return np.concatenate([self._block(points[i : i + rows]) for i in range(0, len(points), rows)])
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, shape (points, 4) -> (points, pairs)."""
@@ -104,7 +108,8 @@ class Posterior:
         logit_q0 = points[:, 3, None]
         result = np.zeros(z.shape)
         for counts, log_answer in ((self._equal, self._log_equal), (self._different, log_different)):
-            some = counts > 0  # an answer never given contributes 0, also where its probability is 0
+            given = counts > 0  # an answer never given contributes 0, also where its probability is 0
+            some = slice(None) if given.all() else given  # a slice does not copy
             result[:, some] += counts[some] * log_answer(z[:, some], logit_q0)
         return result
 

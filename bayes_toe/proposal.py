@@ -12,6 +12,7 @@ something, and no region that the prior reaches is closed to the sampler.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +74,9 @@ class Proposal:
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at x, shape (points, 4) -> (points,); log_prior is the prior's log density there."""
-        y, log_volume = self.levelling.level(x)
+        return self._log_density(*self.levelling.level(x), log_prior)
+
+    def _log_density(self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
         return self.combined(self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior)
 
     def combined(self, of_mixture: FloatArray, of_cover: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
@@ -81,15 +84,26 @@ class Proposal:
         fitted = np.logaddexp(np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture, np.log(self.cover_share) + of_cover)
         return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
 
-    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
-        """Independent draws, shape (size, 4)."""
+    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> ProposalDraws:
+        """Independent draws with their densities under the prior and under this proposal; cheaper than one after the other."""
         mark = rng.uniform(size=size)
         y = self.mixture.sample(rng, size)
         from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - self.cover_share
         y[from_cover] = self.cover.sample(rng, int(from_cover.sum()))
-        x = self.levelling.unlevel(y)
-        x[from_prior] = self.posterior.prior.sample_unconstrained(rng, int(from_prior.sum()), self.posterior.sbar)
-        return x
+        x, log_volume = self.levelling.unlevel(y)
+        prior, sbar = self.posterior.prior, self.posterior.sbar
+        x[from_prior] = prior.sample_unconstrained(rng, int(from_prior.sum()), sbar)
+        y[from_prior], log_volume[from_prior] = self.levelling.level(x[from_prior])
+        log_prior = prior.log_density_unconstrained(x, sbar)
+        return ProposalDraws(x, log_prior, self._log_density(y, log_volume, log_prior))
+
+
+class ProposalDraws(NamedTuple):
+    """Draws x, shape (draws, 4), their log prior and log proposal densities, each of shape (draws,)."""
+
+    x: FloatArray
+    log_prior: FloatArray
+    log_proposal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +140,11 @@ def importance_draws(proposal: Proposal, rng: np.random.Generator, size: int) ->
     NumericalError
         If the log posterior is NaN somewhere.
     """
-    x = proposal.sample(rng, size)
-    parts = proposal.posterior.parts(x)
-    if np.isnan(parts.log_posterior).any():
+    x, log_prior, log_proposal = proposal.sample(rng, size)
+    log_posterior = proposal.posterior.log_likelihood(x) + log_prior
+    if np.isnan(log_posterior).any():
         raise NumericalError(f"subject {proposal.posterior.subject.name!r}: log posterior is NaN")
-    return WeightedDraws(x, parts.log_prior, parts.log_posterior, proposal.log_density(x, parts.log_prior))
+    return WeightedDraws(x, log_prior, log_posterior, log_proposal)
 
 
 @dataclass(frozen=True, eq=False)

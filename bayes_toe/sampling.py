@@ -5,6 +5,7 @@ The only module that imports emcee.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -183,13 +184,36 @@ def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named l
     """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
     from emcee.moves import MHMove
 
-    stock = _Stock(proposal)
+    stock, known = _Stock(proposal), _Known()
 
     def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
         fresh, log_fresh = stock.take(len(x), random)
-        return fresh, stock.log_density(x) - log_fresh
+        log_old = known.values(x, stock.log_density)
+        known.keep((x.copy(), log_old), (fresh, log_fresh))
+        return fresh, log_old - log_fresh
 
     return MHMove(propose, ndim=len(UNCONSTRAINED))
+
+
+class _Known:
+    """Log proposal densities of the last step: most walkers stand where they stood then or where it sent them, few were moved since."""
+
+    def __init__(self) -> None:
+        self._pairs: tuple[tuple[FloatArray, FloatArray], ...] = ()
+
+    def values(self, x: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Log density at x, shape (walkers, 4); evaluated only where it is not known."""
+        result, unknown = np.empty(len(x)), np.ones(len(x), bool)
+        for points, values in self._pairs:
+            same = (points == x).all(axis=1)
+            result[same] = values[same]
+            unknown &= ~same
+        if unknown.any():
+            result[unknown] = log_density(x[unknown])
+        return result
+
+    def keep(self, *pairs: tuple[FloatArray, FloatArray]) -> None:
+        self._pairs = pairs
 
 
 class _Stock:
@@ -208,8 +232,7 @@ class _Stock:
     def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
         """The next draws, shape (size, 4), and their log densities, shape (size,)."""
         if len(self._x) < size:
-            self._x = self._proposal.sample(random, max(size, self._BATCH))
-            self._log_density = self.log_density(self._x)
+            self._x, _, self._log_density = self._proposal.sample(random, max(size, self._BATCH))
         taken = self._x[:size], self._log_density[:size]
         self._x, self._log_density = self._x[size:], self._log_density[size:]
         return taken

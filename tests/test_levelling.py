@@ -21,8 +21,10 @@ def levelling(request):
 
 @given(st.tuples(st.floats(-3, 3), st.floats(-30, 30), st.floats(-5, 3), st.floats(-30, 30)))
 def test_there_and_back(levelling, y):
-    x = levelling.unlevel(np.array([[y[0], y[1] / 4, y[2], y[3] / 4]]))
-    assert levelling.level(x)[0][0] == pytest.approx([y[0], y[1] / 4, y[2], y[3] / 4], rel=1e-9, abs=1e-9)
+    x, log_volume = levelling.unlevel(np.array([[y[0], y[1] / 4, y[2], y[3] / 4]]))
+    back, same_volume = levelling.level(x)
+    assert back[0] == pytest.approx([y[0], y[1] / 4, y[2], y[3] / 4], rel=1e-9, abs=1e-9)
+    assert log_volume == pytest.approx(same_volume, rel=1e-9, abs=1e-9)
 
 
 @given(st.tuples(st.floats(-1, 1), st.floats(-12, 12), st.floats(-3, 1), st.floats(-12, 12)))
@@ -35,7 +37,7 @@ def test_volume_is_the_determinant_of_differences(levelling, x):
 def test_beyond_the_smallest_float_is_nowhere():
     posterior = Posterior(CASES["funnel"])
     levelling = Levelling.at(posterior, find_maxima(posterior).x)
-    x = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
+    x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
     assert x[0, 2] == x[1, 2] == NOWHERE[2]
     assert posterior.log_density(x).tolist()[:2] == [-np.inf, -np.inf]
     assert np.isfinite(posterior.log_density(x)[2])

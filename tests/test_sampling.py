@@ -13,7 +13,7 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.hard_cases import hard_cases, twins
 from bayes_toe.posterior import Posterior
 from bayes_toe.proposal import fit_proposal, importance_draws
-from bayes_toe.sampling import JUDGED, SamplerSettings, judged_quantities, moves, sample_chains
+from bayes_toe.sampling import JUDGED, GlobalMove, SamplerSettings, judged_quantities, moves, sample_chains
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
@@ -56,7 +56,7 @@ def _fitted_for(target):
 
     class Level:
         level = staticmethod(lambda x: (x, np.zeros(len(x))))
-        unlevel = staticmethod(lambda y: y)
+        unlevel = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
 
     one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 5.0)
     made = module.Proposal(Known(), Level(), one, one, 0.05)
@@ -233,3 +233,20 @@ def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
 def test_judged_quantities_are_all_there():
     posterior = Posterior(CASES["funnel"])
     assert tuple(judged_quantities(posterior, np.zeros((2, 3, 4)))) == JUDGED
+
+
+def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since():
+    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "move", "proposal"))
+    prior, sbar = fitted.proposal.posterior.prior, fitted.proposal.posterior.sbar
+
+    def log_density(x):
+        return fitted.proposal.log_density(x, prior.log_density_unconstrained(x, sbar))
+
+    propose, random = GlobalMove(fitted.proposal).get_proposal, np.random.RandomState(1)
+    x = fitted.draws.x[:16].copy()
+    for moved in (None, 3, slice(8, 12)):  # in place, as emcee does it
+        if moved is not None:
+            x[moved] += 0.01
+        fresh, factors = propose(x, random)
+        assert factors == pytest.approx(log_density(x) - log_density(fresh), rel=1e-9, abs=1e-9)
+        x[::2] = fresh[::2]

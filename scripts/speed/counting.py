@@ -37,5 +37,8 @@ class Counting(Posterior):
     def parts(self, x: npt.ArrayLike) -> Parts:
         return self._counted("parts", x)  # type: ignore[return-value]
 
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        return self._counted("log_likelihood", x)  # type: ignore[return-value]
+
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         return self._counted("derivatives", x)  # type: ignore[return-value]
