@@ -32,6 +32,7 @@ REPLICATES = 1000
 FIT_COLUMNS = (
     *("subject", *NATURAL, "log_likelihood", "at_edge"),
     *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
+    *("level", "replicates"),
 )
 
 
@@ -94,10 +95,11 @@ class FitTable:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         import pandas as pd
 
-        cells = [
-            [row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel()] for row in self
-        ]
+        cells = [(*self._cells(row), self.level, self.replicates) for row in self]
         return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
+
+    def _cells(self, row: SubjectFit) -> tuple[object, ...]:
+        return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write fit.csv, whole or not at all."""

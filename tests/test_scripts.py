@@ -95,6 +95,7 @@ def test_corner_plot_of_one_subject(folder, tmp_path):
         (("evidence_table.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),
         (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "taken.png"), "taken.png: exists"),
         (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "z.xyz"), "suffix"),
+        (("evidence_table.py", "none.csv", "-o", "z.png", "--figure", "./z.png"), "same file"),
         (("corner_plots.py", "none.nc", "-o", "z"), "none.nc"),
         (("corner_plots.py", "p.nc", "-o", "z", "--subject", "Z"), "no subject 'Z'"),
         (("corner_plots.py", "p.nc", "-o", "z", "--coordinates", "mu2"), "mu2"),
