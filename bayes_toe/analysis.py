@@ -93,7 +93,7 @@ def _analyse_subject(job: _Job) -> SubjectResult:
         subject=subject,
         efficiency=fitted.efficiency,
         pareto_k=fitted.pareto_k,
-        evidence=None if fit is None else subject_evidence(maxima, fitted, fit.bootstrap),
+        evidence=None if fit is None else subject_evidence(posterior, maxima, fitted, fit.bootstrap),
         fit=fit,
         chains=chains,
         pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,

@@ -10,15 +10,14 @@ from scipy.special import betainc, chdtrc, log_expit
 
 from bayes_toe.errors import NumericalError
 from bayes_toe.frequencies import frequencies
-from bayes_toe.model import LN2, log_different, log_equal
+from bayes_toe.model import LN2
 from bayes_toe.posterior import Posterior
 from bayes_toe.seeds import generator
+from bayes_toe.target import Target
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-#: Free parameters of the model: offset, pull, width, q0.
-PARAMETERS = 4
 _BLOCK = 1 << 18  # values of one temporary array
 
 
@@ -69,7 +68,7 @@ class Fit:
     deviance : float
         Sum over pairs, against the saturated model.
     degrees_of_freedom : int
-        Pairs less the four parameters; the chi-square reference holds for many trials a pair and an interior maximum.
+        Pairs less the free parameters; the chi-square reference holds for many trials a pair and an interior maximum.
     """
 
     q: FloatArray
@@ -83,8 +82,8 @@ class Fit:
         return float(chdtrc(self.degrees_of_freedom, self.deviance)) if self.degrees_of_freedom > 0 else float("nan")
 
 
-def fit_at(posterior: Posterior, x: npt.ArrayLike) -> Fit:
-    """Deviance and residuals at one unconstrained point x, shape (4,); meant for the maximum of the likelihood.
+def fit_at(posterior: Target, x: npt.ArrayLike) -> Fit:
+    """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood.
 
     Examples
     --------
@@ -94,34 +93,27 @@ def fit_at(posterior: Posterior, x: npt.ArrayLike) -> Fit:
     >>> fit.residual.shape, fit.degrees_of_freedom
     ((3,), -1)
     """
-    point = np.asarray(x, np.float64).reshape(1, 4)
-    logs = _log_probabilities(posterior, point)
+    point = np.asarray(x, np.float64).reshape(1, -1)
+    logs = posterior.log_answers(point)
     pairs, q = _pair_deviance(posterior, *logs)[0], np.exp(logs[0][0])
     subject = posterior.subject
     sign = np.sign(subject.n_equal - subject.n_trials * q)
-    return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), subject.n_pairs - PARAMETERS)
+    return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), subject.n_pairs - len(posterior.coordinates))
 
 
-def deviance(posterior: Posterior, x: npt.ArrayLike) -> FloatArray:
-    """Deviance of every pair at unconstrained points, (points, 4) -> (points, pairs)."""
-    return _pair_deviance(posterior, *_log_probabilities(posterior, _require_points(x)))
+def deviance(posterior: Target, x: npt.ArrayLike) -> FloatArray:
+    """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
+    return _pair_deviance(posterior, *posterior.log_answers(_require_points(x, posterior)))
 
 
-def _pair_deviance(posterior: Posterior, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
+def _pair_deviance(posterior: Target, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
 
 
-def _log_probabilities(posterior: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Log P(equal) and log P(different) of every pair, (points, 4) -> (points, pairs) each."""
-    z, top = posterior.distance(x), x[:, 3, None]
-    with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
-        return log_equal(z, log_expit(top)), log_different(z, top)
-
-
-def _require_points(x: npt.ArrayLike) -> FloatArray:
-    points = np.asarray(x, np.float64)
-    if points.ndim != 2 or points.shape[1] != 4 or not len(points) or np.isnan(points).any():
-        raise NumericalError(f"draws must have shape (draws, 4) and no NaN, found shape {points.shape}")
+def _require_points(x: npt.ArrayLike, posterior: Target) -> FloatArray:
+    points, k = np.asarray(x, np.float64), len(posterior.coordinates)
+    if points.ndim != 2 or points.shape[1] != k or not len(points) or np.isnan(points).any():
+        raise NumericalError(f"draws must have shape (draws, {k}) and no NaN, found shape {points.shape}")
     return points
 
 
@@ -161,13 +153,14 @@ class PredictiveCheck:
         return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
 
 
-def predictive_check(posterior: Posterior, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
+def predictive_check(posterior: Target, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
     """Posterior predictive p-values of one subject.
 
     Parameters
     ----------
-    posterior : Posterior
-    x : array_like, shape (draws, 4)
+    posterior : Target
+        A model of one subject, H1 or another one of the ladder.
+    x : array_like, shape (draws, k)
         Posterior draws in unconstrained coordinates.
     seed : int
         Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by the subject.
@@ -177,13 +170,13 @@ def predictive_check(posterior: Posterior, x: npt.ArrayLike, seed: int) -> Predi
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = _require_points(x), posterior.subject
+    points, subject = _require_points(x, posterior), posterior.subject
     rng = generator(seed, subject.name, "predictive check")
     expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
     beyond = 0
     rows = max(1, _BLOCK // subject.n_pairs)
     for start in range(0, len(points), rows):
-        logs = _log_probabilities(posterior, points[start : start + rows])
+        logs = posterior.log_answers(points[start : start + rows])
         q, rest = (np.exp(values) for values in logs)
         expected += q.sum(axis=0)
         for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
@@ -205,7 +198,7 @@ class FitSummary:
     deviance : float
         Smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood.
     degrees_of_freedom : int
-        Pairs less the four parameters.
+        Pairs less the free parameters.
     p_overall, p_overall_se : float
         Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
     worst_p : float
@@ -222,8 +215,8 @@ class FitSummary:
     worst_pair: tuple[float, float]
 
 
-def summarise_fit(posterior: Posterior, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
-    """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, 4), unconstrained.
+def summarise_fit(posterior: Target, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+    """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
     The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.
 
@@ -232,13 +225,13 @@ def summarise_fit(posterior: Posterior, x: npt.ArrayLike, seed: int, *, most: in
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = _require_points(x), posterior.subject
+    points, subject = _require_points(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
-    best = int(np.argmax(posterior.parts(points).log_likelihood))
+    best = int(np.argmax(posterior.log_likelihood(points)))
     worst = int(np.argmin(check.p_value))
     return FitSummary(
         float(deviance(posterior, points[best : best + 1]).sum()),
-        subject.n_pairs - PARAMETERS,
+        subject.n_pairs - len(posterior.coordinates),
         check.p_overall,
         check.p_overall_se,
         float(check.p_value[worst]),
@@ -297,7 +290,7 @@ def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Co
     >>> collapse(posterior, [0.0, 0.0, -1.0, 2.2]).order.tolist()
     [0, -1, 1]
     """
-    points = _require_points(np.atleast_2d(np.asarray(x, np.float64)))
+    points = _require_points(np.atleast_2d(np.asarray(x, np.float64)), posterior)
     low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
     top = float(np.exp(log_expit(np.median(points[:, 3]))))
     free = frequencies(posterior.subject)

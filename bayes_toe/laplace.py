@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.coordinates import log_jacobian
-from bayes_toe.maximum import Maxima, starts
+from bayes_toe.maximum import Maxima
 from bayes_toe.model import MAX_PULL
 from bayes_toe.newton import ascend
 from bayes_toe.posterior import Posterior
@@ -38,7 +38,7 @@ def laplace_evidence_natural(posterior: Posterior) -> tuple[float | None, str]:
     one, however little it gains. At a stationary point determinants of the Hessian differ by the square of the Jacobian alone.
     """
     label = "Laplace of H1 in the paper's coordinates"
-    found = ascend(_NaturalDensity(posterior), starts(posterior.subject).T)
+    found = ascend(_NaturalDensity(posterior), posterior.starts().T)
     best = int(np.argmax(found.value))
     curvature = -found.hessian[:, :, best]
     # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.

@@ -13,19 +13,37 @@ exponential tails, their probits normal ones.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import log_expit, log_ndtr, ndtri_exp
 
 from bayes_toe.model import MAX_PULL
-from bayes_toe.posterior import Posterior
-from bayes_toe.prior import LOG_2PI
+from bayes_toe.prior import LOG_2PI, Prior
 
 FloatArray = npt.NDArray[np.float64]
 
 #: A point of density 0: its width is e^400.
 NOWHERE = np.array([0.0, 0.0, 400.0, 0.0])
+
+
+class Funnel(Protocol):
+    """What the levelling needs of a posterior."""
+
+    @property
+    def prior(self) -> Prior:
+        """The prior."""
+        ...
+
+    @property
+    def sbar(self) -> float:
+        """Mean first stimulus, from which the offset counts; natural-log intensity."""
+        ...
+
+    def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (points, 4) and Hessian (points, 4, 4) of the log likelihood."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -56,7 +74,7 @@ class Levelling:
     follows_width: bool
 
     @classmethod
-    def at(cls, posterior: Posterior, modes: FloatArray) -> Levelling:
+    def at(cls, posterior: Funnel, modes: FloatArray) -> Levelling:
         """Levelling from what the data say of the offset at modes of the posterior, shape (modes, 4), best first."""
         prior, best = posterior.prior, modes[0]
         precision = -float(posterior.likelihood_derivatives(best[None])[1][0, 0, 0])

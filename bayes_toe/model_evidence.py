@@ -20,6 +20,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.maximum import Maxima
 from bayes_toe.outputs import write_table
+from bayes_toe.posterior import Posterior
 from bayes_toe.prior import LOG_2PI, Prior
 from bayes_toe.proposal import FittedProposal
 from bayes_toe.study import Subject
@@ -105,9 +106,8 @@ class EvidenceTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def subject_evidence(maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap) -> SubjectEvidence:
+def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap) -> SubjectEvidence:
     """Everything the evidence table says of one subject; the replicates are those of Appendix C's recipe."""
-    posterior = fitted.proposal.posterior
     subject = posterior.subject
     value, error, why_not = importance_evidence(fitted)
     laplace, why_no_laplace = laplace_evidence(maxima)

@@ -11,17 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, hyp1f1, log_expit
+from scipy.special import expit, hyp1f1, log_expit, logit
 
-from bayes_toe.coordinates import Natural, natural
+from bayes_toe.coordinates import UNCONSTRAINED, Natural, derived, natural
 from bayes_toe.errors import NumericalError
-from bayes_toe.model import LN2, MAX_PULL, log_different
+from bayes_toe.levelling import Levelling
+from bayes_toe.model import LN2, MAX_PULL, log_different, log_equal
 from bayes_toe.prior import Prior, pull_derivatives
 from bayes_toe.study import Subject
 
 FloatArray = npt.NDArray[np.float64]
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
 _BLOCK = 1 << 16
+#: Quantities whose ranks differ, so whose diagnostics do: the four natural parameters, and of the unconstrained and derived ones
+#: those that are not a monotone function of a single one already listed.
+JUDGED = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "width", "offset")
 
 
 class Parts(NamedTuple):
@@ -76,6 +80,11 @@ class Posterior:
     _equal: FloatArray = field(init=False, repr=False)
     _different: FloatArray = field(init=False, repr=False)
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the unconstrained coordinates."""
+        return UNCONSTRAINED
+
     def natural(self, x: npt.ArrayLike) -> Natural:
         """Natural coordinates of unconstrained points x, shape (..., 4)."""
         return natural(x, self.sbar)
@@ -93,7 +102,29 @@ class Posterior:
     def parts(self, x: npt.ArrayLike) -> Parts:
         """Log likelihood and log prior at x, shape (points, 4)."""
         points = _require_points(x)
-        return Parts(self.log_likelihood(points), self.prior.log_density_unconstrained(points, self.sbar))
+        return Parts(self.log_likelihood(points), self.log_prior(points))
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density at x, shape (points, 4) -> (points,)."""
+        return self.prior.log_density_unconstrained(x, self.sbar)
+
+    def sample_prior(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+        """Independent draws from the prior in unconstrained coordinates, shape (size, 4)."""
+        return self.prior.sample_unconstrained(rng, size, self.sbar)
+
+    def starts(self) -> FloatArray:
+        """Points from which to look for maxima, shape (18, 4)."""
+        return starts(self.subject)
+
+    def levelling(self, modes: FloatArray) -> Levelling:
+        """Coordinates in which mixtures fit, given modes, shape (modes, 4), best first."""
+        return Levelling.at(self, modes)
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""
+        theta = self.natural(x)
+        everything = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
+        return {name: everything[name] for name in JUDGED}
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, 4) -> (points,)."""
@@ -112,6 +143,13 @@ class Posterior:
             some = slice(None) if given.all() else given  # a slice does not copy
             result[:, some] += counts[some] * log_answer(z[:, some], logit_q0)
         return result
+
+    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log P(equal) and log P(different) of every pair, (points, 4) -> (points, pairs) each."""
+        points = _require_points(x)
+        z, top = self.distance(points), points[:, 3, None]
+        with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
+            return log_equal(z, log_expit(top)), log_different(z, top)
 
     @staticmethod
     def _log_equal(z: FloatArray, logit_q0: FloatArray) -> FloatArray:
@@ -182,6 +220,15 @@ class Posterior:
         _, p1, p2 = pull_derivatives(x[:, 1, None])
         inverse = np.exp(-x[:, 2, None]) * np.ones_like(z)
         return np.stack([-inverse, p1 * self._lever * inverse, -z], -1), p2 * self._lever * inverse
+
+
+def starts(subject: Subject) -> FloatArray:
+    """Starting points (18, 4): offsets, pulls and widths on the scale of the stimuli, q0 from the most 'equal' pair."""
+    steps = np.abs(subject.s2 - subject.s1)
+    scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
+    top = float(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max())
+    grid = np.meshgrid([-scale, 0.0, scale], [-2.0, 2.0], np.log(scale) + np.array([-1.0, 0.0, 1.0]), [logit(top)])
+    return np.stack([axis.ravel() for axis in grid], axis=-1)
 
 
 def _second_rest(t: FloatArray) -> FloatArray:

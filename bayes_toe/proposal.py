@@ -20,10 +20,9 @@ from scipy.special import logsumexp
 
 from bayes_toe.diagnostics import pareto_k
 from bayes_toe.errors import NumericalError
-from bayes_toe.levelling import Levelling
 from bayes_toe.maximum import Maxima, find_maxima
 from bayes_toe.mixture import StudentMixture
-from bayes_toe.posterior import Posterior
+from bayes_toe.target import Levels, Target
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -66,14 +65,14 @@ class Proposal:
     Mixture and cover live in levelled coordinates, in which the posterior has no funnel.
     """
 
-    posterior: Posterior
-    levelling: Levelling
+    posterior: Target
+    levelling: Levels
     mixture: StudentMixture
     cover: StudentMixture
     cover_share: float
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
-        """Log density at x, shape (points, 4) -> (points,); log_prior is the prior's log density there."""
+        """Log density at x, shape (points, k) -> (points,); log_prior is the prior's log density there."""
         return self._log_density(*self.levelling.level(x), log_prior)
 
     def _log_density(self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
@@ -91,15 +90,14 @@ class Proposal:
         from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - self.cover_share
         y[from_cover] = self.cover.sample(rng, int(from_cover.sum()))
         x, log_volume = self.levelling.unlevel(y)
-        prior, sbar = self.posterior.prior, self.posterior.sbar
-        x[from_prior] = prior.sample_unconstrained(rng, int(from_prior.sum()), sbar)
+        x[from_prior] = self.posterior.sample_prior(rng, int(from_prior.sum()))
         y[from_prior], log_volume[from_prior] = self.levelling.level(x[from_prior])
-        log_prior = prior.log_density_unconstrained(x, sbar)
+        log_prior = self.posterior.log_prior(x)
         return ProposalDraws(x, log_prior, self._log_density(y, log_volume, log_prior))
 
 
 class ProposalDraws(NamedTuple):
-    """Draws x, shape (draws, 4), their log prior and log proposal densities, each of shape (draws,)."""
+    """Draws x, shape (draws, k), their log prior and log proposal densities, each of shape (draws,)."""
 
     x: FloatArray
     log_prior: FloatArray
@@ -179,12 +177,13 @@ class FittedProposal:
         return float(np.exp(log_weights.max() - logsumexp(log_weights)) * len(log_weights))
 
 
-def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
     """Adapt a proposal to a posterior, then judge it on fresh draws; refit on those where they reveal a gap, a few times.
 
     Parameters
     ----------
-    posterior : Posterior
+    posterior : Target
+        A model of one subject.
     rng : numpy.random.Generator
     maxima : Maxima, optional
         Local maxima, where they are known already.
@@ -193,6 +192,7 @@ def fit_proposal(posterior: Posterior, rng: np.random.Generator, *, maxima: Maxi
 
     Examples
     --------
+    >>> from bayes_toe.posterior import Posterior
     >>> from bayes_toe.study import Subject
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> fit_proposal(Posterior(subject), np.random.default_rng(1)).trusted
@@ -254,12 +254,12 @@ def _best(history: list[_Round]) -> _Round:
     return max(history, key=lambda entry: entry.efficiency)
 
 
-def _first(posterior: Posterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
+def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Proposal:
     """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
-    levelling = Levelling.at(posterior, maxima.x[maxima.value > maxima.value[0] - 3.0])
-    x = posterior.prior.sample_unconstrained(rng, 2 * STAGES[0].draws, posterior.sbar)
+    levelling = posterior.levelling(maxima.x[maxima.value > maxima.value[0] - 3.0])
+    x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
     x = x[np.isfinite(x).all(axis=1)]
-    weights = _tempered(posterior.parts(x).log_likelihood, least=200.0)
+    weights = _tempered(posterior.log_likelihood(x), least=200.0)
     y = levelling.level(x)[0]
     cover = _cover(y, weights)
     few = STAGES[0].components // 2
@@ -267,7 +267,7 @@ def _first(posterior: Posterior, maxima: Maxima, rng: np.random.Generator) -> Pr
     around = STAGES[0].components // len(maxima.x) + 1
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
         if np.linalg.eigvalsh(curvature)[0] > 0.01:  # flatter than ten units: a ridge running to infinity, no use as a scale
-            cloud = mode + rng.standard_normal((500, 4)) @ np.linalg.inv(np.linalg.cholesky(curvature))
+            cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(np.linalg.cholesky(curvature))
             levelled = levelling.level(cloud)[0]
             centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
             scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))

@@ -12,21 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.coordinates import UNCONSTRAINED, derived
 from bayes_toe.diagnostics import Convergence, convergence
 from bayes_toe.errors import InputError
-from bayes_toe.posterior import Posterior
 from bayes_toe.proposal import FittedProposal, Proposal
 from bayes_toe.seeds import stream
+from bayes_toe.target import Target
 
 if TYPE_CHECKING:
     import emcee
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Quantities whose ranks differ, so whose diagnostics do: the four natural parameters, and of the unconstrained and derived ones
-#: those that are not a monotone function of a single one already listed.
-JUDGED = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "width", "offset")
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 
 
@@ -94,7 +90,7 @@ class Chains:
 
     Attributes
     ----------
-    x : array, shape (ensembles, draws, 4)
+    x : array, shape (ensembles, draws, k)
         Unconstrained coordinates, walker-major within an ensemble.
     log_posterior : array, shape (ensembles, draws)
     acceptance : array, shape (ensembles,)
@@ -154,7 +150,7 @@ class _Ensemble:
         name = posterior.subject.name
         random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
         self._sampler = emcee.EnsembleSampler(
-            settings.walkers, len(UNCONSTRAINED), posterior.log_density, vectorize=True, moves=moves(fitted)
+            settings.walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves(fitted)
         )
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
@@ -192,7 +188,7 @@ def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named l
         known.keep((x.copy(), log_old), (fresh, log_fresh))
         return fresh, log_old - log_fresh
 
-    return MHMove(propose, ndim=len(UNCONSTRAINED))
+    return MHMove(propose, ndim=proposal.mixture.means.shape[1])
 
 
 class _Known:
@@ -202,7 +198,7 @@ class _Known:
         self._pairs: tuple[tuple[FloatArray, FloatArray], ...] = ()
 
     def values(self, x: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Log density at x, shape (walkers, 4); evaluated only where it is not known."""
+        """Log density at x, shape (walkers, k); evaluated only where it is not known."""
         result, unknown = np.empty(len(x)), np.ones(len(x), bool)
         for points, values in self._pairs:
             same = (points == x).all(axis=1)
@@ -223,14 +219,13 @@ class _Stock:
 
     def __init__(self, proposal: Proposal) -> None:
         self._proposal = proposal
-        self._x, self._log_density = np.empty((0, len(UNCONSTRAINED))), np.empty(0)
+        self._x, self._log_density = np.empty((0, proposal.mixture.means.shape[1])), np.empty(0)
 
     def log_density(self, x: FloatArray) -> FloatArray:
-        posterior = self._proposal.posterior
-        return self._proposal.log_density(x, posterior.prior.log_density_unconstrained(x, posterior.sbar))
+        return self._proposal.log_density(x, self._proposal.posterior.log_prior(x))
 
     def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """The next draws, shape (size, 4), and their log densities, shape (size,)."""
+        """The next draws, shape (size, k), and their log densities, shape (size,)."""
         if len(self._x) < size:
             self._x, _, self._log_density = self._proposal.sample(random, max(size, self._BATCH))
         taken = self._x[:size], self._log_density[:size]
@@ -256,15 +251,8 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
     return start[:walkers]
 
 
-def judged_quantities(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
-    """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""
-    theta = posterior.natural(x)
-    everything = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
-    return {name: everything[name] for name in JUDGED}
-
-
-def _judge(posterior: Posterior, x: FloatArray) -> dict[str, Convergence]:
-    return {name: convergence(values) for name, values in judged_quantities(posterior, x).items()}
+def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:
+    return {name: convergence(values) for name, values in posterior.judged(x).items()}
 
 
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:

@@ -87,7 +87,10 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     maxima = find_maxima(Posterior(subject))
     row = subject_evidence(
-        maxima, fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima), bootstrap_subject(subject, seed=1)
+        Posterior(subject),
+        maxima,
+        fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima),
+        bootstrap_subject(subject, seed=1),
     )
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None

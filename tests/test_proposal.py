@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from bayes_toe.hard_cases import hard_cases
-from bayes_toe.maximum import find_maxima, starts
+from bayes_toe.maximum import find_maxima
 from bayes_toe.mixture import StudentMixture
 from bayes_toe.posterior import Posterior
 from bayes_toe.proposal import efficiency, fit_proposal, importance_draws
@@ -24,8 +24,7 @@ def test_newton_is_never_beaten_by_a_general_optimiser(name):
     assert found.arrived
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
     rivals = [
-        -minimize(lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex).fun
-        for s in starts(posterior.subject)[::4]
+        -minimize(lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex).fun for s in posterior.starts()[::4]
     ]
     assert found.value[0] >= max(rivals) - 1e-7
     gradient, _ = posterior.derivatives(found.x[:1])

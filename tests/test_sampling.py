@@ -11,9 +11,9 @@ from bayes_toe.analysis import Settings, analyse
 from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.hard_cases import hard_cases, twins
-from bayes_toe.posterior import Posterior
+from bayes_toe.posterior import JUDGED, Posterior
 from bayes_toe.proposal import fit_proposal, importance_draws
-from bayes_toe.sampling import JUDGED, GlobalMove, SamplerSettings, judged_quantities, moves, sample_chains
+from bayes_toe.sampling import GlobalMove, SamplerSettings, moves, sample_chains
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
@@ -43,16 +43,14 @@ def _fitted_for(target):
     from bayes_toe import proposal as module
     from bayes_toe.mixture import StudentMixture
 
-    class Prior:
-        def log_density_unconstrained(self, x, sbar):
+    class Known:
+        log_density = staticmethod(target.log_density)
+
+        def log_prior(self, x):
             return -0.5 * (np.square(x - 0.5) / 9 + np.log(2 * np.pi * 9)).sum(axis=1)
 
-        def sample_unconstrained(self, rng, size, sbar):
+        def sample_prior(self, rng, size):
             return 0.5 + 3 * rng.standard_normal((size, 4))
-
-    class Known:
-        prior, sbar = Prior(), 0.0
-        log_density = staticmethod(target.log_density)
 
     class Level:
         level = staticmethod(lambda x: (x, np.zeros(len(x))))
@@ -145,7 +143,7 @@ def test_claimed_effective_sizes_hold_over_independent_runs():
     fitted = fit_proposal(posterior, generator(3, "claims"))
     runs = [sample_chains(fitted, QUICK, seed) for seed in range(40)]
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
-        values = [judged_quantities(posterior, run.x)[key] for run in runs]
+        values = [posterior.judged(run.x)[key] for run in runs]
         spread = np.var([v.mean() for v in values], ddof=1)
         true_size = np.mean([v.var() for v in values]) / spread
         claimed = np.median([run.diagnostics[key].ess_bulk for run in runs])
@@ -232,7 +230,7 @@ def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
 
 def test_judged_quantities_are_all_there():
     posterior = Posterior(CASES["funnel"])
-    assert tuple(judged_quantities(posterior, np.zeros((2, 3, 4)))) == JUDGED
+    assert tuple(posterior.judged(np.zeros((2, 3, 4)))) == JUDGED
 
 
 def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since():

@@ -1,0 +1,80 @@
+"""What the engines see of a model of one subject: a log density in unconstrained coordinates, and where to start with it.
+
+Proposal, sampler and evidence are written against :class:`Target` alone, so each model of the ladder costs its own dimensions only.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.study import Subject
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Levels(Protocol):
+    """A bijection between unconstrained coordinates x and levelled ones y, in which mixtures of Student-t densities fit the posterior."""
+
+    def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Levelled coordinates of x, shape (points, k), and log |dy/dx|, shape (points,)."""
+        ...
+
+    def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unconstrained coordinates of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
+        ...
+
+
+class Target(Protocol):
+    """The posterior of one model of one subject over unconstrained x, shape (points, k); both densities are with respect to x.
+
+    The prior is proper and normalised, so the integral of likelihood times prior over x is the model's evidence.
+    """
+
+    @property
+    def subject(self) -> Subject:
+        """The counts."""
+        ...
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the k unconstrained coordinates."""
+        ...
+
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
+        ...
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density, (points, k) -> (points,)."""
+        ...
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Their sum, (points, k) -> (points,)."""
+        ...
+
+    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
+        ...
+
+    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Gradient (points, k) and Hessian (points, k, k) of the log density."""
+        ...
+
+    def starts(self) -> FloatArray:
+        """Points from which to look for maxima, shape (starts, k), of finite density."""
+        ...
+
+    def sample_prior(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        ...
+
+    def levelling(self, modes: FloatArray) -> Levels:
+        """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
+        ...
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
+        ...
