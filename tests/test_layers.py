@@ -30,7 +30,7 @@ LAYERS = [
     ["levelling", "target"],
     ["prior", "geometry", "likelihood", "fits"],
     ["coordinates", "newton", "frequencies", "filtering"],
-    ["model", "study", "ellipse", "seeds", "exact_test", "perception"],
+    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population"],
     ["errors"],
 ]
 DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
