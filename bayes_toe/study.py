@@ -99,7 +99,7 @@ class Subject:
             _require_counts(name, key, values)
         k, n = np.asarray(n_equal, np.int64).ravel(), np.asarray(n_trials, np.int64).ravel()
         keys = [_stimuli(name, s1), _stimuli(name, s2), *([] if isi is None else [_intervals(name, isi)])]
-        if not k.shape == n.shape or any(key.shape != k.shape for key in keys):
+        if k.shape != n.shape or any(key.shape != k.shape for key in keys):
             raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(keys)])}, n_equal and n_trials must have one common length")
         if np.any((k < 0) | (k > n)):  # checked before adding up, where two wrongs could cancel
             raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
@@ -307,8 +307,9 @@ def _intervals(name: str, values: npt.ArrayLike) -> FloatArray:
 
 def _require_valid(name: str, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> None:
     """The promises that every other module builds on."""
-    if k.ndim != 1 or not k.shape == n.shape or any(key.shape != k.shape for key in keys):
-        raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(keys)])}, n_equal and n_trials must be one-dimensional and of one length")
+    if k.ndim != 1 or k.shape != n.shape or any(key.shape != k.shape for key in keys):
+        named = ", ".join(_KEYS[: len(keys)])
+        raise InputError(f"subject {name!r}: {named}, n_equal and n_trials must be one-dimensional and of one length")
     if len(k) == 0:
         raise InputError(f"subject {name!r}: no answered trial")
     if not np.isfinite(keys[:2]).all():
