@@ -327,6 +327,32 @@ def corner(
 
 
 @app.command()
+def predict(
+    posterior: Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")],
+    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="predictions.csv", help="Table to write.")] = Path("predictions.csv"),
+    subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+
+    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
+    """
+    with _problems_as_lines():
+        from bayes_toe.draws import load
+        from bayes_toe.outputs import require_writable, write_table
+        from bayes_toe.prediction import predict_pairs
+
+        require_writable(output, overwrite=overwrite)
+        loaded = load(posterior)
+        table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
+        write_table(table, output, overwrite=overwrite)
+        console = terminal.new_console(quiet)
+        console.print(f"{len(table)} predictions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+
+
+@app.command()
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="STUDY.csv", help="Trials to write.")],
     truth: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,

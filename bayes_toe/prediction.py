@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from bayes_toe.draws import QUANTILES, Draws
 from bayes_toe.errors import InputError
 from bayes_toe.intervals import equal_probability_at, gain_at, require_intervals
 from bayes_toe.model import equal_probability
+from bayes_toe.number_table import read_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,6 +67,23 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
     return _table(
         {"s1": first, "s2": second, "isi": seconds}, theta, lambda part, i: equal_probability_at(first[i], second[i], seconds[i], part)
     )
+
+
+def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
+    """:func:`predict_equal` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject.
+
+    Raises
+    ------
+    InputError
+        As :func:`predict_equal`, or if the file cannot be used: one line per problem.
+    """
+    import pandas as pd
+
+    pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
+    tables = [predict_equal(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
+    frame = pd.concat(tables, ignore_index=True)
+    frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
+    return frame
 
 
 def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame:

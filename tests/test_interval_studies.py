@@ -3,13 +3,16 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.special import betaln, roots_legendre
+from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe import interval_posterior
 from bayes_toe.analysis import analyse
 from bayes_toe.checks import check_subject, describe
+from bayes_toe.cli import app
 from bayes_toe.coordinates import Natural
 from bayes_toe.errors import InputError
 from bayes_toe.filtering import comparison_distance, evolve, steady_prior, update
@@ -283,6 +286,21 @@ def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, stu
         bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0)
     with pytest.raises(InputError, match="has no intervals"):
         bt.interval_gain_axes(plain, "S01")
+
+
+def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
+    analysis.draws.save(tmp_path / "posterior.nc")
+    (tmp_path / "pairs.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,8\n", encoding="utf-8")
+    call = ["predict", str(tmp_path / "posterior.nc"), str(tmp_path / "pairs.csv"), "-o", str(tmp_path / "p.csv")]
+    assert CliRunner().invoke(app, call).exit_code == 0
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
+    expected_rows = bt.predict_equal(analysis.draws, "S02", [0.0, 0.3], [0.3, 0.0], [0.5, 8.0])
+    assert table.iloc[2:, 1:].to_numpy() == pytest.approx(expected_rows.to_numpy(), rel=1e-12)
+    (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
+    refused = CliRunner().invoke(app, [*call[:2], str(tmp_path / "bad.csv"), "-o", str(tmp_path / "q.csv")])
+    assert (refused.exit_code, (tmp_path / "q.csv").exists()) == (2, False)
+    assert "positive finite numbers of seconds" in refused.output
 
 
 # --- figures, report, and what refuses ----------------------------------------------------------------------------------------------
