@@ -19,7 +19,7 @@ from bayes_toe.outputs import write_table
 from bayes_toe.parallel import run_jobs
 from bayes_toe.prior import Prior
 from bayes_toe.seeds import root_seed
-from bayes_toe.study import Study, Subject
+from bayes_toe.study import Study, Subject, refuse_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,7 +145,8 @@ def fit(
     Raises
     ------
     InputError
-        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, or `seed` not a whole number from 0 to 2**63 - 1.
+        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole number from 0 to 2**63 - 1, or the
+        study has intervals (column isi).
 
     Examples
     --------
@@ -156,6 +157,7 @@ def fit(
     require_level(level)
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
+    refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), Prior() if prior is None else prior
     jobs = [_Job(subject, penalty, replicates, root) for subject in study]
     rows: dict[int, SubjectFit] = {}
