@@ -20,9 +20,9 @@ from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaln, logsumexp
+from scipy.special import betaln
 
-from bayes_toe.diagnostics import smoothed_weights
+from bayes_toe.diagnostics import log_sum, smoothed_weights
 from bayes_toe.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -113,19 +113,19 @@ def leave_one_out(
     (True, nan)
     """
     counts = _counts(n_equal, n_trials)
-    logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)], axis=1)
+    logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)])
     _require_possible(logs, counts)
     names = tuple(str(i + 1) for i in range(counts.shape[1])) if pairs is None else tuple(pairs)
     if len(names) != counts.shape[1]:
         raise InputError(f"pairs: {len(names)} names, allowed are {counts.shape[1]}")
     if _require_unit(unit) == "pair":
-        given = counts > 0  # an answer never given contributes 0, also where its probability is 0
-        logs = np.where(given, counts * np.where(given, logs, 0.0), 0.0).sum(axis=1, keepdims=True)
+        given = counts[:, :, None] > 0  # an answer never given contributes 0, also where its probability is 0
+        logs = np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0, keepdims=True)
         counts = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
     values, k = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
     for answer, pair in np.argwhere(counts > 0):
-        values[answer, pair], k[answer, pair] = _left_out(logs[:, answer, pair])
-    bad = k > trusted_k(len(logs))
+        values[answer, pair], k[answer, pair] = _left_out(logs[answer, pair])
+    bad = k > trusted_k(logs.shape[-1])
     values[bad] = np.nan
     return LeaveOneOut(unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k, _note(unit, bad, k, names))
 
@@ -168,7 +168,7 @@ def _left_out(log_p: FloatArray) -> tuple[float, float]:
     if np.ptp(log_p) == 0.0:
         return float(log_p[0]), -np.inf  # all weights are equal: no tail to smooth
     smoothed = smoothed_weights(-log_p)
-    return float(logsumexp(smoothed.log_weights + log_p)), smoothed.pareto_k
+    return log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
 
 
 def _sum(values: FloatArray, counts: npt.NDArray[np.int64]) -> tuple[float, float]:
@@ -204,15 +204,16 @@ def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> npt.NDArray[np.i
 
 
 def _logs(name: str, values: npt.ArrayLike, counts: npt.NDArray[np.int64]) -> FloatArray:
+    """Checked log probabilities of one answer, shape (pairs, draws), so that the draws of a pair lie side by side in memory."""
     logs = np.asarray(values, np.float64)
     if logs.ndim != 2 or logs.shape[1] != counts.shape[1] or len(logs) < 100:
         raise InputError(f"log_{name} of shape {logs.shape}: allowed is (draws, {counts.shape[1]}) with at least 100 draws")
     if not np.all(logs <= 1e-12):  # a logarithm of 1 - q may round up
         raise InputError(f"log_{name}: a log probability is NaN or above 0")
-    return logs
+    return np.ascontiguousarray(logs.T)
 
 
 def _require_possible(logs: FloatArray, counts: npt.NDArray[np.int64]) -> None:
-    impossible = (logs == -np.inf).any(axis=0) & (counts > 0)
+    impossible = (logs.min(axis=-1) == -np.inf) & (counts > 0)
     for answer, pair in np.argwhere(impossible):
         raise InputError(f"pair {pair + 1}: '{ANSWERS[answer]}' was answered but has probability 0 in some draw of the posterior")
