@@ -22,7 +22,7 @@ LAYERS = [
     ["draws"],
     ["analysis", "files", "checks", "hard_cases"],
     ["pointwise", "fit_table", "model_evidence"],
-    ["laplace", "sampling", "simulate", "number_table", "parallel", "quadrature", "read_options", "covariates"],
+    ["laplace", "sampling", "simulate", "number_table", "parallel", "quadrature", "read_options", "covariates", "leave_one_out"],
     ["response_asymmetry", "lattice_quantiles"],
     ["proposal", "lattice_sums"],
     ["bootstrap", "maximum", "mixture", "diagnostics", "outputs", "cells", "goodness_of_fit", "sloppiness", "lattice"],
