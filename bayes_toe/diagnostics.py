@@ -58,12 +58,38 @@ def pareto_k(log_weights: npt.ArrayLike) -> float:
     >>> pareto_k(np.log(np.random.default_rng(0).uniform(size=5000))) < 0.7
     True
     """
+    return _psis(np.asarray(log_weights, np.float64))[1]
+
+
+def smoothed(log_weights: npt.ArrayLike) -> tuple[FloatArray, float]:
+    """Importance weights with their largest replaced by quantiles of the fitted Pareto tail (PSIS), on the same scale, and its k-hat.
+
+    Parameters
+    ----------
+    log_weights : array_like, shape (draws,)
+        Unnormalised; -inf where a draw has no weight.
+
+    Examples
+    --------
+    >>> raw = np.random.default_rng(0).normal(0.0, 0.3, 5000)
+    >>> weights, k = smoothed(raw)
+    >>> bool(abs(np.exp(weights).mean() - np.exp(raw).mean()) < 0.01), k < 0.7
+    (True, True)
+    """
     values = np.asarray(log_weights, np.float64)
+    made, k = _psis(values)
+    # ArviZ gives normalised weights; all but the tail are the raw ones up to a constant, which the median weight tells.
+    middle = np.argsort(values)[len(values) - np.count_nonzero(np.isfinite(values)) // 2 - 1]
+    return np.where(np.isfinite(values), made + (values[middle] - made[middle]), -np.inf), k
+
+
+def _psis(values: FloatArray) -> tuple[FloatArray, float]:
+    """Normalised smoothed log weights, and k-hat."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # ArviZ warns of a large k-hat; here the number itself is the result
         # 0.x takes log weights; 1.x takes log likelihoods to be left out, that is, their negative.
-        k = _arviz().psislw(-values if _is_one() else values)[1]
-    return float(np.asarray(k))
+        made, k = _arviz().psislw(-values if _is_one() else values)
+    return np.asarray(made, np.float64), float(np.asarray(k))
 
 
 @cache
