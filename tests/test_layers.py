@@ -25,12 +25,12 @@ LAYERS = [
     ["laplace", "sampling", "simulate", "number_table", "parallel", "quadrature", "read_options", "covariates"],
     ["response_asymmetry"],
     ["proposal"],
-    ["bootstrap", "maximum", "mixture", "diagnostics", "outputs", "cells", "goodness_of_fit", "sloppiness"],
+    ["bootstrap", "ladder", "maximum", "mixture", "diagnostics", "outputs", "cells", "goodness_of_fit", "sloppiness"],
     ["posterior", "maximum_likelihood"],
-    ["levelling", "target"],
+    ["levelling", "target", "parameters"],
     ["prior", "geometry", "likelihood", "fits"],
-    ["coordinates", "newton", "frequencies", "filtering"],
-    ["model", "study", "ellipse", "seeds", "exact_test", "perception"],
+    ["coordinates", "newton", "link", "frequencies", "filtering"],
+    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "differences"],
     ["errors"],
 ]
 DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
