@@ -76,7 +76,7 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
     apart = np.where(np.isfinite(upper), lower - np.where(np.isfinite(upper), upper, 0.0), -np.inf)
     result = upper + np.log1p(-np.exp(apart))
     # Where the window is narrow and the density in it nearly level the two nearly cancel: its integral, by positive terms.
-    level = (k < 0.5) & (k * distance < 0.5)
+    level = (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
     if level.any():
         d, half = distance[level], k[level]
         t = 0.5 * half[:, None] * (_NODES + 1.0)
