@@ -53,6 +53,7 @@ _PLACES = {
     "asymmetry_axes": "asymmetry_plot",
     "order_axes": "asymmetry_plot",
     "filter_axes": "filter_plot",
+    "noticed_axes": "filter_plot",
     "answers_axes": "subject_plot",
     "prior_axes": "subject_plot",
     "collapse_axes": "subject_plot",
@@ -62,6 +63,7 @@ _PLACES = {
     "mass_ellipse": "ellipse",
     "file_stems": "outputs",
     "equal_probability": "model",
+    "noticed": "filtering",
     "BayesToeError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
@@ -94,6 +96,8 @@ if TYPE_CHECKING:
     from bayes_toe.example import example_truth as example_truth
     from bayes_toe.files import read_study as read_study
     from bayes_toe.filter_plot import filter_axes as filter_axes
+    from bayes_toe.filter_plot import noticed_axes as noticed_axes
+    from bayes_toe.filtering import noticed as noticed
     from bayes_toe.fit_table import FitTable as FitTable
     from bayes_toe.fit_table import fit as fit
     from bayes_toe.geometry_plot import gamma_axes as gamma_axes

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.errors import InputError
-from bayes_toe.model import noise_ratio, require_natural, variance_ratio
+from bayes_toe.model import LN2, noise_ratio, require_natural, variance_ratio
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -179,6 +179,60 @@ def sequence_view(
         after.append(update(before[-1], shown[..., t], sigma_l))
     distance = [comparison_distance(one, shown[..., t], sigma_l) for t, one in enumerate(before)]
     return SequenceView(shown, _in_time(before), _in_time(after), np.stack(np.broadcast_arrays(*distance), axis=-1))
+
+
+def noticed(
+    stimuli: npt.ArrayLike,
+    mu1: npt.ArrayLike,
+    sigma_p: npt.ArrayLike,
+    sigma_l: npt.ArrayLike,
+    q0: npt.ArrayLike,
+    *,
+    intervals: npt.ArrayLike | None = None,
+    prior: Gaussian | None = None,
+) -> FloatArray:
+    """Probability that each stimulus after the first is noticed as different from what was expected, shape (..., times - 1); no unit.
+
+    With mu and sigma^2 the mean and variance of the evolved belief just before a stimulus s,
+
+        1 - q = 1 - q0 2^(-z^2),  z = (s - mu)/w,  w = sigma + sigma_l^2/sigma,
+
+    in the form (1 - q0) + q0 (1 - 2^(-z^2)), in which nothing cancels. Every stimulus updates the belief, noticed or not. Two stimuli with
+    the default prior and an interval of 1 are the paper's model.
+
+    Source: Eqs. mod:qdphi and mod:q, at every stimulus.
+
+    Parameters
+    ----------
+    stimuli : array_like, shape (times,) or (..., times)
+        At least two natural-log intensities.
+    mu1, sigma_p, sigma_l, q0 : array_like, shape (...)
+        Natural-log intensities, and the chance of 'equal' where nothing differs. Posterior draws go in as they are; quantiles of the result
+        over draws are its bands.
+    intervals : array_like, shape (times - 1,), optional
+        Pauses before every stimulus but the first, in units of the interval that sigma_p^2 belongs to; all 1 by default.
+    prior : Gaussian, optional
+        Belief before the first stimulus; by default the one that is self-consistent at intervals of 1. For a stream of stimuli an interval
+        d apart it is ``steady_prior(mu1, sigma_p * d**0.5, sigma_l)``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two stimuli, or intervals do not fit.
+    NumericalError
+        If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> noticed([0.0, 0.0, 0.0, 0.4], mu1=0.0, sigma_p=0.3, sigma_l=0.2, q0=0.9).round(3).tolist()
+    [0.1, 0.1, 0.465]
+    """
+    require_natural(mu1, sigma_p, sigma_l, q0)
+    if np.atleast_1d(np.asarray(stimuli, np.float64)).shape[-1] < 2:
+        raise InputError("a stimulus is compared with the ones before it: allowed are at least two stimuli")
+    z = sequence_view(stimuli, mu1, sigma_p, sigma_l, intervals=intervals, prior=prior).distance[..., 1:]
+    top = np.asarray(q0, np.float64)[..., None]
+    return np.asarray((1.0 - top) - top * np.expm1(-LN2 * np.square(z)))
 
 
 def _in_time(beliefs: list[Gaussian]) -> Gaussian:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe import model
+from bayes_toe.coordinates import Natural
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.filtering import Gaussian, evolve, sequence_view, steady_prior, trial_view, update
 
@@ -118,3 +119,98 @@ def test_bad_sequences_and_parameters_are_refused():
         sequence_view([], 0.0, 0.3, 0.1)
     with pytest.raises(NumericalError, match="sigma_p"):
         trial_view(0.0, 0.1, 0.0, 0.0, 0.1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    s1=st.floats(-2, 2), s2=st.floats(-2, 2), mu1=st.floats(-5, 5), sigma_p=st.floats(-2, 3).map(lambda e: 10.0**e),
+    gamma=st.floats(-30, 0).map(lambda e: 10.0**e), q0=st.floats(0, 1),
+)  # fmt: skip
+def test_two_stimuli_are_noticed_as_in_the_papers_model(s1, s2, mu1, sigma_p, gamma, q0):
+    sigma_l = sigma_p * np.sqrt(gamma)
+    found = bt.noticed([s1, s2], mu1, sigma_p, sigma_l, q0)
+    assert found.shape == (1,)
+    assert found[0] == pytest.approx(1 - float(bt.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)), abs=1e-12)
+    if 0 < q0 < 1:  # and to the relative digits of the stable form, where 1 - q is small
+        z = model.normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
+        log_rest = float(model.log_different(z, np.log(q0) - np.log1p(-q0)))
+        assert found[0] == pytest.approx(np.exp(log_rest), rel=1e-12, abs=1e-13)
+
+
+def test_a_stream_at_another_pace_is_the_papers_model_with_more_diffusion():
+    mu1, sigma_p, sigma_l, q0, pause = 0.4, 0.3, 0.2, 0.93, 2.5
+    slow = sigma_p * np.sqrt(pause)
+    found = bt.noticed([0.1, 0.7], mu1, sigma_p, sigma_l, q0, intervals=[pause], prior=steady_prior(mu1, slow, sigma_l))
+    assert found[0] == pytest.approx(1 - float(bt.equal_probability(0.1, 0.7, mu1, slow, sigma_l, q0)), abs=1e-13)
+
+
+def test_noticed_along_a_sequence_by_densities_on_a_grid():
+    # The literal route: multiply by the likelihood, smear by the propagator, read off means and sds, apply the decision rule to the shift.
+    grid = np.linspace(-6, 6, 2401)
+    mu1, sigma_p, sigma_l, q0 = 0.5, 0.4, 0.3, 0.9
+    s, pauses = [-0.3, 0.2, 0.9, 0.9, -0.4], [1.0, 0.5, 2.0, 0.7]
+
+    def normal(mean, sd):
+        return np.exp(-0.5 * ((grid - mean) / sd) ** 2)
+
+    def moments(density):
+        mean = (grid * density).sum() / density.sum()
+        return mean, np.sqrt((np.square(grid - mean) * density).sum() / density.sum())
+
+    density = normal(mu1, float(steady_prior(mu1, sigma_p, sigma_l).sd)) * normal(s[0], sigma_l)
+    expected = []
+    for stimulus, pause in zip(s[1:], pauses, strict=True):
+        density = np.convolve(density, normal(0.0, sigma_p * np.sqrt(pause)), "same")
+        mean, sd = moments(density)
+        density = density / density.sum() * normal(stimulus, sigma_l)
+        expected.append(1 - q0 * 2 ** -(((moments(density)[0] - mean) / sd) ** 2))
+    assert bt.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=pauses) == pytest.approx(expected, abs=1e-9)
+
+
+def test_noticed_takes_draws_and_their_own_sequences():
+    rng = np.random.default_rng(6)
+    mu1, sigma_p, sigma_l, q0 = rng.normal(size=50), rng.uniform(0.2, 0.5, 50), rng.uniform(0.1, 0.2, 50), rng.uniform(0.8, 1, 50)
+    s = np.array([0.0, 0.3, -0.2, 0.5])
+    found = bt.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
+    assert found.shape == (50, 3)
+    one = bt.noticed(s, mu1[7], sigma_p[7], sigma_l[7], q0[7], intervals=[1, 2, 0.5])
+    assert found[7] == pytest.approx(one, rel=1e-13)
+    chains = bt.noticed(s, *(v.reshape(2, 25) for v in (mu1, sigma_p, sigma_l, q0)), intervals=[1, 2, 0.5])
+    assert chains.reshape(50, 3) == pytest.approx(found, rel=1e-13)
+    own = bt.noticed(np.tile(s, (50, 1)), mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
+    assert own == pytest.approx(found, rel=1e-13)
+
+
+def test_only_lapses_are_noticed_in_a_constant_stream_in_the_end_and_a_longer_pause_blurs():
+    s = np.zeros(80)
+    found = bt.noticed(s, 2.0, 0.3, 0.2, 0.9)
+    assert np.all(np.diff(found) <= 1e-15)
+    assert found[0] > 0.2
+    assert found[-1] == pytest.approx(0.1, abs=1e-12)
+    s[-1] = 0.4
+    assert bt.noticed(s, 0.0, 0.3, 0.2, 0.9)[-1] > bt.noticed(s, 0.0, 0.3, 0.2, 0.9, intervals=[1] * 78 + [4])[-1]
+
+
+def test_noticed_refuses_what_it_cannot_use():
+    with pytest.raises(InputError, match="at least two stimuli"):
+        bt.noticed([0.0], 0.0, 0.3, 0.1, 0.9)
+    with pytest.raises(InputError, match="3 stimuli need 2 finite"):
+        bt.noticed([0.0, 0.1, 0.2], 0.0, 0.3, 0.1, 0.9, intervals=[1.0])
+    with pytest.raises(NumericalError, match="q0"):
+        bt.noticed([0.0, 0.1], 0.0, 0.3, 0.1, 1.1)
+
+
+def test_the_panel_of_a_sequence_shows_medians_and_bands():
+    rng = np.random.default_rng(6)
+    theta = Natural(rng.normal(size=(2, 40)), np.full((2, 40), 0.3), np.full((2, 40), 0.2), rng.uniform(0.8, 1, (2, 40)))
+    s, pauses = [0.0, 0.3, 0.3], [1.0, 2.5]
+    ax = bt.noticed_axes(s, theta, intervals=pauses, share=0.8)
+    low, middle, high = np.quantile(bt.noticed(s, *(v.ravel() for v in theta), intervals=pauses), [0.1, 0.5, 0.9], axis=0)
+    [drawn] = ax.containers
+    assert drawn.lines[0].get_xydata() == pytest.approx(np.column_stack([[1.0, 3.5], middle]))
+    [bars] = drawn.lines[2]
+    assert np.array([bar[:, 1] for bar in bars.get_segments()]) == pytest.approx(np.column_stack([low, high]))
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["0\n0.00", "1\n0.30", "3.5\n0.30"]
+    assert bt.noticed_axes(s, Natural(*np.array([0.0, 0.3, 0.2, 0.9])), ax=ax) is ax
+    many = bt.noticed_axes(np.zeros(200), Natural(*np.array([0.0, 0.3, 0.2, 0.9])))
+    assert 5 < len(many.get_xticks()) < 11
