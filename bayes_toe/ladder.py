@@ -158,6 +158,14 @@ def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = 
 class LadderPosterior:
     """Log posterior of one subject under one record of the ladder, derivatives by central differences.
 
+    Parameters
+    ----------
+    subject : Subject
+    model : Model
+    prior : Prior
+    centre : float, optional
+        Intensity from which the offset counts; the mean first stimulus by default.
+
     Examples
     --------
     >>> subject = Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
@@ -168,6 +176,7 @@ class LadderPosterior:
     subject: Subject
     model: Model
     prior: Prior = field(default_factory=Prior)
+    centre: float | None = None
     sbar: float = field(init=False)
     _counts: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
@@ -176,7 +185,7 @@ class LadderPosterior:
     def __post_init__(self) -> None:
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         for key, value in {
-            "sbar": float(np.average(subject.s1, weights=subject.n_trials)),
+            "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
             "_counts": (subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)),
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
             "_places": {name: i for i, name in enumerate(self.model.coordinates)},
