@@ -61,6 +61,12 @@ _PLACES = {
     "plane_axes": "geometry_plot",
     "gamma_axes": "geometry_plot",
     "mass_ellipse": "ellipse",
+    "posterior_of": "interval_posterior",
+    "predict_equal": "prediction",
+    "predict_gain": "prediction",
+    "interval_curves": "interval_plot",
+    "interval_gain_axes": "interval_plot",
+    "interval_answers_axes": "interval_plot",
     "file_stems": "outputs",
     "equal_probability": "model",
     "noticed": "filtering",
@@ -102,6 +108,10 @@ if TYPE_CHECKING:
     from bayes_toe.fit_table import fit as fit
     from bayes_toe.geometry_plot import gamma_axes as gamma_axes
     from bayes_toe.geometry_plot import plane_axes as plane_axes
+    from bayes_toe.interval_plot import interval_answers_axes as interval_answers_axes
+    from bayes_toe.interval_plot import interval_curves as interval_curves
+    from bayes_toe.interval_plot import interval_gain_axes as interval_gain_axes
+    from bayes_toe.interval_posterior import posterior_of as posterior_of
     from bayes_toe.ladder import model_posterior as model_posterior
     from bayes_toe.map_plot import map_axes as map_axes
     from bayes_toe.model import equal_probability as equal_probability
@@ -113,6 +123,8 @@ if TYPE_CHECKING:
     from bayes_toe.plots import evidence_figure as evidence_figure
     from bayes_toe.plots import save_figure as save_figure
     from bayes_toe.posterior import Posterior as Posterior
+    from bayes_toe.prediction import predict_equal as predict_equal
+    from bayes_toe.prediction import predict_gain as predict_gain
     from bayes_toe.prior import Prior as Prior
     from bayes_toe.read_options import ReadOptions as ReadOptions
     from bayes_toe.response_asymmetry import AsymmetryTable as AsymmetryTable

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from bayes_toe.fit_table import SubjectFit, subject_fit
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
 from bayes_toe.parallel import run_jobs
 from bayes_toe.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
-from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.proposal import fit_proposal
 from bayes_toe.sampling import Chains, SamplerSettings, sample_chains
@@ -40,6 +40,8 @@ class Settings:
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
     """What was asked for of one subject, None for the rest; the fit comes with the evidence, values per pair only with small studies.
+
+    The fit is None for subjects with intervals, which it does not know.
 
     `efficiency` and `pareto_k` tell how good the fitted proposal is.
     """
@@ -84,16 +86,17 @@ def analyse(
 
 def _analyse_subject(job: _Job) -> SubjectResult:
     subject, seed = job.subject, job.settings.seed
-    posterior = Posterior(subject, job.settings.prior)
+    posterior = posterior_of(subject, job.settings.prior)
     maxima = find_maxima(posterior)
     fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
     chains = sample_chains(fitted, job.settings.sampler, seed) if job.with_chains else None
-    fit = subject_fit(subject, posterior.prior, seed=seed) if job.with_evidence else None
+    fit = subject_fit(subject, posterior.prior, seed=seed) if job.with_evidence and subject.isi is None else None
+    replicates = None if fit is None else fit.bootstrap
     return SubjectResult(
         subject=subject,
         efficiency=fitted.efficiency,
         pareto_k=fitted.pareto_k,
-        evidence=None if fit is None else subject_evidence(posterior, maxima, fitted, fit.bootstrap),
+        evidence=subject_evidence(posterior, maxima, fitted, replicates) if job.with_evidence else None,
         fit=fit,
         chains=chains,
         pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bayes_toe.study import Study, Subject
+from bayes_toe.study import Study, Subject, said_intervals
 
 _PARAMETERS = 4  # offset, pull, width and peak
 _MOST_PAIRS_SHOWN = 3
+_LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Finding:
         Whom it concerns; empty for the whole study.
     code : str
         What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order" or "names_differ_in_case".
+        "one_first_stimulus", "one_order", "one_interval", "long_intervals" or "names_differ_in_case".
     message : str
         One sentence that says what to conclude.
 
@@ -65,7 +66,7 @@ def check_subject(subject: Subject) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check_subject(subject)]
     ['one_first_stimulus', 'one_order']
     """
-    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders)
+    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders, _intervals)
     return tuple(Finding(subject.name, code, message) for rule in rules for code, message in rule(subject))
 
 
@@ -88,7 +89,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     >>> [finding.message for finding in check_study(Study((Subject("a", *counts), Subject("A", *counts))))]
     ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
-    return (*_names(study.names), *(finding for subject in study for finding in check_subject(subject)))
+    return (*_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
 
 
 def describe(study: Study) -> pd.DataFrame:
@@ -102,8 +103,9 @@ def describe(study: Study) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        subject; n_pairs, distinct ordered pairs; n_trials; n_both_orders and n_one_order, pairs of different stimuli
-        (order aside) that were presented in both orders and in one; n_equal_pairs, pairs of equal stimuli;
+        subject; n_pairs, distinct ordered pairs (with a column isi, pairs at an interval); n_intervals, only with such a column; n_trials;
+        n_both_orders and n_one_order, pairs of different stimuli (order aside) that were presented in both orders and in one;
+        n_equal_pairs, pairs of equal stimuli;
         fraction_equal, share of trials answered 'equal', in 0..1.
 
     Examples
@@ -121,6 +123,7 @@ def _row(subject: Subject) -> dict[str, str | int | float]:
     return {
         "subject": subject.name,
         "n_pairs": subject.n_pairs,
+        **({} if subject.isi is None else {"n_intervals": len(subject.intervals)}),
         "n_trials": subject.total_trials,
         "n_both_orders": (subject.n_pairs - equal - one) // 2,
         "n_one_order": one,
@@ -130,10 +133,11 @@ def _row(subject: Subject) -> dict[str, str | int | float]:
 
 
 def _one_order(subject: Subject) -> list[tuple[float, float]]:
-    """Pairs of different stimuli that were presented in this order only."""
-    pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    """Pairs of different stimuli that were presented in this order only, at one interval where there are intervals."""
+    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
+    pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
     present = set(pairs)
-    return [(first, second) for first, second in pairs if first != second and (second, first) not in present]
+    return [(first, second) for first, second, at in pairs if first != second and (second, first, at) not in present]
 
 
 _Rule = Iterable[tuple[str, str]]
@@ -182,7 +186,8 @@ def _equal_pairs(subject: Subject) -> _Rule:
 
 
 def _first_stimuli(subject: Subject) -> _Rule:
-    if (subject.s1 == subject.s1[0]).all():
+    # With several intervals offsets and widths tell the pull apart even so.
+    if (subject.s1 == subject.s1[0]).all() and len(subject.intervals) <= 1:
         yield (
             "one_first_stimulus",
             f"All pairs have the first stimulus {subject.s1[0]:.4g}: the pull does not enter the likelihood, so the "
@@ -201,6 +206,24 @@ def _orders(subject: Subject) -> _Rule:
             f"{len(one)} {what} presented in one order only, {shown}{more}: the order effect there is not observed but "
             "predicted by the model.",
         )
+
+
+def _intervals(subject: Subject) -> _Rule:
+    if len(subject.intervals) == 1:
+        yield (
+            "one_interval",
+            f"All pairs have the interval {said_intervals(subject.intervals)}: what is said of other intervals rests on the assumed random "
+            "walk of the memory alone.",
+        )
+
+
+def _units(study: Study) -> list[Finding]:
+    """Intervals that were probably meant in milliseconds."""
+    longest = max(study.intervals, default=0.0)
+    if longest < _LONG:
+        return []
+    message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
+    return [Finding("", "long_intervals", message)]
 
 
 def _names(names: Iterable[str]) -> list[Finding]:

@@ -316,10 +316,12 @@ def figures(
         from bayes_toe.example import example_study
         from bayes_toe.outputs import require_folder
         from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
+        from bayes_toe.study import refuse_intervals
 
         chosen = ["pdf", "png"] if formats is None else formats
         require_folder(output, products(chosen), overwrite=overwrite)
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
+        refuse_intervals(read, "the paper's figures")  # before the sampling
         if subject is not None:
             require_subjects(subject, read.names)
         console = terminal.new_console(quiet)
@@ -366,6 +368,32 @@ def corner(
 
 
 @app.command()
+def predict(
+    posterior: Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")],
+    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="predictions.csv", help="Table to write.")] = Path("predictions.csv"),
+    subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+
+    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
+    """
+    with _problems_as_lines():
+        from bayes_toe.draws import load
+        from bayes_toe.outputs import require_writable, write_table
+        from bayes_toe.prediction import predict_pairs
+
+        require_writable(output, overwrite=overwrite)
+        loaded = load(posterior)
+        table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
+        write_table(table, output, overwrite=overwrite)
+        console = terminal.new_console(quiet)
+        console.print(f"{len(table)} predictions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+
+
+@app.command()
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="STUDY.csv", help="Trials to write.")],
     truth: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
@@ -375,8 +403,9 @@ def simulate(
         str, typer.Option("--amplitudes", help="Stimuli in units of the reference, weakest first.")
     ] = "1,1.15,1.36,1.55,1.66",
     design: Annotated[
-        str, typer.Option("--design", help="reference (the paper's), full (all ordered pairs), or a CSV with s1,s2.")
+        str, typer.Option("--design", help="reference (the paper's), full (all ordered pairs), or a CSV with s1,s2 (and isi).")
     ] = "reference",
+    isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each.")] = None,
     population: Annotated[str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l,q0.")] = "paper",
     seed: Seed = None,
     overwrite: Overwrite = False,
@@ -395,7 +424,7 @@ def simulate(
         for path in [output] if truth is None else [output, truth]:
             require_writable(path, overwrite=overwrite)
         root = root_seed(seed)
-        chosen = design_from(design, amplitudes, batches)
+        chosen = design_from(design, amplitudes, batches, isi)
         names, observers = population_from(population, subjects, root)
         trials = simulate_trials(names, observers, chosen, root)
         write_table(trial_frame(trials), output, overwrite=overwrite)

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from bayes_toe.coordinates import IDENTIFIED, NATURAL, QUANTITIES, Natural, quantities
 from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.model import MAX_PULL
 from bayes_toe.plots import POSTERIOR, WEAKER_FIRST, new_figure, plain
-from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def corner(
     """
     names = _names(coordinates)
     samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-    sbar = Posterior(draws.subject(subject)).sbar
+    sbar = posterior_of(draws.subject(subject)).sbar
     known = {} if truths is None else _known(truths, sbar)
     spans = [_span(name, column) for name, column in zip(names, samples.T, strict=True)]
     lines = _title(draws, subject) + _key(len(names), prior is not None, _truth_key(names, spans, known))

@@ -21,9 +21,9 @@ from bayes_toe.analysis import Settings, SubjectResult
 from bayes_toe.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
 from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import InputError
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.outputs import whole_file
 from bayes_toe.pointwise import POINTWISE_LIMIT, values_needed
-from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import Chains
 from bayes_toe.study import Study, Subject
@@ -38,6 +38,14 @@ PARAMETERS = (*NATURAL, *DERIVED)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat")
 _UNITS = {"q0": "1", "gamma": "1", "gain": "1"}
+_INTERVAL_UNITS = {
+    "sigma_p": "ln intensity / s^(1/2)",
+    "gamma": "1, at 1 s",
+    "gain": "1, at 1 s",
+    "sigma1": "ln intensity, at 1 s",
+    "width": "ln intensity, at 1 s",
+}
+_WITH_INTERVALS = "; intervals isi in seconds, memory variance sigma_p^2 isi, a self-consistent prior for each interval"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +85,12 @@ class Draws:
         return Prior(**json.loads(self.tree.attrs["settings"])["prior"])
 
     @property
+    def intervals(self) -> tuple[float, ...]:
+        """Distinct inter-stimulus intervals of the study, seconds, shortest first; empty where it has no column isi."""
+        observed = self.group("observed_data")
+        return tuple(np.unique(observed["isi"].values).tolist()) if "isi" in observed.coords else ()
+
+    @property
     def synthetic(self) -> bool:
         """True where the data were simulated."""
         return bool(self.tree.attrs["synthetic"])
@@ -110,7 +124,8 @@ class Draws:
         observed, constant = self.group("observed_data"), self.group("constant_data")
         at = observed["subject"].values == name
         columns = (observed["s1"], observed["s2"], observed["n_equal"], constant["n_trials"])
-        return Subject(name, *(column.values[at] for column in columns))
+        s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
+        return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
 
     def natural(self, name: str) -> Natural:
         """Draws of the natural parameters of one subject, each of shape (chains, draws)."""
@@ -135,7 +150,7 @@ class Draws:
         if parameter not in QUANTITIES:
             raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(QUANTITIES)}")
         if parameter not in PARAMETERS:
-            return quantities(self.natural(name), Posterior(self.subject(name)).sbar)[parameter]
+            return quantities(self.natural(name), posterior_of(self.subject(name)).sbar)[parameter]
         return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
 
     def summary(self) -> pd.DataFrame:
@@ -226,11 +241,12 @@ def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr
 
     columns: dict[str, list[FloatArray]] = {key: [] for key in PARAMETERS}
     for result in results:
-        theta = Posterior(result.subject, settings.prior).natural(chains_of(result).x)
+        theta = posterior_of(result.subject, settings.prior).natural(chains_of(result).x)
         for key, values in {**theta._asdict(), **derived(theta)}.items():
             columns[key].append(values)
     dims = ("chain", "draw", "subject")
-    data = {key: (dims, np.stack(values, -1), {"units": _UNITS.get(key, "ln intensity")}) for key, values in columns.items()}
+    units = _UNITS if results[0].subject.isi is None else _UNITS | _INTERVAL_UNITS
+    data = {key: (dims, np.stack(values, -1), {"units": units.get(key, "ln intensity")}) for key, values in columns.items()}
     chains, draws = columns["mu1"][0].shape
     walkers = settings.sampler.walkers
     coords: dict[str, Any] = {
@@ -267,9 +283,10 @@ def _long_group(study: Study, key: str) -> xr.Dataset:
     """One count per subject and pair, with the pair as coordinates."""
     import xarray as xr
 
-    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in ("s1", "s2", key)}
+    pairs = ("s1", "s2", "isi") if study.intervals else ("s1", "s2")
+    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in (*pairs, key)}
     owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
-    coords = {"subject": ("obs", owner), "s1": ("obs", columns["s1"]), "s2": ("obs", columns["s2"])}
+    coords = {"subject": ("obs", owner), **{name: ("obs", columns[name]) for name in pairs}}
     return xr.Dataset({key: ("obs", columns[key])}, {"obs": np.arange(len(owner)), **coords})
 
 
@@ -293,7 +310,7 @@ def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, An
         "source": study.source,
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
-        "model": "predictive update (H1), arXiv 2604.19662",
+        "model": "predictive update (H1), arXiv 2604.19662" + (_WITH_INTERVALS if study.intervals else ""),
         "seed": settings.seed,
         "prior": settings.prior.describe(),
         "settings": json.dumps({"prior": asdict(settings.prior), "sampler": asdict(settings.sampler)}),

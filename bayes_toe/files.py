@@ -37,9 +37,9 @@ from bayes_toe.cells import (
 )
 from bayes_toe.errors import InputError
 from bayes_toe.read_options import COLUMNS, ReadOptions
-from bayes_toe.study import FloatArray, IntArray, Study, Subject
+from bayes_toe.study import FloatArray, IntArray, Study, Subject, said_intervals
 
-_SYNTHETIC = "synthetic"
+_SYNTHETIC, _ISI = "synthetic", "isi"
 _EQUAL_WORDS = frozenset({"equal", "same", "1"})
 _DIFFERENT_WORDS = frozenset({"different", "0"})
 _MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none"})
@@ -52,7 +52,8 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     r"""The study in a CSV file of trials or of counts; the header tells which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
-    ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities; other columns are ignored.
+    ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
+    and makes the same stimuli at another interval another pair. Other columns are ignored.
 
     Parameters
     ----------
@@ -108,11 +109,12 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
 
 
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
-    """Our names of the columns that this header calls for."""
+    """Our names of the columns that this header calls for, and of those that it may have."""
+    extra = [_ISI] if named[_ISI] in names else []
     counts = [ours for ours in ("n_equal", "n_trials") if named[ours] in names]
     if named["response"] in names:
-        return ["subject", *_stimuli(options), "response", *counts]
-    return ["subject", *_stimuli(options), *(("n_equal", "n_trials") if counts else ("response",))]
+        return ["subject", *_stimuli(options), "response", *counts, *extra]
+    return ["subject", *_stimuli(options), *(("n_equal", "n_trials") if counts else ("response",)), *extra]
 
 
 def _stimuli(options: ReadOptions) -> tuple[str, str]:
@@ -161,19 +163,28 @@ def _log_ratio(value: float, reference: float) -> float:
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Who met which stimuli, row by row; s1 and s2 are natural-log intensities, NaN where a cell cannot be read."""
+    """Who met which stimuli, row by row; s1 and s2 are natural-log intensities, isi seconds, NaN where a cell cannot be read."""
 
     subject: Column
     first: Column
     second: Column
     s1: FloatArray
     s2: FloatArray
+    interval: Column | None = None
+    isi: FloatArray | None = None
 
 
 def _pairs(table: Table, options: ReadOptions) -> _Pairs:
     first, second = (table.columns[ours] for ours in _stimuli(options))
     s1, s2 = (_log_intensity(table, column, options) for column in (first, second))
-    return _Pairs(table.columns["subject"], first, second, s1, s2)
+    interval = table.columns.get(_ISI)
+    isi = None if interval is None else _seconds(table, interval)
+    return _Pairs(table.columns["subject"], first, second, s1, s2, interval, isi)
+
+
+def _seconds(table: Table, column: Column) -> FloatArray:
+    values = [number(text, table.header.decimal_comma) for text in column.texts]
+    return column.spread([value if value > 0 else math.nan for value in values], np.float64)
 
 
 def _log_intensity(table: Table, column: Column, options: ReadOptions) -> FloatArray:
@@ -184,13 +195,18 @@ def _log_intensity(table: Table, column: Column, options: ReadOptions) -> FloatA
 
 
 def _pair_faults(table: Table, pairs: _Pairs, asked: BoolArray, options: ReadOptions) -> list[Fault]:
-    """Subjects without a name and stimuli without a number, in the rows that have an answer."""
+    """Subjects without a name, stimuli and intervals without a number, in the rows that have an answer."""
     empty = pairs.subject.spread([text == "" for text in pairs.subject.texts], np.bool_)
     return [
         fault_in(table, pairs.subject, asked & empty, lambda _: "a text that is not empty"),
         _stimulus_fault(table, pairs.first, asked & np.isnan(pairs.s1), options),
         _stimulus_fault(table, pairs.second, asked & np.isnan(pairs.s2), options),
+        *([] if pairs.interval is None or pairs.isi is None else [_interval_fault(table, pairs.interval, asked & np.isnan(pairs.isi))]),
     ]
+
+
+def _interval_fault(table: Table, column: Column, bad: BoolArray) -> Fault:
+    return fault_in(table, column, bad, lambda _: "a positive finite number of seconds, in every row or no such column")
 
 
 def _stimulus_fault(table: Table, column: Column, bad: BoolArray, options: ReadOptions) -> Fault:
@@ -246,12 +262,13 @@ def _trial_study(table: Table, options: ReadOptions) -> Study:
     refuse(table.header.source, [table.fault, *_pair_faults(table, pairs, asked, options), unknown])
     _require_rows(table, asked)
     notes = [
-        f"trial rows, {_format(table, (pairs.first, pairs.second))}, responses {_answers_note(response, answer)}",
+        f"trial rows, {_format(table, _numbers_of(pairs))}, responses {_answers_note(response, answer)}",
         *_layout_notes(pairs, options),
         *_dropped_notes(pairs.subject, ~asked),
     ]
     # A trial is a count of one, a trial without an answer a count of none.
-    return _study(table, _subjects(pairs, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0)), notes)
+    subjects = _subjects(pairs, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
+    return _study(table, subjects, [*notes, *_interval_notes(pairs, subjects)])
 
 
 def _require_rows(table: Table, asked: BoolArray) -> None:
@@ -276,9 +293,10 @@ def _count_study(table: Table, options: ReadOptions) -> Study:
     _require_rows(table, every)
     subjects = _subjects(pairs, k, n)
     notes = [
-        f"grouped rows, {_format(table, (pairs.first, pairs.second))}, {k.sum()} of {n.sum()} trials answered 'equal'",
+        f"grouped rows, {_format(table, _numbers_of(pairs))}, {k.sum()} of {n.sum()} trials answered 'equal'",
         *_layout_notes(pairs, options),
         *_grouping_notes(pairs.subject, subjects, n),
+        *_interval_notes(pairs, subjects),
     ]
     return _study(table, subjects, notes)
 
@@ -321,6 +339,18 @@ def _format(table: Table, numbers: Sequence[Column]) -> str:
     header = table.header
     comma = header.decimal_comma and any("," in text for column in numbers for text in column.texts)
     return f"{DELIMITERS[header.delimiter]}-separated, {header.encoding}{', decimal comma' if comma else ''}"
+
+
+def _numbers_of(pairs: _Pairs) -> list[Column]:
+    return [pairs.first, pairs.second, *([] if pairs.interval is None else [pairs.interval])]
+
+
+def _interval_notes(pairs: _Pairs, subjects: Sequence[Subject]) -> list[str]:
+    """Which intervals were read: a column that has a meaning is never read in silence."""
+    if pairs.interval is None:
+        return []
+    distinct = sorted({isi for subject in subjects for isi in subject.intervals})
+    return [f"{counted(len(distinct), 'interval')} in column {bare(pairs.interval.name)}: {said_intervals(distinct)}"]
 
 
 def _answers_note(response: Column, answer: IntArray) -> str:
@@ -373,7 +403,7 @@ def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> list[Subj
     rows = np.flatnonzero(n_trials > 0)
     rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
     ends = 1 + np.flatnonzero(np.diff(pairs.subject.codes[rows]))
-    columns = (pairs.s1, pairs.s2, n_equal, n_trials)
+    columns = (pairs.s1, pairs.s2, n_equal, n_trials, *([] if pairs.isi is None else [pairs.isi]))
     parts = np.split(rows, ends)
     return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in parts]
 

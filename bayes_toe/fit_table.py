@@ -19,7 +19,7 @@ from bayes_toe.outputs import write_table
 from bayes_toe.parallel import run_jobs
 from bayes_toe.prior import Prior
 from bayes_toe.seeds import root_seed
-from bayes_toe.study import Study, Subject
+from bayes_toe.study import Study, Subject, refuse_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,6 +32,7 @@ REPLICATES = 1000
 FIT_COLUMNS = (
     *("subject", *NATURAL, "log_likelihood", "at_edge"),
     *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
+    *("level", "replicates"),
 )
 
 
@@ -94,10 +95,11 @@ class FitTable:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         import pandas as pd
 
-        cells = [
-            [row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel()] for row in self
-        ]
+        cells = [(*self._cells(row), self.level, self.replicates) for row in self]
         return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
+
+    def _cells(self, row: SubjectFit) -> tuple[object, ...]:
+        return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write fit.csv, whole or not at all."""
@@ -143,7 +145,8 @@ def fit(
     Raises
     ------
     InputError
-        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, or `seed` not a whole number from 0 to 2**63 - 1.
+        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole number from 0 to 2**63 - 1, or the
+        study has intervals (column isi).
 
     Examples
     --------
@@ -154,6 +157,7 @@ def fit(
     require_level(level)
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
+    refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), Prior() if prior is None else prior
     jobs = [_Job(subject, penalty, replicates, root) for subject in study]
     rows: dict[int, SubjectFit] = {}

@@ -26,7 +26,7 @@ from bayes_toe.plots import (
     plain,
     thinned,
 )
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,6 +77,7 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
     ax.plot(side, line.s2[1], color=AXIS, lw=1.5, label="symmetry axis")
     for edge in (line.s2[0], line.s2[2]):
         ax.plot(side, edge, ":", color=AXIS, lw=0.9)
+    refuse_intervals([counts], "plane of pairs")
     order, crowded = np.sign(counts.s1 - counts.s2), counts.n_pairs > 60
     for kind, colour, marker, label in _KINDS:
         at = order == kind

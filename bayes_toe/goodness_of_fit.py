@@ -205,6 +205,8 @@ class FitSummary:
         Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
     worst_pair : tuple of float
         That pair, (s1, s2) in natural-log intensity.
+    worst_isi : float, optional
+        Its interval, seconds, where the subject has intervals.
     """
 
     deviance: float
@@ -213,6 +215,7 @@ class FitSummary:
     p_overall_se: float
     worst_p: float
     worst_pair: tuple[float, float]
+    worst_isi: float | None = None
 
 
 def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
@@ -236,6 +239,7 @@ def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: in
         check.p_overall_se,
         float(check.p_value[worst]),
         (float(subject.s1[worst]), float(subject.s2[worst])),
+        None if subject.isi is None else float(subject.isi[worst]),
     )
 
 

@@ -8,7 +8,7 @@ that ends in a peak at z = 0. What a record leaves out is fixed: no offset means
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,11 @@ from scipy.special import expit, logit
 
 from bayes_toe.differences import central_derivatives
 from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.levelling import Levelling, Probits
 from bayes_toe.link import Link, differencing_link, lapse_link
 from bayes_toe.model import MAX_PULL
 from bayes_toe.parameters import Block, Memory, Random, Share, Shift, Update, Width
-from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.study import Subject
 from bayes_toe.target import Levels, Target
@@ -141,7 +141,9 @@ def model_named(name: str) -> Model:
 
 
 def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = None) -> Target:
-    """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives.
+    """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives, and intervals where there are any.
+
+    The other models say nothing of intervals: they hold one set of parameters for all of them.
 
     Examples
     --------
@@ -151,7 +153,7 @@ def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = 
     """
     record = model_named(model) if isinstance(model, str) else model
     chosen = Prior() if prior is None else prior
-    return Posterior(subject, chosen) if record == PREDICTIVE_UPDATE else LadderPosterior(subject, record, chosen)
+    return posterior_of(subject, chosen) if record == PREDICTIVE_UPDATE else LadderPosterior(subject, record, chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +269,10 @@ class LadderPosterior:
             return Levelling.at(self, modes, max_pull=pull.span)
         logits = tuple(i for name, i in self._places.items() if name.startswith("logit_"))
         return Probits(logits, self._places["log_width"])
+
+    def for_subject(self, subject: Subject) -> LadderPosterior:
+        """The same model for other answers, offsets counted from the same intensity."""
+        return replace(self, subject=subject, centre=self.sbar)
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis."""

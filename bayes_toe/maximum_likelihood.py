@@ -23,7 +23,7 @@ from bayes_toe.likelihood import PenalisedLikelihood
 from bayes_toe.model import MAX_PULL
 from bayes_toe.newton import Ascent, ascend
 from bayes_toe.prior import Prior
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
@@ -62,6 +62,7 @@ class Design:
     @classmethod
     def of(cls, subject: Subject, prior: Prior) -> Design:
         """Pairs of a subject; of the prior only the normal of mu1 is used."""
+        refuse_intervals([subject], "maximum-likelihood fit")
         sbar = float(np.average(subject.s1, weights=subject.n_trials))
         return cls(subject.s1, subject.s2, sbar, prior.mu1_mean, prior.mu1_sd)
 

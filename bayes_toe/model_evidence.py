@@ -48,6 +48,9 @@ EVIDENCE_COLUMNS = (
 )
 
 
+_NO_REPLICATES = None, "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
+
+
 @dataclass(frozen=True)
 class SubjectEvidence:
     """Log evidences of one subject, in nats; None where a value does not exist, with the reason in `notes`."""
@@ -106,13 +109,13 @@ class EvidenceTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap) -> SubjectEvidence:
-    """Everything the evidence table says of one subject; the replicates are those of Appendix C's recipe."""
+def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap | None) -> SubjectEvidence:
+    """Everything the evidence table says of one subject; the replicates are those of Appendix C's recipe, None with intervals."""
     subject = posterior.subject
     value, error, why_not = importance_evidence(fitted)
     laplace, why_no_laplace = laplace_evidence(maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior)
-    bootstrap, about_bootstrap = bootstrap_evidence(replicates, posterior.prior)
+    bootstrap, about_bootstrap = _NO_REPLICATES if replicates is None else bootstrap_evidence(replicates, posterior.prior)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,

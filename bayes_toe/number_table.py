@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 
-def read_numbers(path: str | Path, names: Sequence[str], key: str | None = None) -> tuple[list[str], dict[str, FloatArray]]:
-    """Columns of finite numbers by name and, where `key` names one, a column of distinct texts.
+def read_numbers(
+    path: str | Path, names: Sequence[str], key: str | None = None, *, optional: Sequence[str] = ()
+) -> tuple[list[str], dict[str, FloatArray]]:
+    """Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def read_numbers(path: str | Path, names: Sequence[str], key: str | None = None)
     if missing or frame.empty:
         found = ", ".join(map(repr, frame.columns))
         raise InputError([f"{path}: column {name}: missing, found {found}" for name in missing] or f"{path}: no row below the header")
-    columns = {name: _numbers(frame[name]) for name in names}
+    columns = {name: _numbers(frame[name]) for name in (*names, *(name for name in optional if name in frame.columns))}
     problems = [
         f"{path}: row {row + 2}, column {name}: found {frame[name].iloc[row]!r}, allowed: a finite number"
         for name, values in columns.items()

@@ -33,7 +33,7 @@ from bayes_toe.plots import (
     plain,
 )
 from bayes_toe.response_asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 from bayes_toe.subject_plot import central, examples_figure
 
 if TYPE_CHECKING:
@@ -71,8 +71,9 @@ def material_of(analysis: Analysis, subjects: Sequence[str] | None = None) -> Ma
     Raises
     ------
     InputError
-        For an unknown or repeated subject, or none at all.
+        For an unknown or repeated subject, or none at all; for a study with intervals (column isi).
     """
+    refuse_intervals(analysis.study, "the paper's figures")
     table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
     chosen = representative(table) if subjects is None else require_subjects(subjects, analysis.study.names)
     return Material(without_pointwise(analysis.draws), analysis.evidence, table, chosen)

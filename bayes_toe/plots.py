@@ -24,7 +24,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model import equal_probability, normalised_distance
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import require_writable, whole_file
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,6 +106,7 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
     size : float
         Of the marks, points.
     """
+    refuse_intervals([counts], "panel of both orders")
     shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
     top = max(float(np.maximum(counts.s1, counts.s2)[shown].max()), weaker + 1e-9)
     x = np.linspace(weaker, top, 120)
@@ -118,8 +119,8 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
     for s1, s2, of_kind, colour, marker, label in kinds:
         at = shown & of_kind
         if at.any():
-            _draw_band(ax, x, equal_probability(s1, s2, *theta), colour, 0.3 * size)
-            _draw_points(ax, np.maximum(counts.s1, counts.s2)[at], counts, at, _Mark(colour, marker, label, size))
+            draw_band(ax, x, equal_probability(s1, s2, *theta), colour, 0.3 * size)
+            draw_points(ax, np.maximum(counts.s1, counts.s2)[at], counts, at, Mark(colour, marker, label, size))
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
         ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
@@ -128,37 +129,41 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
 
 def distance_panel(ax: Axes, counts: Subject, theta: Natural) -> Axes:
     """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row."""
+    refuse_intervals([counts], "panel of normalised distances")
     z = np.median(normalised_distance(counts.s1, counts.s2, theta.mu1, theta.sigma_p, theta.sigma_l), axis=0)
     reach = max(1.5, 1.05 * float(np.abs(z).max()))
     x = np.linspace(-reach, reach, 200)
-    _draw_band(ax, x, theta.q0 * 2.0 ** -np.square(x), "#333333")
+    draw_band(ax, x, theta.q0 * 2.0 ** -np.square(x), "#333333")
     kinds = (
-        (counts.s1 < counts.s2, _Mark(WEAKER_FIRST, "o", "weaker first")),
-        (counts.s1 > counts.s2, _Mark(STRONGER_FIRST, "s", "stronger first")),
-        (counts.s1 == counts.s2, _Mark(EQUAL, "D", "equal stimuli")),
+        (counts.s1 < counts.s2, Mark(WEAKER_FIRST, "o", "weaker first")),
+        (counts.s1 > counts.s2, Mark(STRONGER_FIRST, "s", "stronger first")),
+        (counts.s1 == counts.s2, Mark(EQUAL, "D", "equal stimuli")),
     )
     for at, mark in kinds:
         if at.any():
-            _draw_points(ax, z[at], counts, at, mark)
+            draw_points(ax, z[at], counts, at, mark)
     ax.set(xlabel=r"normalised distance $(s_2 - \mu_2)/w$", ylabel="P('equal')", ylim=(-0.03, 1.03))
     return ax
 
 
 @dataclass(frozen=True)
-class _Mark:
+class Mark:
+    """Colour, marker, label and size (points) of one kind of answers."""
+
     colour: str
     marker: str
     label: str
     size: float = 5.5
 
 
-def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
+def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
+    """Mean over draws (the first axis of q) and central 60 % and 95 % bands."""
     for low, high, opacity in _BANDS:
         ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
-def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bool_], mark: _Mark) -> None:
+def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bool_], mark: Mark) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b."""
     k, n = counts.n_equal[at], counts.n_trials[at]
     q = (k + 1.0) / (n + 2.0)

@@ -6,7 +6,9 @@ Random effects: each subject follows one of K models, drawn with unknown frequen
 
 :func:`random_effects` is the variational scheme that the field quotes (Stephan et al. 2009, NeuroImage 46:1004) with the omnibus risk and
 the protected exceedance probabilities of Rigoux et al. 2014 (NeuroImage 84:971); :func:`exact_random_effects` sums over all assignments of
-models to subjects. Fixed effects (:func:`fixed_effects`): all subjects follow the same model.
+models to subjects. Where single subjects say little, the variational bound lies below the exact log evidence, and the omnibus risk is then
+overstated: 0.66 on average where half the simulated populations of 16 had equal frequencies (log Bayes factors of 0.5 +- 1), against 0.50
+exactly. Fixed effects (:func:`fixed_effects`): all subjects follow the same model.
 
 All evidences are natural logs.
 """

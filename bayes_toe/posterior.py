@@ -7,7 +7,7 @@ x = (c, logit(p/p_max), log w, logit q0), so that its integral over x is the evi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.levelling import Levelling
 from bayes_toe.model import LN2, MAX_PULL, log_different, log_equal
 from bayes_toe.prior import Prior, pull_derivatives
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 FloatArray = npt.NDArray[np.float64]
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
@@ -61,8 +61,13 @@ class Posterior:
     subject: Subject
     prior: Prior = field(default_factory=Prior)
 
+    #: Whether pairs may have intervals of their own: see :class:`bayes_toe.interval_posterior.IntervalPosterior`.
+    knows_intervals: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         subject = self.subject
+        if not self.knows_intervals:
+            refuse_intervals([subject], "Posterior (bt.posterior_of gives the one that knows them)")
         sbar = float(np.average(subject.s1, weights=subject.n_trials))
         different = (subject.n_trials - subject.n_equal).astype(np.float64)
         for key, value in {
@@ -119,6 +124,10 @@ class Posterior:
     def levelling(self, modes: FloatArray) -> Levelling:
         """Coordinates in which mixtures fit, given modes, shape (modes, 4), best first."""
         return Levelling.at(self, modes)
+
+    def for_subject(self, subject: Subject) -> Posterior:
+        """The same model for other answers; its prior is about mu1, so it does not depend on where offsets count from."""
+        return type(self)(subject, self.prior)
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""

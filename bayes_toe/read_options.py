@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from bayes_toe.cells import quoted
 from bayes_toe.errors import InputError
 
-COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials")
+COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi")
 
 
 @dataclass(frozen=True)

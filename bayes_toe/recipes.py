@@ -13,7 +13,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model import require_natural
 from bayes_toe.number_table import read_numbers
 from bayes_toe.seeds import generator
-from bayes_toe.simulate import Design, Trials, full_design, paper_population, prior_population, reference_design
+from bayes_toe.simulate import Design, Trials, at_intervals, full_design, paper_population, prior_population, reference_design
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,8 +22,8 @@ _DESIGNS = {"reference": reference_design, "full": full_design}
 _POPULATIONS = {"paper": paper_population, "prior": prior_population}
 
 
-def design_from(design: str, amplitudes: str, batches: int) -> Design:
-    """The design that `--design` and `--amplitudes` name; anything but a known word is a CSV with columns s1,s2.
+def design_from(design: str, amplitudes: str, batches: int, isi: str | None = None) -> Design:
+    """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi).
 
     Examples
     --------
@@ -31,10 +31,12 @@ def design_from(design: str, amplitudes: str, batches: int) -> Design:
     9
     """
     if design in _DESIGNS:
-        return _DESIGNS[design](_amplitudes(amplitudes), batches)
-    _require_file(design, "--design", _DESIGNS)
-    columns = read_numbers(design, ("s1", "s2"))[1]
-    return Design(columns["s1"], columns["s2"], batches)
+        chosen = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+    else:
+        _require_file(design, "--design", _DESIGNS)
+        columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
+        chosen = Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
 
 
 def population_from(population: str, size: int, seed: int) -> tuple[list[str], Natural]:
@@ -65,6 +67,7 @@ def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
                 "trial": np.arange(1, len(one.equal) + 1),
                 "s1": one.s1,
                 "s2": one.s2,
+                **({} if one.isi is None else {"isi": one.isi}),
                 "response": np.where(one.equal, "equal", "different"),
                 "synthetic": 1,
             }
@@ -81,11 +84,11 @@ def truth_frame(names: Sequence[str], observers: Natural) -> pd.DataFrame:
     return pd.DataFrame({"subject": list(names), **observers._asdict()})
 
 
-def _amplitudes(text: str) -> list[float]:
+def _numbers(option: str, text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--amplitudes: found {text!r}, allowed: positive numbers separated by commas") from None
+        raise InputError(f"{option}: found {text!r}, allowed: positive numbers separated by commas") from None
 
 
 def _require_file(text: str, option: str, words: Mapping[str, object]) -> None:

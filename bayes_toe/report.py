@@ -20,6 +20,7 @@ from bayes_toe.model_evidence import SubjectEvidence
 from bayes_toe.outputs import whole_file
 from bayes_toe.prior import Prior
 from bayes_toe.response_asymmetry import LEVEL, AsymmetryTable
+from bayes_toe.study import said_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,6 +109,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, 
     rows = [(row, verdict(row)) for row in analysis.evidence]
     return {
         "study": analysis.study,
+        "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
         "rows": rows,
         "tally": {word: sum(found == word for _, found in rows) for word in ("H1", "H0", "undecided", "no estimate")},
@@ -128,10 +130,11 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
     name = counts.name
     stats = analysis.draws.group("sample_stats").sel(subject=name)
     row, fit = analysis.evidence[name], facts.fits[name]
+    fitted = None if counts.isi is not None else analysis.fits[name]
     return {
         "anchor": f"subject-{index + 1}",
         "counts": counts,
-        "parameters": _parameters(facts.summary[facts.summary["subject"] == name], analysis.fits[name], analysis.fits.level),
+        "parameters": _parameters(facts.summary[facts.summary["subject"] == name], fitted, analysis.fits.level),
         "curves": pictures.curves[name],
         "corner": pictures.corner[name],
         "shortfall": analysis.draws.not_converged.get(name, ""),
@@ -142,20 +145,21 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "steps of each walker": _kept(analysis, int(stats["steps"]), int(stats["thin"])),
             "proposal efficiency": f"{row.efficiency:.2f}",
             "Pareto k-hat": f"{row.pareto_k:.2f}",
-            "maximum likelihood at an edge": analysis.fits[name].at_edge or "no",
+            **({} if fitted is None else {"maximum likelihood at an edge": fitted.at_edge or "no"}),
             "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
             "predictive p": _p_value(fit.p_overall),
             "predictive p, worst pair": _p_value(fit.worst_p),
-            "worst pair (s1, s2)": f"({fit.worst_pair[0]:.3g}, {fit.worst_pair[1]:.3g})",
+            "worst pair (s1, s2)": f"({fit.worst_pair[0]:.3g}, {fit.worst_pair[1]:.3g})"
+            + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
         "prior_dominated": prior_dominated(analysis, name),
     }
 
 
-def _parameters(summary: pd.DataFrame, fit: SubjectFit, level: float) -> list[dict[str, Any]]:
-    """Rows of the parameter table: the posterior's summary and, for natural parameters, the fit with its bootstrap interval."""
-    natural = dict(zip(NATURAL, zip(fit.parameters, fit.bootstrap.intervals(level), strict=True), strict=True))
+def _parameters(summary: pd.DataFrame, fit: SubjectFit | None, level: float) -> list[dict[str, Any]]:
+    """Rows of the parameter table: the posterior's summary and, for natural parameters, the fit (if any) with its bootstrap interval."""
+    natural = {} if fit is None else dict(zip(NATURAL, zip(fit.parameters, fit.bootstrap.intervals(level), strict=True), strict=True))
     rows = []
     for row in summary.to_dict("records"):
         best, (lower, upper) = natural.get(row["parameter"], (None, (None, None)))

@@ -22,7 +22,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.exact_test import equality_test, holm, probability_greater
 from bayes_toe.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.outputs import write_table
-from bayes_toe.study import Study, Subject
+from bayes_toe.study import Study, Subject, refuse_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,12 +133,15 @@ class SubjectAsymmetry:
         By (s_weak, s_strong); empty where no pair was presented in both orders.
     n_one_order : int
         Pairs of different stimuli left out because they were presented in one order only.
+    pooled : bool
+        False for a subject with intervals (column isi), whose pairs are not pooled over them: there are no comparisons then.
     """
 
     subject: str
     accuracy: float
     comparisons: tuple[Comparison, ...]
     n_one_order: int
+    pooled: bool = True
 
     @property
     def maximal(self) -> Comparison | None:
@@ -254,7 +257,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     Raises
     ------
     InputError
-        If no subject met any pair of different stimuli in both orders.
+        If no subject met any pair of different stimuli in both orders, or the study has intervals (column isi).
 
     Examples
     --------
@@ -263,6 +266,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     >>> round(found.asymmetry, 3), round(found.p_value, 4), round(found.probability_of_direction, 4)
     (0.25, 0.0073, 0.9963)
     """
+    refuse_intervals(study, "asymmetry")
     table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
     if not any(row.comparisons for row in table):
         raise InputError(
@@ -273,7 +277,9 @@ def asymmetry(study: Study) -> AsymmetryTable:
 
 
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
-    """Model-free asymmetries of one subject; no comparison where no pair was presented in both orders."""
+    """Model-free asymmetries of one subject; no comparison where no pair was presented in both orders, or with intervals."""
+    if subject.isi is not None:
+        return SubjectAsymmetry(subject.name, accuracy(subject), (), 0, pooled=False)
     at = {pair: i for i, pair in enumerate(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))}
     unequal = {(min(pair), max(pair)) for pair in at if pair[0] != pair[1]}
     both = sorted(pair for pair in unequal if pair in at and pair[::-1] in at)
@@ -309,6 +315,8 @@ def _comparisons(subject: Subject, weak_first: list[int], strong_first: list[int
 
 
 def _notes(row: SubjectAsymmetry) -> Iterator[str]:
+    if not row.pooled:
+        return
     if not row.comparisons:
         yield f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed"
     elif row.n_one_order:

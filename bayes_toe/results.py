@@ -15,12 +15,13 @@ from bayes_toe.coordinates import Natural, unconstrained
 from bayes_toe.corner_plot import corner
 from bayes_toe.draws import Draws
 from bayes_toe.goodness_of_fit import FitSummary, summarise_fit
+from bayes_toe.interval_plot import interval_curves
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.map_plot import study_map_axes, without_pointwise
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import file_stems, whole_folder, write_table
 from bayes_toe.parallel import run_jobs
 from bayes_toe.plots import curves, evidence_figure, new_figure, png
-from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.report import Facts, Pictures, write_report
 from bayes_toe.response_asymmetry import AsymmetryTable, subject_asymmetry
@@ -180,11 +181,12 @@ def _draw_one(job: _Drawing) -> _Drawn:
     picture = png(corner(job.draws, job.subject, coordinates=job.coordinates, truths=job.truth, prior=job.prior), dpi=110)
     if not job.for_report:
         return _Drawn(picture)
-    return _Drawn(picture, png(curves(job.draws, job.subject), dpi=120), _fit(job.draws, job.subject))
+    fitted = interval_curves if job.draws.intervals else curves
+    return _Drawn(picture, png(fitted(job.draws, job.subject), dpi=120), _fit(job.draws, job.subject))
 
 
 def _fit(draws: Draws, subject: str) -> FitSummary:
-    posterior = Posterior(draws.subject(subject), draws.prior)
+    posterior = posterior_of(draws.subject(subject), draws.prior)
     theta = Natural(*map(np.ravel, draws.natural(subject)))
     return summarise_fit(posterior, unconstrained(theta, posterior.sbar), draws.seed)
 

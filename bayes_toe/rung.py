@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _FREQUENCY_DRAWS = 2000
+_MOST_REFITS = 16
 _UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
@@ -173,6 +174,8 @@ def _model_row(subject: Subject, model: str, draws: int, seed: int, prior: Prior
     if made.converged:
         x = made.chains.x.reshape(-1, k)
         trial, pair = _left_out(made.target, x)
+        if np.isnan(pair.elpd):
+            pair = pair.filled(_refitted(made, np.flatnonzero(np.isnan(pair.values[0])).tolist(), seed))
         notes += [one.note for one in (trial, pair) if one.note]
         checks = _checks(trial, pair, summarise_fit(made.target, x, seed))
     else:
@@ -187,6 +190,31 @@ def _left_out(target: Target, x: FloatArray) -> tuple[LeaveOneOut, LeaveOneOut]:
     logs = target.log_answers(x[:: max(1, -(-len(x) // most))])
     trial, pair = (leave_one_out(*logs, subject.n_equal, subject.n_trials, unit=unit) for unit in _UNITS)
     return trial, pair
+
+
+def _refitted(made: ModelDraws, pairs: list[int], seed: int) -> dict[int, float]:
+    """Log predictive density of left-out pairs where weights fail: ln p(y_i | rest) = ln Z(all) - ln Z(rest), by a fit without the pair.
+
+    Where either evidence is withheld, or more pairs fail than are worth a fit each, there are no values.
+    """
+    if made.log_evidence is None or len(pairs) > _MOST_REFITS:
+        return {}
+    found: dict[int, float] = {}
+    for pair in pairs:
+        rest = _log_evidence_without(made.target, pair, generator(seed, made.subject, "left out", made.model, pair))
+        if rest is not None:
+            found[pair] = made.log_evidence - rest
+    return found
+
+
+def _log_evidence_without(target: Target, pair: int, rng: np.random.Generator) -> float | None:
+    subject = target.subject
+    kept = np.arange(subject.n_pairs) != pair
+    if not kept.any():
+        return 0.0  # no answers: their probability is 1
+    rest = Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept])
+    other = target.for_subject(rest)
+    return importance_evidence(fit_proposal(other, rng))[0]
 
 
 def _checks(trial: LeaveOneOut, pair: LeaveOneOut, summary: FitSummary) -> Checks:

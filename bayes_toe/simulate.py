@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bayes_toe.coordinates import Natural
 from bayes_toe.errors import InputError
+from bayes_toe.intervals import equal_probability_at, require_intervals
 from bayes_toe.model import equal_probability
 from bayes_toe.prior import Prior
 from bayes_toe.seeds import generator
@@ -31,11 +32,14 @@ class Design:
     s1, s2 : array_like, shape (pairs,)
         Natural-log intensities.
     batches : int
+    isi : array_like, shape (pairs,), optional
+        Inter-stimulus intervals, seconds; sigma_p of the observers is then per square root of a second.
     """
 
     s1: FloatArray
     s2: FloatArray
     batches: int
+    isi: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for key in ("s1", "s2"):
@@ -44,6 +48,10 @@ class Design:
             raise InputError("design: s1 and s2 must be finite and have one common length of at least 1")
         if self.batches < 1:
             raise InputError(f"design: batches={self.batches} must be at least 1")
+        if self.isi is not None:
+            object.__setattr__(self, "isi", np.atleast_1d(require_intervals(self.isi)))
+            if self.isi.shape != self.s1.shape:
+                raise InputError("design: isi must have the length of s1 and s2")
 
 
 def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
@@ -76,6 +84,26 @@ def full_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = P
     s = _log_amplitudes(amplitudes)
     s1, s2 = np.meshgrid(s, s, indexing="ij")
     return Design(s1.ravel(), s2.ravel(), batches)
+
+
+def at_intervals(design: Design, isi: Iterable[float]) -> Design:
+    """Every pair of a design at every one of these intervals (seconds).
+
+    Raises
+    ------
+    InputError
+        If the design has intervals already, or an interval is repeated, not positive or not finite.
+
+    Examples
+    --------
+    >>> len(at_intervals(reference_design(), [0.5, 1.0, 2.0]).s1)
+    39
+    """
+    seconds = np.array(list(isi), np.float64)
+    if design.isi is not None or not len(seconds) or len(np.unique(seconds)) < len(seconds):
+        raise InputError("intervals: allowed is at least one, each once, for a design without intervals of its own")
+    times = len(seconds)
+    return Design(np.tile(design.s1, times), np.tile(design.s2, times), design.batches, np.repeat(seconds, len(design.s1)))
 
 
 def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
@@ -117,6 +145,7 @@ class Trials:
     s1: FloatArray
     s2: FloatArray
     equal: npt.NDArray[np.bool_]
+    isi: FloatArray | None = None
 
 
 def simulate_trials(names: Iterable[str], observers: Natural, design: Design, seed: int) -> list[Trials]:
@@ -149,6 +178,7 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
 def _simulate_one(name: str, observer: Natural, design: Design, rng: np.random.Generator) -> Trials:
     order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
     s1, s2 = design.s1[order], design.s2[order]
-    q = equal_probability(s1, s2, *observer)
+    isi = None if design.isi is None else design.isi[order]
+    q = equal_probability(s1, s2, *observer) if isi is None else equal_probability_at(s1, s2, isi, observer)
     batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
-    return Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q)
+    return Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi)

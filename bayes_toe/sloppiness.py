@@ -26,7 +26,7 @@ from bayes_toe.coordinates import Natural
 from bayes_toe.errors import NumericalError
 from bayes_toe.model import LN2, log_different, log_equal, normalised_distance, pull, require_natural, variance_ratio, width
 from bayes_toe.prior import Prior
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -165,6 +165,7 @@ def root_information(subject: Subject, theta: Natural) -> FloatArray:
     With z the normalised distance, d(log q) = -2 ln2 z dz for the first three parameters and 1 - q0 for logit q0.
     """
     _require_interior(theta)
+    refuse_intervals([subject], "Fisher information")
     z = normalised_distance(subject.s1, subject.s2, theta.mu1, theta.sigma_p, theta.sigma_l)
     top = logit(float(theta.q0))
     log_odds = log_equal(z, log_expit(top)) - log_different(z, top)

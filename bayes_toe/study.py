@@ -6,7 +6,7 @@ million trials cost what their distinct pairs cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53
+_KEYS = ("s1", "s2", "isi")  # what makes a pair
+_MOST_SHOWN = 8  # intervals listed one by one in a note
 
 
 def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
@@ -30,7 +32,7 @@ def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2).
+    """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2); with intervals, by (s1, s2, isi).
 
     Parameters
     ----------
@@ -40,11 +42,15 @@ class Subject:
         Natural-log intensities of the first and the second stimulus.
     n_equal, n_trials : array_like of int, shape (pairs,)
         How often the pair was called 'equal', and how often it was answered.
+    isi : array_like, shape (pairs,), optional
+        Inter-stimulus interval, seconds, positive: the same stimuli at another interval are another pair. None, the default, where the
+        study has one interval, which is then the unit of time.
 
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, a pair is repeated, or counts are outside 0 <= n_equal <= n_trials, n_trials >= 1.
+        If shapes differ, a value is not finite, an interval is not positive, a pair is repeated, or counts are outside
+        0 <= n_equal <= n_trials, n_trials >= 1.
 
     Examples
     --------
@@ -57,6 +63,7 @@ class Subject:
     s2: FloatArray
     n_equal: IntArray
     n_trials: IntArray
+    isi: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -65,13 +72,22 @@ class Subject:
             _require_counts(self.name, key, getattr(self, key))
         s1, s2 = _frozen(_stimuli(self.name, self.s1), np.float64), _frozen(_stimuli(self.name, self.s2), np.float64)
         k, n = _frozen(self.n_equal, np.int64), _frozen(self.n_trials, np.int64)
-        _require_valid(self.name, s1, s2, k, n)
-        order = np.lexsort((s2, s1))  # one order whatever the file's, so results agree to the bit
-        for key, values in (("s1", s1), ("s2", s2), ("n_equal", k), ("n_trials", n)):
+        keys = [s1, s2] if self.isi is None else [s1, s2, _frozen(_intervals(self.name, self.isi), np.float64)]
+        _require_valid(self.name, keys, k, n)
+        order = np.lexsort(keys[::-1])  # one order whatever the file's, so results agree to the bit
+        for key, values in zip((*_KEYS[: len(keys)], "n_equal", "n_trials"), (*keys, k, n), strict=True):
             object.__setattr__(self, key, _frozen(values[order], values.dtype.type))
 
     @classmethod
-    def from_counts(cls, name: str, s1: npt.ArrayLike, s2: npt.ArrayLike, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> Subject:
+    def from_counts(
+        cls,
+        name: str,
+        s1: npt.ArrayLike,
+        s2: npt.ArrayLike,
+        n_equal: npt.ArrayLike,
+        n_trials: npt.ArrayLike,
+        isi: npt.ArrayLike | None = None,
+    ) -> Subject:
         """A subject from rows of counts: repeated pairs are added up, pairs never answered are left out.
 
         Examples
@@ -82,20 +98,22 @@ class Subject:
         for key, values in (("n_equal", n_equal), ("n_trials", n_trials)):
             _require_counts(name, key, values)
         k, n = np.asarray(n_equal, np.int64).ravel(), np.asarray(n_trials, np.int64).ravel()
-        first, second = _stimuli(name, s1), _stimuli(name, s2)
-        if not first.shape == second.shape == k.shape == n.shape:
-            raise InputError(f"subject {name!r}: s1, s2, n_equal and n_trials must have one common length")
+        keys = [_stimuli(name, s1), _stimuli(name, s2), *([] if isi is None else [_intervals(name, isi)])]
+        if k.shape != n.shape or any(key.shape != k.shape for key in keys):
+            raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(keys)])}, n_equal and n_trials must have one common length")
         if np.any((k < 0) | (k > n)):  # checked before adding up, where two wrongs could cancel
             raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
         answered = n > 0
-        pairs, index = np.unique(np.column_stack([first, second])[answered], axis=0, return_inverse=True)
+        pairs, index = np.unique(np.column_stack(keys)[answered], axis=0, return_inverse=True)
         k_sum, n_sum = (np.zeros(len(pairs), np.int64) for _ in range(2))
         np.add.at(k_sum, index.ravel(), k[answered])
         np.add.at(n_sum, index.ravel(), n[answered])
-        return cls(name, pairs[:, 0], pairs[:, 1], k_sum, n_sum)
+        return cls(name, pairs[:, 0], pairs[:, 1], k_sum, n_sum, None if isi is None else pairs[:, 2])
 
     @classmethod
-    def from_trials(cls, name: str, s1: npt.ArrayLike, s2: npt.ArrayLike, equal: npt.ArrayLike) -> Subject:
+    def from_trials(
+        cls, name: str, s1: npt.ArrayLike, s2: npt.ArrayLike, equal: npt.ArrayLike, isi: npt.ArrayLike | None = None
+    ) -> Subject:
         """A subject from single trials; `equal` is True where the answer was 'equal'.
 
         Examples
@@ -108,11 +126,34 @@ class Subject:
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
             raise InputError(f"subject {name!r}: equal must hold True or False (or 1 or 0), found {given[:3].tolist()}")
         answers = given.astype(np.int64)
-        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers))
+        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi)
+
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """Distinct inter-stimulus intervals, seconds, shortest first; empty where the study has one that was not given."""
+        return () if self.isi is None else tuple(np.unique(self.isi).tolist())
+
+    def at_isi(self, isi: float) -> Subject:
+        """The pairs met at one interval (seconds), as a subject without intervals: the interval becomes the unit of time.
+
+        Raises
+        ------
+        InputError
+            If there is no such interval.
+
+        Examples
+        --------
+        >>> Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]).at_isi(2.0).n_equal.tolist()
+        [2]
+        """
+        if self.isi is None or isi not in self.intervals:
+            raise InputError(f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
+        at = self.isi == isi
+        return Subject(self.name, self.s1[at], self.s2[at], self.n_equal[at], self.n_trials[at])
 
     @property
     def n_pairs(self) -> int:
-        """Number of distinct ordered pairs."""
+        """Number of distinct ordered pairs; with intervals, of distinct ordered pairs and intervals."""
         return len(self.s1)
 
     @property
@@ -161,6 +202,8 @@ class Study:
             raise InputError("a study needs at least one subject")
         if repeated:
             raise InputError(f"subject names must be unique, repeated: {', '.join(map(repr, repeated))}")
+        if len({subject.isi is None for subject in subjects}) > 1:
+            raise InputError("either every subject of a study has intervals (isi) or none")
         object.__setattr__(self, "subjects", subjects)
         object.__setattr__(self, "notes", tuple(self.notes))
 
@@ -181,9 +224,58 @@ class Study:
                 return subject
         raise InputError(f"no subject {name!r} in {self.source}; there are: {', '.join(map(repr, self.names))}")
 
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """Distinct inter-stimulus intervals of all subjects, seconds, shortest first; empty where the study has no column isi."""
+        return tuple(sorted({isi for subject in self for isi in subject.intervals}))
+
+    def at_isi(self, isi: float) -> Study:
+        """The study at one interval (seconds), for everything that knows one interval only; subjects that never met it are left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such interval.
+        """
+        if isi not in self.intervals:
+            raise InputError(f"{self.source}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
+        some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
+        return Study(some, self.source, self.synthetic, (*self.notes, f"only pairs with an interval of {isi:g} s"))
+
     def select(self, names: Sequence[str]) -> Study:
         """The same study with only these subjects, in the order asked for."""
         return Study(tuple(self[name] for name in names), self.source, self.synthetic, self.notes)
+
+
+def said_intervals(intervals: Sequence[float]) -> str:
+    """Intervals as notes and messages show them.
+
+    Examples
+    --------
+    >>> said_intervals((0.5, 1.0, 2.0)), said_intervals(range(1, 20)), said_intervals(())
+    ('0.5, 1, 2 s', '19 from 1 to 19 s', 'none')
+    """
+    if not intervals:
+        return "none"
+    if len(intervals) > _MOST_SHOWN:
+        return f"{len(intervals)} from {intervals[0]:g} to {intervals[-1]:g} s"
+    return ", ".join(f"{isi:g}" for isi in intervals) + " s"
+
+
+def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
+    """Refuse subjects with intervals where only one interval is known: pairs at several intervals are never pooled.
+
+    Raises
+    ------
+    InputError
+        With what is not possible and the way out.
+    """
+    for subject in subjects:
+        if subject.isi is not None:
+            raise InputError(
+                f"{what}: not for intervals (column isi), which subject {subject.name!r} has ({said_intervals(subject.intervals)}); "
+                "take one with Study.at_isi, or leave the column out"
+            )
 
 
 def _require_counts(name: str, key: str, values: npt.ArrayLike) -> None:
@@ -202,15 +294,27 @@ def _stimuli(name: str, values: npt.ArrayLike) -> FloatArray:
         raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
 
 
-def _require_valid(name: str, s1: FloatArray, s2: FloatArray, k: IntArray, n: IntArray) -> None:
+def _intervals(name: str, values: npt.ArrayLike) -> FloatArray:
+    """Intervals as an array of positive finite numbers, seconds."""
+    try:
+        intervals = np.asarray(values, np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"subject {name!r}: isi must be numbers ({error})") from error
+    if not (np.isfinite(intervals) & (intervals > 0)).all():
+        raise InputError(f"subject {name!r}: isi must be positive finite numbers of seconds")
+    return intervals
+
+
+def _require_valid(name: str, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> None:
     """The promises that every other module builds on."""
-    if not s1.shape == s2.shape == k.shape == n.shape or s1.ndim != 1:
-        raise InputError(f"subject {name!r}: s1, s2, n_equal and n_trials must be one-dimensional and of one length")
-    if len(s1) == 0:
+    if k.ndim != 1 or k.shape != n.shape or any(key.shape != k.shape for key in keys):
+        named = ", ".join(_KEYS[: len(keys)])
+        raise InputError(f"subject {name!r}: {named}, n_equal and n_trials must be one-dimensional and of one length")
+    if len(k) == 0:
         raise InputError(f"subject {name!r}: no answered trial")
-    if not (np.isfinite(s1).all() and np.isfinite(s2).all()):
+    if not np.isfinite(keys[:2]).all():
         raise InputError(f"subject {name!r}: s1 and s2 must be finite numbers")
     if np.any(n < 1) or np.any(k < 0) or np.any(k > n):
         raise InputError(f"subject {name!r}: every pair needs n_trials >= 1 and n_equal in 0..n_trials")
-    if len(np.unique(np.column_stack([s1, s2]), axis=0)) < len(s1):
+    if len(np.unique(np.column_stack(keys), axis=0)) < len(k):
         raise InputError(f"subject {name!r}: a pair of stimuli is repeated; Subject.from_counts adds repeats up")

@@ -12,6 +12,7 @@ from bayes_toe.coordinates import Natural, unconstrained
 from bayes_toe.draws import Draws
 from bayes_toe.filtering import Gaussian, steady_prior
 from bayes_toe.goodness_of_fit import collapse, universal_curve
+from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.plots import (
     COLUMN,
     EQUAL,
@@ -30,7 +31,7 @@ from bayes_toe.plots import (
 )
 from bayes_toe.posterior import Posterior
 from bayes_toe.response_asymmetry import LEVEL, subject_asymmetry
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def central(draws: Draws, subject: str) -> Natural:
 
     Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade off.
     """
-    posterior = Posterior(draws.subject(subject))
+    posterior = posterior_of(draws.subject(subject))
     x = unconstrained(draws.natural(subject), posterior.sbar).reshape(-1, 4)
     return posterior.natural(np.median(x, axis=0))
 
@@ -120,6 +121,7 @@ def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None
         Drawn into, where given.
     """
     ax = panel(ax, high=1.4)
+    refuse_intervals([counts], "panel of the prior")
     stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
     prior = steady_prior(middle.mu1, middle.sigma_p, middle.sigma_l)
     low, high = _window(stimuli, prior)

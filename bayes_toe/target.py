@@ -79,6 +79,10 @@ class Target(Answering, Protocol):
         """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
         ...
 
+    def for_subject(self, subject: Subject) -> Target:
+        """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""
+        ...
+
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
         ...

@@ -6,8 +6,10 @@ Without a study the bundled (synthetic) example is compared. All values are natu
 
 import argparse
 import sys
+from pathlib import Path
 
 import bayes_toe as bt
+from bayes_toe.errors import OutputError
 from bayes_toe.outputs import require_writable
 from bayes_toe.plots import require_figure
 
@@ -26,6 +28,8 @@ def main() -> int:
         require_writable(options.output, overwrite=options.overwrite)  # before the work, not after it
         if options.figure is not None:
             require_figure(options.figure, overwrite=options.overwrite)
+            if Path(options.figure).resolve() == Path(options.output).resolve():
+                raise OutputError(f"{options.output}: --output and --figure name the same file")
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
         seed = bt.settings_for(seed=options.seed).seed
         table = bt.evidence(study, seed=seed, workers=options.workers)

@@ -15,8 +15,9 @@ import scipy
 
 import bayes_toe as bt
 from bayes_toe.hard_cases import hard_cases
+from bayes_toe.lattice_quantiles import LEVELS
 from bayes_toe.outputs import whole_file
-from bayes_toe.quadrature import LEVELS, METHOD, QUANTITIES, integrate
+from bayes_toe.quadrature import METHOD, QUANTITIES, integrate
 
 
 def fingerprint(subject: bt.Subject) -> str:

@@ -118,7 +118,19 @@ def test_fit_writes_its_columns_and_states_its_level(folder):
     assert (folder / "fit1.csv").read_text() == (folder / "fit2.csv").read_text()
     frame = pd.read_csv(folder / "fit1.csv", dtype={"subject": str}, keep_default_na=False)
     limits = [f"{name}_{side}" for name in ("mu1", "sigma_p", "sigma_l", "q0") for side in ("lower", "upper")]
-    assert list(frame.columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0", "log_likelihood", "at_edge", *limits]
+    assert list(frame.columns) == [
+        "subject",
+        "mu1",
+        "sigma_p",
+        "sigma_l",
+        "q0",
+        "log_likelihood",
+        "at_edge",
+        *limits,
+        "level",
+        "replicates",
+    ]
+    assert set(frame.level) == {0.8}
     assert list(frame.subject) == ["A", "B"]
     assert (frame.sigma_p_lower < frame.sigma_p_upper).all()
     again = call("fit", "study.csv", "-o", "fit1.csv", cwd=folder)
@@ -137,6 +149,7 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
     assert "not determined by these answers: sigma_p, sigma_l, q0" in done.stdout
     row = pd.read_csv(tmp_path / "fit.csv", dtype=str, keep_default_na=False).iloc[0]
     assert (row.at_edge, row.sigma_p, row.sigma_l_upper) == ("not unique", "", "")
+    assert (row.level, row.replicates) == ("0.95", "20")
 
 
 def test_figures_of_chosen_subjects_in_one_format(folder):

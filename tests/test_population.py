@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.integrate import quad
-from scipy.special import gammaln, logsumexp
+from scipy.optimize import minimize
+from scipy.special import gammaln, logsumexp, softmax
 
 from bayes_toe.errors import InputError
 from bayes_toe.population import exact_random_effects, exceedance_probabilities, fixed_effects, random_effects
@@ -59,7 +60,7 @@ def test_the_exact_sum_by_drawing_frequencies_from_the_prior():
 
 
 @pytest.mark.parametrize("n_models", [2, 3])
-def test_the_variational_bound_is_its_definition_and_a_maximum(n_models):
+def test_the_variational_bound_is_its_definition_and_lies_below_the_exact_sum(n_models):
     log_l = UNEVEN[:, :n_models]
     found = random_effects(log_l, prior=0.7)
     draws = np.log(np.random.default_rng(4).dirichlet(found.alpha, 200_000))
@@ -75,6 +76,18 @@ def test_the_variational_bound_is_its_definition_and_a_maximum(n_models):
     assert g.sum(axis=1) == pytest.approx(np.ones(5), abs=1e-14)
     assert found.alpha == pytest.approx(0.7 + g.sum(axis=0), abs=1e-11)
     assert found.protected.sum() == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("prior", [1.0, 0.6])
+def test_the_fixed_point_is_the_highest_bound_that_a_general_optimiser_finds(prior):
+    def lower(logits):
+        g = softmax(logits.reshape(UNEVEN.shape), axis=1)
+        return -((g * (UNEVEN - np.log(g))).sum() + log_beta(prior + g.sum(axis=0)) - log_beta(np.full(3, prior)))
+
+    best = minimize(lower, UNEVEN.ravel(), method="BFGS", options={"gtol": 1e-7})
+    found = random_effects(UNEVEN, prior=prior)
+    assert -1e-9 < found.log_evidence + best.fun < 1e-7
+    assert found.responsibilities == pytest.approx(softmax(best.x.reshape(UNEVEN.shape), axis=1), abs=1e-3)
 
 
 def test_where_the_assignment_is_sure_both_are_one_dirichlet():

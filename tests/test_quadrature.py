@@ -12,10 +12,11 @@ from scipy.special import expit, log_expit, logit
 from bayes_toe.coordinates import natural
 from bayes_toe.errors import NumericalError
 from bayes_toe.hard_cases import hard_cases
+from bayes_toe.lattice_quantiles import LEVELS
 from bayes_toe.model import MAX_PULL
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
-from bayes_toe.quadrature import LEVELS, QUANTITIES, TOLERANCE, integrate
+from bayes_toe.quadrature import QUANTITIES, TOLERANCE, integrate
 from bayes_toe.study import Subject
 
 STORED = json.loads((Path(__file__).parent / "reference" / "reference.json").read_text(encoding="utf-8"))["cases"]

@@ -95,6 +95,7 @@ def test_corner_plot_of_one_subject(folder, tmp_path):
         (("evidence_table.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),
         (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "taken.png"), "taken.png: exists"),
         (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "z.xyz"), "suffix"),
+        (("evidence_table.py", "none.csv", "-o", "z.png", "--figure", "./z.png"), "same file"),
         (("corner_plots.py", "none.nc", "-o", "z"), "none.nc"),
         (("corner_plots.py", "p.nc", "-o", "z", "--subject", "Z"), "no subject 'Z'"),
         (("corner_plots.py", "p.nc", "-o", "z", "--coordinates", "mu2"), "mu2"),
@@ -114,3 +115,14 @@ def test_the_bootstrap_benchmark_finds_the_same_optima(folder):
     done = call("bootstrap_speed.py", "--subjects", "S06", "--replicates", "20", "--loop", "3", "--repeats", "1", cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "3 / 0 / 0" in done.stdout
+
+
+def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder):
+    done = call("error_bars.py", "-o", "bars", "--seeds", "12", "--cases", "single pair", "--workers", "1", cwd=folder)
+    assert done.returncode in (0, 3), done.stdout + done.stderr
+    row = pd.read_csv(folder / "bars" / "error_bars.csv").iloc[0]
+    assert (row["case"], row["seeds"], row["withheld"]) == ("single pair", 12, 0)
+    assert 0.4 < row["sd_z"] < 1.8
+    assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
+    assert "| single pair |" in (folder / "bars" / "error_bars.md").read_text(encoding="utf-8")
+    assert call("error_bars.py", "-o", "bars2", "--cases", "nobody", cwd=folder).returncode == 2

@@ -1,0 +1,365 @@
+"""Studies with a column isi, from the file to the report: read, sampled, compared, predicted, drawn, and refused where unknown."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import betaln, roots_legendre
+from typer.testing import CliRunner
+
+import bayes_toe as bt
+from bayes_toe import interval_posterior
+from bayes_toe.analysis import analyse
+from bayes_toe.checks import check_subject, describe
+from bayes_toe.cli import app
+from bayes_toe.coordinates import Natural
+from bayes_toe.errors import InputError
+from bayes_toe.filtering import comparison_distance, evolve, steady_prior, update
+from bayes_toe.intervals import equal_probability_at, gain_at
+from bayes_toe.model_evidence import importance_evidence
+from bayes_toe.proposal import fit_proposal
+from bayes_toe.read_options import ReadOptions
+from bayes_toe.recipes import design_from, trial_frame
+from bayes_toe.results import write_results
+from bayes_toe.simulate import Design, at_intervals, reference_design, simulate_trials
+from bayes_toe.sloppiness import fisher_information
+
+OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
+THREE = (0.25, 1.0, 4.0)
+
+
+@pytest.fixture(scope="module")
+def study():
+    trials = simulate_trials(["S01", "S02"], OBSERVERS, at_intervals(reference_design(batches=20), THREE), seed=8)
+    return bt.Study([bt.Subject.from_trials(t.subject, t.s1, t.s2, t.equal, t.isi) for t in trials], "three intervals", True)
+
+
+@pytest.fixture(scope="module")
+def analysis(study):
+    return bt.run(study, bt.settings_for(draws=1000, seed=2), workers=1)
+
+
+# --- reading ------------------------------------------------------------------------------------------------------------------------
+
+
+def read(tmp_path, text, **options):
+    path = tmp_path / "study.csv"
+    path.write_text(text, encoding="utf-8")
+    return bt.read_study(path, ReadOptions(**options))
+
+
+def test_trials_and_counts_keep_intervals_apart(tmp_path):
+    trials = read(tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,0.5,different\na,0,0.3,0.5,equal\na,0.3,0,2,equal\n")
+    assert trials["a"].isi.tolist() == [0.5, 1.0, 2.0]
+    assert trials["a"].n_trials.tolist() == [2, 1, 1]
+    assert trials.intervals == (0.5, 1.0, 2.0)
+    assert "3 intervals in column isi: 0.5, 1, 2 s" in trials.notes
+    counts = read(tmp_path, "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n", columns={"isi": "gap"})
+    assert counts["a"].n_equal.tolist() == [4, 2]
+    assert counts["a"].isi.tolist() == [0.5, 1.0]
+    assert {"column gap read as isi", "2 intervals in column gap: 0.5, 1 s"} <= set(counts.notes)
+
+
+@pytest.mark.parametrize("bad", ["0", "-1", "", "abc", "inf", "1e400"])
+def test_a_bad_interval_is_refused_by_its_row(tmp_path, bad):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, f"subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,{bad},different\n")
+    assert str(caught.value) == (
+        f"study.csv: row 3, column isi: found '{bad}', allowed: a positive finite number of seconds, in every row or no such column"
+    )
+
+
+def test_rows_without_an_answer_need_no_interval(tmp_path):
+    assert read(tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\n,,,,\na,,,,\n").intervals == (1.0,)
+
+
+def test_a_missing_named_column_says_so(tmp_path):
+    with pytest.raises(InputError, match="column gap: missing"):
+        read(tmp_path, "subject,s1,s2,response\na,0,0.3,equal\n", columns={"isi": "gap"})
+
+
+def test_subjects_and_studies_keep_their_promises(study):
+    one = bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[2.0, 1.0])
+    assert one.intervals == (1.0, 2.0)
+    assert one.n_equal.tolist() == [2, 1]
+    with pytest.raises(InputError, match="repeated"):
+        bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[1.0, 1.0])
+    with pytest.raises(InputError, match="positive finite numbers of seconds"):
+        bt.Subject("a", [0.0], [0.3], [1], [5], isi=[0.0])
+    with pytest.raises(InputError, match="s1, s2, isi, n_equal and n_trials"):
+        bt.Subject("a", [0.0], [0.3], [1], [5], isi=[1.0, 2.0])
+    with pytest.raises(InputError, match="isi must be numbers"):
+        bt.Subject("a", [0.0], [0.3], [1], [5], isi=["long"])
+    with pytest.raises(InputError, match="or none"):
+        bt.Study([one, bt.Subject("b", [0.0], [0.3], [1], [5])])
+    plain = study.at_isi(1.0)
+    assert plain.intervals == ()
+    assert plain["S01"].n_pairs == 13
+    assert "only pairs with an interval of 1 s" in plain.notes
+    for something in (study, study["S01"]):
+        with pytest.raises(InputError, match=r"no interval of 3 s; there are: 0.25, 1, 4 s"):
+            something.at_isi(3.0)
+
+
+def test_check_says_what_intervals_change():
+    codes = [found.code for found in check_subject(bt.Subject("a", [0.0] * 4, [0.0, 0.1, 0.0, 0.1], [9] * 4, [9] * 4, isi=[1, 1, 2, 2]))]
+    assert "one_first_stimulus" not in codes  # widths and offsets at two intervals tell the pull apart
+    lone = bt.Study([bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[500.0, 500.0])])
+    codes = [found.code for found in bt.check_study(lone)]
+    assert {"one_interval", "long_intervals", "one_first_stimulus"} & set(codes) == {"one_interval", "long_intervals"}
+    row = describe(lone).to_dict("records")[0]
+    assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
+    apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
+    assert describe(bt.Study([apart]))["n_one_order"].tolist() == [2]
+
+
+# --- simulation ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
+    (tmp_path / "design.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,2\n", encoding="utf-8")
+    design = design_from(str(tmp_path / "design.csv"), "", 5)
+    assert design.isi.tolist() == [0.5, 2.0]
+    assert len(design_from("reference", "1,1.2", 5, "0.5,2").s1) == 2 * 4
+    trials = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=1)
+    frame = trial_frame(trials)
+    assert list(frame.columns[3:7]) == ["s1", "s2", "isi", "response"]
+    frame.to_csv(tmp_path / "study.csv", index=False)
+    back = bt.read_study(tmp_path / "study.csv")["a"]
+    assert back.n_trials.tolist() == [5, 5]
+    assert back.isi.tolist() == [0.5, 2.0]
+    with pytest.raises(InputError, match="without intervals of its own"):
+        at_intervals(design, [1.0])
+    with pytest.raises(InputError, match="length"):
+        Design([0.0], [0.3], 1, [1.0, 2.0])
+    with pytest.raises(InputError, match="--isi: found 'x'"):
+        design_from("reference", "1,1.2", 5, "x")
+
+
+def test_simulated_frequencies_are_those_of_the_model():
+    design = at_intervals(Design([0.0, 0.4], [0.3, 0.1], 4000), [0.1, 10.0])
+    (trials,) = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=3)
+    found = bt.Subject.from_trials("a", trials.s1, trials.s2, trials.equal, trials.isi)
+    q = equal_probability_at(found.s1, found.s2, found.isi, Natural(*(v[0] for v in OBSERVERS)))
+    assert (np.abs(found.n_equal / found.n_trials - q) < 4.5 * np.sqrt(q * (1 - q) / found.n_trials)).all()  # false alarm 3e-5
+
+
+# --- posterior and evidence ---------------------------------------------------------------------------------------------------------
+
+
+def fitted(subject, prior=None):
+    return fit_proposal(bt.posterior_of(subject, prior), np.random.default_rng(5))
+
+
+def spread(subject, name="gamma"):
+    """Posterior standard deviation of a natural parameter by importance sampling."""
+    found = fitted(subject)
+    weights = np.exp(found.draws.log_weights - found.draws.log_weights.max())
+    values = getattr(found.proposal.posterior.natural(found.draws.x), name)
+    mean = np.average(values, weights=weights)
+    return np.sqrt(np.average((values - mean) ** 2, weights=weights))
+
+
+def expected(isi, trials):
+    """Counts without scatter of an observer, in the paper's pairs at these intervals."""
+    design = at_intervals(reference_design(), isi)
+    q = equal_probability_at(design.s1, design.s2, design.isi, Natural(*(v[0] for v in OBSERVERS)))
+    return bt.Subject("a", design.s1, design.s2, np.rint(trials * q), np.full(len(q), trials), isi=design.isi)
+
+
+def test_intervals_tell_what_one_interval_cannot():
+    # The same number of trials, spread over more intervals.
+    one, two, four = spread(expected([1.0], 240)), spread(expected([0.5, 2.0], 120)), spread(expected([0.25, 1.0, 2.0, 8.0], 60))
+    assert four < two < one
+    assert four < 0.6 * one
+
+
+def test_one_first_stimulus_at_several_intervals_tells_the_pull():
+    # At one interval the pull drops out of the likelihood and gamma keeps its uniform prior, of standard deviation 0.289.
+    s2 = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
+    theta = Natural(*(v[0] for v in OBSERVERS))
+
+    def subject(isi):
+        t = np.repeat(isi, 5)
+        q = equal_probability_at(0.0, np.tile(s2, len(isi)), t, theta)
+        return bt.Subject("a", np.zeros(len(t)), np.tile(s2, len(isi)), np.rint(600 // len(isi) * q), [600 // len(isi)] * len(t), isi=t)
+
+    assert spread(subject([1.0])) > 0.25
+    assert spread(subject([0.25, 1.0, 4.0])) < 0.12
+
+
+def brute_force(subject, prior, orders):
+    """Log evidence by a tensor of Gauss-Legendre nodes in the natural parameters, with the filter's equations one after the other."""
+    (u, wu), (v, wv), (g, wg), (t, wt) = (roots_legendre(n) for n in orders)
+    mu1, sigma_p = 6.0 * prior.mu1_sd * u, 2.5 * prior.sigma_p_scale * (1 + v)
+    gamma, q0 = (1 + g) / 2, (1 + t) / 2
+    log_mu1 = np.log(wu * 6.0) - 0.5 * (mu1 / prior.mu1_sd) ** 2 - 0.5 * np.log(2 * np.pi)
+    log_sigma = np.log(wv * 2.5) + 0.5 * np.log(2 / np.pi) - 0.5 * (sigma_p / prior.sigma_p_scale) ** 2
+    mesh = np.meshgrid(mu1, sigma_p, gamma, indexing="ij")
+    m, s, noise = mesh[0], mesh[1], mesh[1] * np.sqrt(mesh[2])
+    distances = []
+    for s1, s2, isi in zip(subject.s1, subject.s2, subject.isi, strict=True):
+        evolved = evolve(update(steady_prior(m, s * np.sqrt(isi), noise), s1, noise), s, isi)
+        distances.append(comparison_distance(evolved, s2, noise))
+    shape = 2.0 ** -np.square(np.stack(distances, -1))
+    total = np.zeros(m.shape)
+    for top, weight in zip(q0, wt / 2, strict=True):
+        q = top * shape
+        total += weight * np.prod(q**subject.n_equal * (1 - q) ** (subject.n_trials - subject.n_equal), axis=-1)
+    outside = np.exp(log_mu1[:, None, None] + log_sigma[None, :, None] + np.log(wg / 2)[None, None])
+    return float(np.log(np.sum(outside * total)))
+
+
+def test_evidence_agrees_with_brute_force():
+    s1, s2, isi = [0.0, 0.5, 0.0, 0.5, 0.4], [0.5, 0.0, 0.5, 0.1, 0.4], [0.3, 0.3, 3.0, 3.0, 1.0]
+    subject = bt.Subject("a", s1, s2, [3, 5, 4, 3, 6], [7, 7, 6, 7, 7], isi=isi)
+    prior = bt.Prior(mu1_sd=1.0)
+    coarse, fine = (brute_force(subject, prior, orders) for orders in ((80, 90, 12, 12), (110, 120, 16, 16)))
+    assert fine == pytest.approx(coarse, abs=1e-4)
+    value, error, _ = importance_evidence(fitted(subject, prior))
+    assert error < 0.005
+    assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
+
+
+def test_draws_recover_the_observers(study, analysis):
+    assert not analysis.draws.not_converged
+    for i, name in enumerate(study.names):
+        for key, truth in zip(OBSERVERS._fields, OBSERVERS, strict=True):
+            values = analysis.draws.values(name, key)
+            assert abs(values.mean() - truth[i]) < 4.5 * values.std()
+            assert values.std() < {"mu1": 0.15, "sigma_p": 0.04, "sigma_l": 0.03, "q0": 0.05}[key]
+
+
+def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
+    subject = study["S01"]
+    row = analysis.evidence["S01"]
+    assert row.n_pairs == 39
+    assert row.log_evidence_h0 == pytest.approx(float(betaln(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0).sum()))
+    assert row.log_bayes_factor > 10
+    assert row.log_evidence_h1_laplace == pytest.approx(row.log_evidence_h1, abs=0.5)
+    assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)
+    assert row.log_evidence_h1_bootstrap is None
+    assert any("knows one interval only" in note for note in row.notes)
+    assert len(analysis.fits) == 0
+
+
+def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
+    analysis.draws.save(tmp_path / "posterior.nc")
+    back = bt.load(tmp_path / "posterior.nc")
+    assert back.intervals == THREE
+    assert np.array_equal(back.subject("S02").isi, study["S02"].isi)
+    assert back.select("S02").intervals == THREE
+    assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / s^(1/2)"
+    assert "self-consistent prior for each interval" in back.attrs["model"]
+    assert back.values("S01", "offset").shape == back.values("S01", "mu1").shape
+
+
+# --- prediction ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
+    isi = np.array([0.1, 0.5, 2.0, 8.0])
+    table = bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, isi)
+    truth = Natural(*(v[0] for v in OBSERVERS))
+    q = equal_probability_at(0.0, 0.3, isi, truth)
+    wide = 4.5 * (table["q95"] - table["q05"]) / 3.29
+    assert (np.abs(table["q50"] - q) < wide).all()
+    assert ((table["q95"] - table["q05"]) < 0.2).all()
+    draws = analysis.draws.natural("S01")
+    again = [np.quantile(equal_probability_at(0.0, 0.3, t, draws), [0.05, 0.5, 0.95]) for t in isi]
+    assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
+    gains = bt.predict_gain(analysis.draws, "S01", isi)
+    assert gains["isi"].tolist() == isi.tolist()
+    assert (np.abs(gains["q50"] - gain_at(truth, isi)) < 4.5 * (gains["q95"] - gains["q05"]) / 3.29).all()
+
+
+def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, study):
+    with pytest.raises(InputError, match="made with intervals"):
+        bt.predict_equal(analysis.draws, "S01", 0.0, 0.3)
+    plain = bt.sample(study.at_isi(1.0).select(["S01"]), draws=200, seed=1, workers=1)
+    assert bt.predict_equal(plain, "S01", [0.0, 0.3], 0.3).columns.tolist()[:3] == ["s1", "s2", "mean"]
+    for call in (lambda: bt.predict_equal(plain, "S01", 0.0, 0.3, 1.0), lambda: bt.predict_gain(plain, "S01", 1.0)):
+        with pytest.raises(InputError, match="made without intervals"):
+            call()
+    with pytest.raises(InputError, match="positive finite"):
+        bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0)
+    with pytest.raises(InputError, match="has no intervals"):
+        bt.interval_gain_axes(plain, "S01")
+
+
+def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
+    analysis.draws.save(tmp_path / "posterior.nc")
+    (tmp_path / "pairs.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,8\n", encoding="utf-8")
+    call = ["predict", str(tmp_path / "posterior.nc"), str(tmp_path / "pairs.csv"), "-o", str(tmp_path / "p.csv")]
+    assert CliRunner().invoke(app, call).exit_code == 0
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
+    expected_rows = bt.predict_equal(analysis.draws, "S02", [0.0, 0.3], [0.3, 0.0], [0.5, 8.0])
+    assert table.iloc[2:, 1:].to_numpy() == pytest.approx(expected_rows.to_numpy(), rel=1e-12)
+    (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
+    refused = CliRunner().invoke(app, [*call[:2], str(tmp_path / "bad.csv"), "-o", str(tmp_path / "q.csv")])
+    assert (refused.exit_code, (tmp_path / "q.csv").exists()) == (2, False)
+    assert "positive finite numbers of seconds" in refused.output
+
+
+# --- figures, report, and what refuses ----------------------------------------------------------------------------------------------
+
+
+def test_figures_show_answers_where_they_were_given(analysis):
+    ax = bt.interval_answers_axes(analysis.draws, "S01")
+    points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
+    assert {tuple(line.get_xdata()) for line in points} == {THREE}
+    assert bt.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
+    assert len(bt.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
+    equal = bt.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
+    assert "0 twice" in equal.get_title()
+
+
+def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, tmp_path):
+    write_results(analysis, tmp_path / "results", workers=1)
+    text = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    assert "Inter-stimulus intervals: 0.25, 1, 4 s." in text
+    assert "Asymmetries are not pooled over inter-stimulus intervals" in text
+    assert "maximum likelihood at an edge" not in text
+    assert len(list((tmp_path / "results" / "corner").iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
+        lambda study, analysis: bt.asymmetry(study),
+        lambda study, analysis: bt.figures(analysis),
+        lambda study, analysis: bt.curves(analysis.draws, "S01"),
+        lambda study, analysis: bt.plane_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.answers_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.collapse_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
+        lambda study, analysis: bt.Posterior(study["S01"]),
+    ],
+)
+def test_what_knows_one_interval_refuses_several(call, study, analysis):
+    with pytest.raises(InputError, match=r"not for intervals \(column isi\).*Study.at_isi"):
+        call(study, analysis)
+
+
+def test_one_interval_of_a_study_is_open_to_everything(study):
+    assert len(bt.fit(study.at_isi(1.0), replicates=10, seed=1, workers=1)) == 2
+    assert len(bt.asymmetry(study.at_isi(4.0)).rows) == 2
+
+
+def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
+    def never(*_):
+        raise AssertionError("evaluated without intervals")
+
+    for name in ("_scales", "_growth"):
+        monkeypatch.setattr(interval_posterior, name, never)
+    results = analyse(small_study.select(["A"]), bt.settings_for(draws=200, seed=1), workers=1)
+    assert type(bt.posterior_of(small_study["A"])) is bt.Posterior
+    assert results[0].fit is not None
+    draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)
+    assert draws.intervals == ()
+    assert set(draws.group("observed_data").coords) == {"obs", "subject", "s1", "s2"}
+    assert draws.attrs["model"] == "predictive update (H1), arXiv 2604.19662"
+    assert json.loads(draws.attrs["settings"])["prior"]["sigma_p_scale"] == 1.0
