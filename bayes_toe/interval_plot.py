@@ -42,6 +42,7 @@ FloatArray = npt.NDArray[np.float64]
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
 _MAX_PANELS = 6
 _SIZE = 4.5  # of marks, points
+_APART = 0.006  # of the width of a panel, by which answers of either order stand beside their interval, so that none hides the other
 
 
 def interval_gain_axes(draws: Draws, subject: str, ax: Axes | None = None, *, isi: npt.ArrayLike | None = None) -> Axes:
@@ -76,6 +77,8 @@ def interval_answers_axes(
 ) -> Axes:
     """P(equal) of one pair of stimuli in both orders over the interval, with the answers at the tested ones (Laplace estimator).
 
+    Answers of the two orders stand a little beside their interval, so that none hides the other.
+
     Parameters
     ----------
     draws : Draws
@@ -106,7 +109,9 @@ def interval_answers_axes(
         draw_band(ax, x, equal_probability_at(s1, s2, x, theta), mark.colour, 1.3)
         at = (counts.s1 == s1) & (counts.s2 == s2)
         if counts.isi is not None and at.any():
-            draw_points(ax, counts.isi[at], counts, at, mark)
+            shown = Subject(subject, counts.s1[at], counts.s2[at], counts.n_equal[at], counts.n_trials[at], counts.isi[at])
+            beside = (x[-1] / x[0]) ** (_APART * np.sign(s1 - s2))
+            draw_points(ax, counts.isi[at] * beside, shown, np.ones(shown.n_pairs, np.bool_), mark)
     _dress(ax, x, tested)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
     ax.set(ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])

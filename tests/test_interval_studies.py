@@ -309,7 +309,8 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
 def test_figures_show_answers_where_they_were_given(analysis):
     ax = bt.interval_answers_axes(analysis.draws, "S01")
     points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
-    assert {tuple(line.get_xdata()) for line in points} == {THREE}
+    assert len(points) >= 3  # both orders, and the bars that mark tested intervals
+    assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
     assert bt.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
     assert len(bt.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
     equal = bt.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
