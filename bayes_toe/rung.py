@@ -212,7 +212,8 @@ def _log_evidence_without(target: Target, pair: int, rng: np.random.Generator) -
     kept = np.arange(subject.n_pairs) != pair
     if not kept.any():
         return 0.0  # no answers: their probability is 1
-    rest = Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept])
+    isi = None if subject.isi is None else subject.isi[kept]
+    rest = Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept], isi)
     other = target.for_subject(rest)
     return importance_evidence(fit_proposal(other, rng))[0]
 

@@ -111,9 +111,12 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     assert "out.csv, out_models.csv" in done.output
     frame = pd.read_csv(tmp_path / "out.csv")
-    assert tuple(frame.columns) == COMPARE_COLUMNS and len(frame) == 6
+    assert tuple(frame.columns) == COMPARE_COLUMNS
+    assert len(frame) == 6
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
     again = CliRunner().invoke(app, call)
-    assert again.exit_code == 2 and "exists" in again.output
+    assert again.exit_code == 2
+    assert "exists" in again.output
     wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
-    assert wrong.exit_code == 2 and "allowed: free frequencies" in wrong.output
+    assert wrong.exit_code == 2
+    assert "allowed: free frequencies" in wrong.output
