@@ -145,7 +145,9 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
     about: dict[str, list[str]] = {}
     for one in table:
         for note in one.notes:
-            about.setdefault(note, []).append(f"{one.subject} ({one.model})")
+            # Which pair fails differs from row to row: the file says it, here one line for all.
+            kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(f"{one.subject} ({one.model})")
     for note, names in about.items():
         console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
 
