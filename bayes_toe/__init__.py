@@ -46,6 +46,10 @@ _PLACES = {
     "load": "draws",
     "Draws": "draws",
     "EvidenceTable": "model_evidence",
+    "compare": "comparison",
+    "ModelComparison": "comparison",
+    "sample_model": "rung",
+    "model_posterior": "ladder",
     "corner": "corner_plot",
     "curves": "plots",
     "evidence_figure": "plots",
@@ -88,6 +92,8 @@ if TYPE_CHECKING:
     from bayes_toe.asymmetry_plot import asymmetry_axes as asymmetry_axes
     from bayes_toe.asymmetry_plot import order_axes as order_axes
     from bayes_toe.checks import check_study as check_study
+    from bayes_toe.comparison import ModelComparison as ModelComparison
+    from bayes_toe.comparison import compare as compare
     from bayes_toe.corner_plot import corner as corner
     from bayes_toe.covariates import covariate_tests as covariate_tests
     from bayes_toe.covariates import read_covariates as read_covariates
@@ -113,6 +119,7 @@ if TYPE_CHECKING:
     from bayes_toe.interval_plot import interval_curves as interval_curves
     from bayes_toe.interval_plot import interval_gain_axes as interval_gain_axes
     from bayes_toe.interval_posterior import posterior_of as posterior_of
+    from bayes_toe.ladder import model_posterior as model_posterior
     from bayes_toe.map_plot import map_axes as map_axes
     from bayes_toe.model import equal_probability as equal_probability
     from bayes_toe.model_evidence import EvidenceTable as EvidenceTable
@@ -132,6 +139,7 @@ if TYPE_CHECKING:
     from bayes_toe.read_options import ReadOptions as ReadOptions
     from bayes_toe.response_asymmetry import AsymmetryTable as AsymmetryTable
     from bayes_toe.response_asymmetry import asymmetry as asymmetry
+    from bayes_toe.rung import sample_model as sample_model
     from bayes_toe.sensitivity_plot import sensitivity_axes as sensitivity_axes
     from bayes_toe.sensitivity_plot import sensitivity_figure as sensitivity_figure
     from bayes_toe.study import Study as Study

@@ -186,6 +186,51 @@ def evidence(
 
 
 @app.command()
+def compare(
+    study: StudyFile,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="compare.csv", help="Table to write; the study's goes to NAME_models.csv.")
+    ] = Path("compare.csv"),
+    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole ladder.")] = None,
+    seed: Seed = None,
+    draws: DrawCount = 1000,
+    workers: Workers = None,
+    intensity: Intensity = None,
+    equal_code: EqualCode = None,
+    different_code: DifferentCode = None,
+    columns: Columns = None,
+    prior: PriorFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """A ladder of models for every subject: evidence, leave-one-out, checks, model probabilities; and model frequencies over subjects.
+
+    [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
+    """
+    with _problems_as_lines():
+        from bayes_toe.comparison import beside
+        from bayes_toe.comparison import compare as compute
+        from bayes_toe.ladder import require_models
+        from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
+
+        models = require_models(model)
+        for path in (output, beside(output)):
+            require_writable(path, overwrite=overwrite)
+        believed = prior_or_default(prior)
+        read = _read(study, intensity, equal_code, different_code, columns)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
+        terminal.say_prior(console, believed)
+        with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
+            table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
+        table.save(output, overwrite=overwrite)
+        terminal.say_comparison(console, table)
+        files = ", ".join(terminal.safe(path) for path in (output, beside(output)))
+        console.print(f"seed {table.seed}; tables in [bold]{files}[/bold]", highlight=False)
+
+
+@app.command()
 def sensitivity(
     study: StudyFile,
     output: Annotated[

@@ -13,7 +13,7 @@ from bayes_toe.frequencies import frequencies
 from bayes_toe.model import LN2
 from bayes_toe.posterior import Posterior
 from bayes_toe.seeds import generator
-from bayes_toe.target import Target
+from bayes_toe.target import Answering
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -82,7 +82,7 @@ class Fit:
         return float(chdtrc(self.degrees_of_freedom, self.deviance)) if self.degrees_of_freedom > 0 else float("nan")
 
 
-def fit_at(posterior: Target, x: npt.ArrayLike) -> Fit:
+def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood.
 
     Examples
@@ -101,16 +101,16 @@ def fit_at(posterior: Target, x: npt.ArrayLike) -> Fit:
     return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), subject.n_pairs - len(posterior.coordinates))
 
 
-def deviance(posterior: Target, x: npt.ArrayLike) -> FloatArray:
+def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
     """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
     return _pair_deviance(posterior, *posterior.log_answers(_require_points(x, posterior)))
 
 
-def _pair_deviance(posterior: Target, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
+def _pair_deviance(posterior: Answering, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
 
 
-def _require_points(x: npt.ArrayLike, posterior: Target) -> FloatArray:
+def _require_points(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
     points, k = np.asarray(x, np.float64), len(posterior.coordinates)
     if points.ndim != 2 or points.shape[1] != k or not len(points) or np.isnan(points).any():
         raise NumericalError(f"draws must have shape (draws, {k}) and no NaN, found shape {points.shape}")
@@ -153,12 +153,12 @@ class PredictiveCheck:
         return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
 
 
-def predictive_check(posterior: Target, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
+def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
     """Posterior predictive p-values of one subject.
 
     Parameters
     ----------
-    posterior : Target
+    posterior : Answering
         A model of one subject, H1 or another one of the ladder.
     x : array_like, shape (draws, k)
         Posterior draws in unconstrained coordinates.
@@ -218,7 +218,7 @@ class FitSummary:
     worst_isi: float | None = None
 
 
-def summarise_fit(posterior: Target, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
     """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
     The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.

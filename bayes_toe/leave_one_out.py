@@ -14,8 +14,8 @@ Values are natural logs, without binomial coefficients as the evidences are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -77,6 +77,14 @@ class LeaveOneOut:
         if self.unit != other.unit or not np.array_equal(self.counts, other.counts):
             raise InputError("leave-one-out values of different units or answers cannot be compared")
         return _sum(self.values - other.values, self.counts)
+
+    def filled(self, exact: Mapping[int, float]) -> LeaveOneOut:
+        """The same with values of left-out pairs, by index, from another route in the place of those that were withheld."""
+        values = self.values.copy()
+        for pair, value in exact.items():
+            values[0, pair] = value
+        elpd, se = _sum(values, self.counts)
+        return replace(self, elpd=elpd, se=se, values=values, note=self.note if np.isnan(elpd) else "")
 
 
 def leave_one_out(

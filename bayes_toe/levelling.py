@@ -24,12 +24,17 @@ from bayes_toe.prior import LOG_2PI, Prior
 
 FloatArray = npt.NDArray[np.float64]
 
-#: A point of density 0: its width is e^400.
-NOWHERE = np.array([0.0, 0.0, 400.0, 0.0])
+#: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
+FARTHEST = 37.0
+
+
+def nowhere(size: int, log_width: int) -> FloatArray:
+    """A point of density 0 with this many coordinates: its width is e^400."""
+    return np.where(np.arange(size) == log_width, 400.0, 0.0)
 
 
 class Funnel(Protocol):
-    """What the levelling needs of a posterior."""
+    """What the levelling needs of a posterior whose offset c = p (mu1 - sbar) depends on the pull through mu1's prior."""
 
     @property
     def prior(self) -> Prior:
@@ -42,7 +47,7 @@ class Funnel(Protocol):
         ...
 
     def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (points, 4) and Hessian (points, 4, 4) of the log likelihood."""
+        """Gradient (points, k) and Hessian (points, k, k) of the log likelihood."""
         ...
 
 
@@ -72,10 +77,14 @@ class Levelling:
     log_precision: float
     log_width: float
     follows_width: bool
+    max_pull: float = MAX_PULL
 
     @classmethod
-    def at(cls, posterior: Funnel, modes: FloatArray) -> Levelling:
-        """Levelling from what the data say of the offset at modes of the posterior, shape (modes, 4), best first."""
+    def at(cls, posterior: Funnel, modes: FloatArray, *, max_pull: float = MAX_PULL) -> Levelling:
+        """Levelling from what the data say of the offset at modes of the posterior, shape (modes, k), best first.
+
+        The first coordinates are c, logit(p/max_pull), log w; any others are logits. k is 4 for H1.
+        """
         prior, best = posterior.prior, modes[0]
         precision = -float(posterior.likelihood_derivatives(best[None])[1][0, 0, 0])
         # Where the likelihood is not concave in c the data say little of it: one width stands in for its spread.
@@ -89,34 +98,70 @@ class Levelling:
             log_precision=float(-2.0 * np.log(np.hypot(spread, apart))),
             log_width=float(best[2]),
             follows_width=bool(apart < spread),
+            max_pull=max_pull,
         )
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Levelled coordinates y of x, shape (points, 4), and log |dy/dx|, shape (points,)."""
+        """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
         mean, log_spread = self._conditional(x)
-        y = np.stack([(x[:, 0] - mean) * np.exp(-log_spread), _probit(x[:, 1]), x[:, 2], _probit(x[:, 3])], axis=1)
+        others = [_probit(x[:, j]) for j in range(3, x.shape[1])]
+        y = np.stack([(x[:, 0] - mean) * np.exp(-log_spread), _probit(x[:, 1]), x[:, 2], *others], axis=1)
         return y, _log_volume(x, y, log_spread)
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Unconstrained coordinates x of y, shape (points, 4), and log |dy/dx| there, shape (points,).
+        """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there, shape (points,).
 
-        A probit beyond 37 stands for a pull or a lapse below the smallest float; the posterior has no mass there to any digit. Such points
-        become :data:`NOWHERE`, where its density is 0: draws without weight, proposals that are refused.
+        A probit beyond 37 (:data:`FARTHEST`) stands for a pull or a lapse below the smallest float; the posterior has no mass there to
+        any digit. Such points become :func:`nowhere`, where its density is 0: draws without weight, proposals that are refused.
         """
-        x = np.stack([y[:, 0], _logit(y[:, 1]), y[:, 2], _logit(y[:, 3])], axis=1)
-        x[np.abs(y[:, [1, 3]]).max(axis=1) > 37.0] = NOWHERE
+        logits = [1, *range(3, y.shape[1])]
+        x = y.copy()
+        x[:, logits] = _logit(y[:, logits])
+        x[np.abs(y[:, logits]).max(axis=1) > FARTHEST] = nowhere(y.shape[1], 2)
         mean, log_spread = self._conditional(x)
         x[:, 0] = mean + y[:, 0] * np.exp(log_spread)
         return x, _log_volume(x, y, log_spread)
 
     def _conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
-        log_pull = np.log(MAX_PULL) + log_expit(x[:, 1])
+        log_pull = np.log(self.max_pull) + log_expit(x[:, 1])
         of_prior = -2.0 * (log_pull + self.log_prior_sd)
         narrowing = 2.0 * (x[:, 2] - self.log_width) if self.follows_width else 0.0
         log_spread = -0.5 * np.logaddexp(of_prior, self.log_precision - narrowing)
         share = np.exp(2.0 * log_spread + of_prior)
         return share * np.exp(log_pull) * self.prior_mean + (1.0 - share) * self.offset, log_spread
+
+
+@dataclass(frozen=True)
+class Probits:
+    """Levelled coordinates of a posterior without a funnel: probits in the place of logits, the rest as it is.
+
+    Attributes
+    ----------
+    logits : tuple of int
+        Which coordinates are logits.
+    log_width : int
+        Which one is the log of a width.
+    """
+
+    logits: tuple[int, ...]
+    log_width: int
+
+    def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
+        y = x.copy()
+        y[:, self.logits] = _probit(x[:, self.logits])
+        return y, self._log_volume(x, y)
+
+    def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there; points beyond :data:`FARTHEST` are nowhere."""
+        x = y.copy()
+        x[:, self.logits] = _logit(y[:, self.logits])
+        x[(np.abs(y[:, self.logits]) > FARTHEST).any(axis=1)] = nowhere(y.shape[1], self.log_width)
+        return x, self._log_volume(x, y)
+
+    def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        return np.asarray(_log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
 
 
 def _probit(logit: FloatArray) -> FloatArray:
@@ -130,7 +175,10 @@ def _logit(probit: FloatArray) -> FloatArray:
 
 
 def _log_volume(x: FloatArray, y: FloatArray, log_spread: FloatArray) -> FloatArray:
-    return np.asarray(_log_slope(x[:, 1], y[:, 1]) + _log_slope(x[:, 3], y[:, 3]) - log_spread)
+    slopes = _log_slope(x[:, 1], y[:, 1])
+    for j in range(3, x.shape[1]):
+        slopes = slopes + _log_slope(x[:, j], y[:, j])
+    return np.asarray(slopes - log_spread)
 
 
 def _log_slope(logit: FloatArray, probit: FloatArray) -> FloatArray:

@@ -125,6 +125,10 @@ class Posterior:
         """Coordinates in which mixtures fit, given modes, shape (modes, 4), best first."""
         return Levelling.at(self, modes)
 
+    def for_subject(self, subject: Subject) -> Posterior:
+        """The same model for other answers; its prior is about mu1, so it does not depend on where offsets count from."""
+        return type(self)(subject, self.prior)
+
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""
         theta = self.natural(x)

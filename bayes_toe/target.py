@@ -27,11 +27,8 @@ class Levels(Protocol):
         ...
 
 
-class Target(Protocol):
-    """The posterior of one model of one subject over unconstrained x, shape (points, k); both densities are with respect to x.
-
-    The prior is proper and normalised, so the integral of likelihood times prior over x is the model's evidence.
-    """
+class Answering(Protocol):
+    """A model that gives probabilities of both answers to every pair of one subject; x has shape (points, k)."""
 
     @property
     def subject(self) -> Subject:
@@ -40,12 +37,23 @@ class Target(Protocol):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the k unconstrained coordinates."""
+        """Names of the k coordinates."""
         ...
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         ...
+
+    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
+        ...
+
+
+class Target(Answering, Protocol):
+    """The posterior of one model of one subject over unconstrained x, shape (points, k); both densities are with respect to x.
+
+    The prior is proper and normalised, so the integral of likelihood times prior over x is the model's evidence.
+    """
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density, (points, k) -> (points,)."""
@@ -53,10 +61,6 @@ class Target(Protocol):
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Their sum, (points, k) -> (points,)."""
-        ...
-
-    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
         ...
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -73,6 +77,10 @@ class Target(Protocol):
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
+        ...
+
+    def for_subject(self, subject: Subject) -> Target:
+        """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""
         ...
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:

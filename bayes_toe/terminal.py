@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.checks import Finding
+    from bayes_toe.comparison import ModelComparison
     from bayes_toe.covariates import CovariateTable
     from bayes_toe.draws import Draws
     from bayes_toe.fit_table import FitTable
@@ -147,6 +148,40 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
         console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
 
 
+def say_comparison(console: Console, table: ModelComparison) -> None:
+    """Log evidence of every model below the best one of each subject, the models over the study, and each note once."""
+    from math import isnan
+
+    rows: list[dict[Any, Any]] = []
+    for name, values in zip(table.subjects, table.log_evidence, strict=True):
+        best = max((value for value in values if not isnan(value)), default=0.0)
+        cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
+        rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
+    console.print(table_of("log evidence below the subject's best model, nats", rows, {}))
+    frame = table.study_frame()
+    columns = {"best": "best for", "expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
+    lines = [
+        {
+            "model": row["model"],
+            **{shown: row[key] if key == "best" else _or_dash(row[key], 3) for key, shown in columns.items()},
+            **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
+        }
+        for row in frame.to_dict("records")
+    ]
+    subjects, risk = int(frame["subjects"].iloc[0]), float(frame["omnibus_risk"].iloc[0])
+    equal = "" if isnan(risk) else f"; all equally frequent with probability {risk:.3f}"
+    console.print(table_of(f"models over {subjects} of {len(table.subjects)} subjects, random effects{equal}", lines, {}))
+    about: dict[str, list[str]] = {}
+    for one in table:
+        for note in one.notes:
+            # Which pair fails differs from row to row: the file says it, here one line for all.
+            kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(f"{one.subject} ({one.model})")
+    for note, names in about.items():
+        console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
     from bayes_toe.prior_sensitivity import RESAMPLED, VARIED
@@ -221,6 +256,10 @@ def _with_interval(value: float, limits: list[float]) -> str:
     if isnan(value):
         return "-"
     return f"{value:.2f}" + ("" if isnan(limits[0]) else f" ({limits[0]:.2f}, {limits[1]:.2f})")
+
+
+def _or_dash(value: float, digits: int) -> str:
+    return "-" if value != value else f"{value:.{digits}f}"
 
 
 def _number(value: float | None, digits: int = 2) -> str:

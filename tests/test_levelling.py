@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bayes_toe.hard_cases import hard_cases
-from bayes_toe.levelling import NOWHERE, Levelling
+from bayes_toe.levelling import Levelling, nowhere
 from bayes_toe.maximum import find_maxima
 from bayes_toe.posterior import Posterior
 
@@ -38,7 +38,7 @@ def test_beyond_the_smallest_float_is_nowhere():
     posterior = Posterior(CASES["funnel"])
     levelling = Levelling.at(posterior, find_maxima(posterior).x)
     x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
-    assert x[0, 2] == x[1, 2] == NOWHERE[2]
+    assert x[0, 2] == x[1, 2] == nowhere(4, 2)[2]
     assert posterior.log_density(x).tolist()[:2] == [-np.inf, -np.inf]
     assert np.isfinite(posterior.log_density(x)[2])
 

@@ -1,0 +1,200 @@
+"""Comparison of the ladder's models: subject by subject, and over the subjects of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import softmax
+
+from bayes_toe.errors import InputError
+from bayes_toe.ladder import require_models
+from bayes_toe.outputs import write_table
+from bayes_toe.parallel import run_jobs
+from bayes_toe.population import ModelFrequencies, random_effects
+from bayes_toe.prior import Prior
+from bayes_toe.rung import ModelRow, compare_one
+from bayes_toe.sampling import SamplerSettings
+from bayes_toe.seeds import root_seed
+from bayes_toe.study import Study, Subject, refuse_intervals
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+#: Columns of compare.csv.
+COMPARE_COLUMNS = (
+    "subject",
+    "model",
+    "parameters",
+    "log_evidence",
+    "log_evidence_se",
+    "pareto_k",
+    "elpd_loo_trial",
+    "elpd_loo_trial_se",
+    "elpd_loo_pair",
+    "elpd_loo_pair_se",
+    "model_probability",
+    "p_predictive",
+    "p_worst_pair",
+    "note",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """Every subject under every model, subjects in the study's order, models in the ladder's.
+
+    Attributes
+    ----------
+    rows : tuple of ModelRow
+    subjects, models : tuple of str
+    seed : int
+    prior : Prior
+    """
+
+    rows: tuple[ModelRow, ...]
+    subjects: tuple[str, ...]
+    models: tuple[str, ...]
+    seed: int
+    prior: Prior
+
+    def __iter__(self) -> Iterator[ModelRow]:
+        return iter(self.rows)
+
+    def __getitem__(self, key: tuple[str, str]) -> ModelRow:
+        """The row of (subject, model)."""
+        for row in self.rows:
+            if (row.subject, row.model) == tuple(key):
+                return row
+        raise InputError(f"no row {key!r} in the comparison; subjects: {', '.join(self.subjects)}; models: {', '.join(self.models)}")
+
+    @property
+    def log_evidence(self) -> FloatArray:
+        """Shape (subjects, models), nats; NaN where withheld."""
+        return self._matrix("log_evidence")
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
+        import pandas as pd
+
+        cells = [[row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-1], "float64")
+        return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+
+    def frequencies(self) -> ModelFrequencies | None:
+        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject."""
+        table = self.log_evidence
+        if len(self.models) < 2 or np.isnan(table).any(axis=1).all():
+            return None
+        return random_effects(table, models=self.models, subjects=self.subjects, leave_out=True)
+
+    def study_frame(self) -> pd.DataFrame:
+        """One row per model over the whole study.
+
+        Columns: model; subjects, those with every evidence, which alone count in what follows; best, for how many of them the model has
+        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk; group_log_evidence, the
+        sum; elpd_loo_trial and elpd_loo_pair, sums over all subjects, empty where one is withheld.
+        """
+        import pandas as pd
+
+        found, table = self.frequencies(), self.log_evidence
+        complete = table[~np.isnan(table).any(axis=1)]
+        best = np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else np.zeros(len(self.models), int)
+        frame = pd.DataFrame({"model": self.models, "subjects": len(complete), "best": best})
+        for name in ("expected", "exceedance", "protected", "omnibus_risk"):
+            frame[name] = np.nan if found is None else getattr(found, name)
+        frame["group_log_evidence"] = complete.sum(axis=0) if len(complete) else np.nan
+        for name in ("elpd_loo_trial", "elpd_loo_pair"):
+            frame[name] = self._matrix(name).sum(axis=0)
+        return frame
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
+        written = write_table(self.frame(), path, overwrite=overwrite)
+        write_table(self.study_frame(), beside(path), overwrite=overwrite)
+        return written
+
+    def _matrix(self, name: str) -> FloatArray:
+        flat = np.array([row.cell(name) for row in self.rows], np.float64)  # None becomes NaN
+        return flat.reshape(len(self.subjects), len(self.models))
+
+
+def beside(path: str | Path) -> Path:
+    """Where the study's table goes: compare_models.csv beside compare.csv."""
+    return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    model: str
+    draws: int
+    seed: int
+    prior: Prior
+
+
+def compare(
+    study: Study,
+    models: Sequence[str] | None = None,
+    *,
+    draws: int = 1000,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> ModelComparison:
+    """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.
+
+    Parameters
+    ----------
+    study : Study
+    models : sequence of str, optional
+        Names of :data:`bayes_toe.ladder.NAMES`; all of them by default.
+    draws : int
+        Effective draws to reach for every named quantity of every model.
+    seed, prior, workers, progress
+        As in :func:`bayes_toe.api.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
+
+    Raises
+    ------
+    InputError
+        If a model, the seed or a number is not allowed.
+
+    Examples
+    --------
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> table = compare(Study([one]), ["free frequencies", "symmetric"], seed=1, workers=1)
+    >>> table["S01", "symmetric"].model_probability > 0.5
+    True
+    """
+    names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    refuse_intervals(study, "the ladder of models")
+    SamplerSettings(draws=draws)  # refuses a bad number before any work
+    jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
+    rows: dict[int, ModelRow] = {}
+    for index, row in run_jobs(_compare_one, jobs, workers):
+        rows[index] = row
+        if progress is not None:
+            progress(f"{row.subject}: {row.model}")
+    ordered = [rows[index] for index in range(len(jobs))]
+    groups = [_with_probabilities(ordered[i : i + len(names)]) for i in range(0, len(ordered), len(names))]
+    return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
+
+
+def _compare_one(job: _Job) -> ModelRow:
+    return compare_one(job.subject, job.model, draws=job.draws, seed=job.seed, prior=job.prior)
+
+
+def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:
+    """Model probabilities of one subject; none where an evidence is missing, because they would depend on it."""
+    missing = [row.model for row in rows if row.log_evidence is None]
+    if missing:
+        note = f"no model probability: no evidence of {', '.join(missing)}"
+        return [replace(row, notes=(*row.notes, note)) for row in rows]
+    shares = softmax(np.array([row.log_evidence for row in rows], np.float64))
+    return [replace(row, model_probability=float(share)) for row, share in zip(rows, shares, strict=True)]

@@ -1,0 +1,122 @@
+"""The comparison table: columns, probabilities, notes, files, order."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import bayes_toe as bt
+from bayes_toe.cli import app
+from bayes_toe.comparison import COMPARE_COLUMNS, ModelComparison, compare
+from bayes_toe.errors import InputError
+from bayes_toe.ladder import NAMES
+from bayes_toe.leave_one_out import leave_one_out
+from bayes_toe.model_evidence import frequency_evidence
+from bayes_toe.rung import _log_evidence_without, sample_model
+
+FEW = ("free frequencies", "symmetric", "predictive update")
+
+
+@pytest.fixture(scope="module")
+def table(small_study):
+    return compare(small_study.select(["A", "C"]), FEW, seed=5, workers=1)
+
+
+def test_columns_and_order(table):
+    frame = table.frame()
+    assert tuple(frame.columns) == COMPARE_COLUMNS
+    assert frame["subject"].tolist() == ["A"] * 3 + ["C"] * 3
+    assert frame["model"].tolist() == list(FEW) * 2
+    assert frame["parameters"].tolist() == [13, 2, 4] * 2
+    assert frame.groupby("subject")["model_probability"].sum().to_numpy() == pytest.approx(1.0)
+    assert frame["pareto_k"].isna().tolist() == [True, False, False] * 2
+
+
+def test_h1_and_h0_are_those_of_the_evidence_table(table, analysis, small_study):
+    for name in ("A", "C"):
+        assert table[name, "predictive update"].log_evidence == analysis.evidence[name].log_evidence_h1  # same seed: same digits
+        assert table[name, "free frequencies"].log_evidence == frequency_evidence(small_study[name])
+
+
+def test_subjects_are_independent_of_company_and_workers(table, small_study):
+    alone = compare(small_study.select(["C"]), ["symmetric"], seed=5, workers=1)
+    assert alone["C", "symmetric"].log_evidence == table["C", "symmetric"].log_evidence
+    assert alone["C", "symmetric"].checks == table["C", "symmetric"].checks
+    shared = compare(small_study.select(["C", "A"]), FEW, seed=5, workers=2)
+    assert [shared[name, model] for name in ("A", "C") for model in FEW] == list(table)
+
+
+def test_a_model_that_misses_an_order_effect_is_seen_by_its_checks(table):
+    assert table["A", "symmetric"].checks.p_predictive < 0.01 < table["A", "predictive update"].checks.p_predictive
+    assert table["A", "symmetric"].model_probability < 1e-3
+    assert table["A", "symmetric"].checks.elpd_loo_trial < table["A", "predictive update"].checks.elpd_loo_trial - 10
+
+
+def test_study_table(table):
+    frame = table.study_frame()
+    assert frame["model"].tolist() == list(FEW)
+    assert frame["best"].sum() == frame["subjects"].iloc[0] == 2
+    assert frame["expected"].sum() == pytest.approx(1.0)
+    assert frame["group_log_evidence"].to_numpy() == pytest.approx(table.log_evidence.sum(axis=0))
+
+
+def test_without_an_evidence_there_are_no_probabilities_and_the_note_says_so(table):
+    from dataclasses import replace
+
+    from bayes_toe.comparison import _with_probabilities
+
+    rows = [replace(row, model_probability=None) for row in table.rows[:3]]
+    rows[1] = replace(rows[1], log_evidence=None)
+    withheld = _with_probabilities(rows)
+    assert all(row.model_probability is None and "no evidence of symmetric" in row.notes[-1] for row in withheld)
+    assert ModelComparison(tuple(withheld), ("A",), FEW, 1, bt.Prior()).study_frame()["expected"].isna().all()
+
+
+def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
+    subject = small_study["A"]
+    made = sample_model(subject, "free weighting", draws=4000, seed=3)
+    x = made.chains.x.reshape(-1, 4)
+    found = leave_one_out(*made.target.log_answers(x), subject.n_equal, subject.n_trials, unit="pair")
+    pair = int(np.argmin(found.pareto_k[0]))
+    rest = _log_evidence_without(made.target, pair, np.random.default_rng(1))
+    assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)
+    again = found.filled({pair: made.log_evidence - rest})
+    assert again.values[0, pair] == made.log_evidence - rest
+
+
+def test_refusals(small_study):
+    with pytest.raises(InputError, match="'H9'; allowed: free frequencies"):
+        compare(small_study, ["H9"], seed=1)
+    with pytest.raises(InputError, match="draws=0"):
+        compare(small_study, FEW, seed=1, draws=0)
+
+
+def test_command(study_csv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call = [
+        "compare",
+        str(study_csv),
+        "-o",
+        "out.csv",
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+        "--model",
+        "symmetric",
+        "--model",
+        "free frequencies",
+    ]
+    done = CliRunner().invoke(app, call)
+    assert done.exit_code == 0, done.output
+    assert "out.csv, out_models.csv" in done.output
+    frame = pd.read_csv(tmp_path / "out.csv")
+    assert tuple(frame.columns) == COMPARE_COLUMNS
+    assert len(frame) == 6
+    assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
+    again = CliRunner().invoke(app, call)
+    assert again.exit_code == 2
+    assert "exists" in again.output
+    wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
+    assert wrong.exit_code == 2
+    assert "allowed: free frequencies" in wrong.output
