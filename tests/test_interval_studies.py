@@ -112,6 +112,7 @@ def test_check_says_what_intervals_change():
     assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
     apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
     assert describe(bt.Study([apart]))["n_one_order"].tolist() == [2]
+    assert any("(0, 0.3) at 1 s, (0.3, 0) at 2 s" in found.message for found in check_subject(apart))
 
 
 # --- simulation ---------------------------------------------------------------------------------------------------------------------
