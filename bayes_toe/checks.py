@@ -132,12 +132,13 @@ def _row(subject: Subject) -> dict[str, str | int | float]:
     }
 
 
-def _one_order(subject: Subject) -> list[tuple[float, float]]:
+def _one_order(subject: Subject) -> list[str]:
     """Pairs of different stimuli that were presented in this order only, at one interval where there are intervals."""
     isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
     pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
     present = set(pairs)
-    return [(first, second) for first, second, at in pairs if first != second and (second, first, at) not in present]
+    lone = [(first, second, at) for first, second, at in pairs if first != second and (second, first, at) not in present]
+    return [f"({first:.4g}, {second:.4g})" + (f" at {at:g} s" if subject.isi is not None else "") for first, second, at in lone]
 
 
 _Rule = Iterable[tuple[str, str]]
@@ -198,7 +199,7 @@ def _first_stimuli(subject: Subject) -> _Rule:
 def _orders(subject: Subject) -> _Rule:
     one = _one_order(subject)
     if one:
-        shown = ", ".join(f"({first:.4g}, {second:.4g})" for first, second in one[:_MOST_PAIRS_SHOWN])
+        shown = ", ".join(one[:_MOST_PAIRS_SHOWN])
         more = f" and {len(one) - _MOST_PAIRS_SHOWN} more" if len(one) > _MOST_PAIRS_SHOWN else ""
         what = "pair was" if len(one) == 1 else "pairs were"
         yield (
