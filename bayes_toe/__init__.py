@@ -25,6 +25,12 @@ _PLACES = {
     "example_truth": "example",
     "check_study": "checks",
     "Prior": "prior",
+    "read_prior": "prior_file",
+    "identifiability": "design_rank",
+    "sensitivity": "prior_sensitivity",
+    "SensitivityTable": "prior_sensitivity",
+    "sensitivity_axes": "sensitivity_plot",
+    "sensitivity_figure": "sensitivity_plot",
     "Posterior": "posterior",
     "sample": "api",
     "evidence": "api",
@@ -91,6 +97,7 @@ if TYPE_CHECKING:
     from bayes_toe.corner_plot import corner as corner
     from bayes_toe.covariates import covariate_tests as covariate_tests
     from bayes_toe.covariates import read_covariates as read_covariates
+    from bayes_toe.design_rank import identifiability as identifiability
     from bayes_toe.draws import Draws as Draws
     from bayes_toe.draws import load as load
     from bayes_toe.ellipse import mass_ellipse as mass_ellipse
@@ -126,10 +133,15 @@ if TYPE_CHECKING:
     from bayes_toe.prediction import predict_equal as predict_equal
     from bayes_toe.prediction import predict_gain as predict_gain
     from bayes_toe.prior import Prior as Prior
+    from bayes_toe.prior_file import read_prior as read_prior
+    from bayes_toe.prior_sensitivity import SensitivityTable as SensitivityTable
+    from bayes_toe.prior_sensitivity import sensitivity as sensitivity
     from bayes_toe.read_options import ReadOptions as ReadOptions
     from bayes_toe.response_asymmetry import AsymmetryTable as AsymmetryTable
     from bayes_toe.response_asymmetry import asymmetry as asymmetry
     from bayes_toe.rung import sample_model as sample_model
+    from bayes_toe.sensitivity_plot import sensitivity_axes as sensitivity_axes
+    from bayes_toe.sensitivity_plot import sensitivity_figure as sensitivity_figure
     from bayes_toe.study import Study as Study
     from bayes_toe.study import Subject as Subject
     from bayes_toe.subject_plot import answers_axes as answers_axes

@@ -50,7 +50,7 @@ def run(study: Study, settings: Settings, *, workers: int | None = None, progres
         Called with a subject's name when that subject is done.
     """
     results = analyse(study, settings, workers=workers, progress=progress)
-    fits = FitTable(tuple(r.fit for r in results if r.fit is not None), _LEVEL, REPLICATES, settings.seed)
+    fits = FitTable(tuple(r.fit for r in results if r.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
     return Analysis(study, build_draws(study, results, settings), _table(results, settings), settings, fits)
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bayes_toe.design_rank import FULL, PARAMETERS, identifiability
 from bayes_toe.study import Study, Subject, said_intervals
 
-_PARAMETERS = 4  # offset, pull, width and peak
 _MOST_PAIRS_SHOWN = 3
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
@@ -30,7 +30,7 @@ class Finding:
         Whom it concerns; empty for the whole study.
     code : str
         What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "long_intervals" or "names_differ_in_case".
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals" or "names_differ_in_case".
     message : str
         One sentence that says what to conclude.
 
@@ -64,9 +64,9 @@ def check_subject(subject: Subject) -> tuple[Finding, ...]:
     --------
     >>> subject = Subject("S01", [0, 0, 0, 0], [0, 0.1, 0.2, 0.3], [9, 8, 5, 2], [9, 9, 9, 9])
     >>> [finding.code for finding in check_subject(subject)]
-    ['one_first_stimulus', 'one_order']
+    ['one_first_stimulus', 'one_order', 'design_rank']
     """
-    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders, _intervals)
+    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders, _intervals, _design)
     return tuple(Finding(subject.name, code, message) for rule in rules for code, message in rule(subject))
 
 
@@ -144,11 +144,11 @@ _Rule = Iterable[tuple[str, str]]
 
 
 def _few_pairs(subject: Subject) -> _Rule:
-    if subject.n_pairs < _PARAMETERS:
+    if subject.n_pairs < PARAMETERS:
         few = f"{subject.n_pairs} distinct pair{'' if subject.n_pairs == 1 else 's'}"
         yield (
             "few_pairs",
-            f"Only {few} for {_PARAMETERS} parameters: at least {_PARAMETERS - subject.n_pairs} of them cannot be told "
+            f"Only {few} for {PARAMETERS} parameters: at least {PARAMETERS - subject.n_pairs} of them cannot be told "
             "from the data, and the posterior will reflect the prior there.",
         )
 
@@ -224,6 +224,18 @@ def _units(study: Study) -> list[Finding]:
         return []
     message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
     return [Finding("", "long_intervals", message)]
+
+
+def _design(subject: Subject) -> _Rule:
+    found = identifiability(subject)
+    if found.rank < PARAMETERS:
+        told = f"{', '.join(found.told)} can be told" if found.told else "none can be told by itself"
+        enough = "no smaller model of the ladder carries" if found.model == FULL else f"the smaller model '{found.model}' carries"
+        yield (
+            "design_rank",
+            f"The pairs can tell {found.rank} of {PARAMETERS} combinations of the parameters, whatever the answers: {told}, "
+            f"{', '.join(found.open)} depend on the prior however many trials there are; {enough} all the information ({found.reason}).",
+        )
 
 
 def _names(names: Iterable[str]) -> list[Finding]:

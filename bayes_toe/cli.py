@@ -47,6 +47,9 @@ Columns = Annotated[
     str | None,
     typer.Option("--columns", metavar="OURS=THEIRS,...", help="Other column names, e.g. subject=participant,s1=first."),
 ]
+PriorFile = Annotated[
+    Path | None, typer.Option("--prior", metavar="prior.toml", help="Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.")
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -69,6 +72,7 @@ def run(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -81,13 +85,17 @@ def run(
         from bayes_toe.api import settings_for
         from bayes_toe.example import example_study, example_truth
         from bayes_toe.outputs import require_folder
+        from bayes_toe.prior_file import prior_or_default
         from bayes_toe.results import PRODUCTS, write_results
 
         require_folder(output, PRODUCTS, overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
-        settings = settings_for(draws=draws, seed=seed)
+        terminal.say_prior(console, believed)
+        terminal.say_smaller_models(console, read)
+        settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
             analysis = analyse(read, settings, workers=workers, progress=tick)
         terminal.say_draws(console, analysis.draws)
@@ -110,6 +118,7 @@ def sample(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -120,12 +129,16 @@ def sample(
     with _problems_as_lines():
         from bayes_toe.api import draw, settings_for
         from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
 
         require_writable(output, overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
-        settings = settings_for(draws=draws, seed=seed)
+        terminal.say_prior(console, believed)
+        terminal.say_smaller_models(console, read)
+        settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
             made = draw(read, settings, workers=workers, progress=tick)
         made.save(output, overwrite=overwrite)
@@ -144,6 +157,7 @@ def evidence(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -154,15 +168,18 @@ def evidence(
     with _problems_as_lines():
         from bayes_toe.api import evidence as compute
         from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
         from bayes_toe.seeds import root_seed
 
         require_writable(output, overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
+        terminal.say_prior(console, believed)
         root = root_seed(seed)
         with terminal.progress_bar(console, "evidence", len(read)) as tick:
-            table = compute(read, seed=root, workers=workers, progress=tick)
+            table = compute(read, seed=root, prior=believed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
         terminal.say_evidence(console, table)
         console.print(f"seed {root}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
@@ -182,6 +199,7 @@ def compare(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -194,19 +212,69 @@ def compare(
         from bayes_toe.comparison import compare as compute
         from bayes_toe.ladder import require_models
         from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
 
         models = require_models(model)
         for path in (output, beside(output)):
             require_writable(path, overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
+        terminal.say_prior(console, believed)
         with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
-            table = compute(read, models, draws=draws, seed=seed, workers=workers, progress=tick)
+            table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
         terminal.say_comparison(console, table)
         files = ", ".join(terminal.safe(path) for path in (output, beside(output)))
         console.print(f"seed {table.seed}; tables in [bold]{files}[/bold]", highlight=False)
+
+
+@app.command()
+def sensitivity(
+    study: StudyFile,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="sensitivity.csv", help="Table to write; the figure goes to NAME.png.")
+    ] = Path("sensitivity.csv"),
+    reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
+    steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    seed: Seed = None,
+    workers: Workers = None,
+    intensity: Intensity = None,
+    equal_code: EqualCode = None,
+    different_code: DifferentCode = None,
+    columns: Columns = None,
+    prior: PriorFile = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
+
+    [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
+    """
+    with _problems_as_lines():
+        from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
+        from bayes_toe.prior_sensitivity import require_range
+        from bayes_toe.prior_sensitivity import sensitivity as compute
+        from bayes_toe.sensitivity_plot import save_sensitivity
+
+        picture = output.with_suffix(".png")
+        require_range(reach, steps)
+        for path in (output, picture):
+            require_writable(path, overwrite=overwrite)
+        believed = prior_or_default(prior)
+        read = _read(study, intensity, equal_code, different_code, columns)
+        console = terminal.new_console(quiet)
+        terminal.say_study(console, read)
+        terminal.say_prior(console, believed)
+        with terminal.progress_bar(console, "re-weighting", len(read)) as tick:
+            table = compute(read, prior=believed, reach=reach, steps=steps, seed=seed, workers=workers, progress=tick)
+        table.save(output, overwrite=overwrite)
+        save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=overwrite)
+        terminal.say_sensitivity(console, table)
+        files = ", ".join(map(terminal.safe, (output, picture)))
+        console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
 
 
 @app.command()
@@ -263,6 +331,7 @@ def fit(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -274,14 +343,17 @@ def fit(
         from bayes_toe.bootstrap import require_level
         from bayes_toe.fit_table import fit as compute
         from bayes_toe.outputs import require_writable
+        from bayes_toe.prior_file import prior_or_default
 
         require_level(level)
         require_writable(output, overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
+        terminal.say_penalty(console, believed)
         with terminal.progress_bar(console, "fitting", len(read)) as tick:
-            table = compute(read, replicates=replicates, level=level, seed=seed, workers=workers, progress=tick)
+            table = compute(read, replicates=replicates, level=level, seed=seed, prior=believed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
         terminal.say_fits(console, table)
         console.print(f"seed {table.seed}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
@@ -303,6 +375,7 @@ def figures(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -316,17 +389,20 @@ def figures(
         from bayes_toe.example import example_study
         from bayes_toe.outputs import require_folder
         from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
+        from bayes_toe.prior_file import prior_or_default
         from bayes_toe.study import refuse_intervals
 
         chosen = ["pdf", "png"] if formats is None else formats
         require_folder(output, products(chosen), overwrite=overwrite)
+        believed = prior_or_default(prior)
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
         refuse_intervals(read, "the paper's figures")  # before the sampling
         if subject is not None:
             require_subjects(subject, read.names)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
-        settings = settings_for(draws=draws, seed=seed)
+        terminal.say_prior(console, believed)
+        settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
             analysis = analyse(read, settings, workers=workers, progress=tick)
         terminal.say_draws(console, analysis.draws)
@@ -408,6 +484,7 @@ def simulate(
     isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each.")] = None,
     population: Annotated[str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l,q0.")] = "paper",
     seed: Seed = None,
+    prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -417,15 +494,17 @@ def simulate(
     """
     with _problems_as_lines():
         from bayes_toe.outputs import require_writable, write_table
+        from bayes_toe.prior_file import prior_or_default
         from bayes_toe.recipes import design_from, population_from, trial_frame, truth_frame
         from bayes_toe.seeds import root_seed
         from bayes_toe.simulate import simulate_trials
 
         for path in [output] if truth is None else [output, truth]:
             require_writable(path, overwrite=overwrite)
+        believed = prior_or_default(prior)
         root = root_seed(seed)
         chosen = design_from(design, amplitudes, batches, isi)
-        names, observers = population_from(population, subjects, root)
+        names, observers = population_from(population, subjects, root, prior=None if prior is None else believed)
         trials = simulate_trials(names, observers, chosen, root)
         write_table(trial_frame(trials), output, overwrite=overwrite)
         if truth is not None:
@@ -445,25 +524,27 @@ def check(
     equal_code: EqualCode = None,
     different_code: DifferentCode = None,
     columns: Columns = None,
+    prior: PriorFile = None,
     quiet: Quiet = False,
 ) -> None:
     """What was read, and what cannot be learnt from it, before any sampling.
 
-    [bold]Example[/bold]: bayes-toe check study.csv
+    [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
     with _problems_as_lines():
         from bayes_toe.checks import check_study, describe
+        from bayes_toe.prior_file import prior_or_default
 
+        believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
         console = terminal.new_console(quiet)
         terminal.say_study(console, read)
+        terminal.say_prior(console, believed)
         frame = describe(read)
         formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
         console.print(terminal.table_of("subjects", frame.to_dict("records"), formats))
         findings = check_study(read)
-        for finding in findings:
-            about = f"{finding.subject}: " if finding.subject else ""
-            console.print(f"[yellow]warning[/yellow] {terminal.safe(about + finding.message)}", highlight=False, soft_wrap=True)
+        terminal.say_findings(console, findings)
         if not findings:
             console.print("no warnings")
 

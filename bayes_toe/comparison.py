@@ -20,7 +20,7 @@ from bayes_toe.prior import Prior
 from bayes_toe.rung import ModelRow, compare_one
 from bayes_toe.sampling import SamplerSettings
 from bayes_toe.seeds import root_seed
-from bayes_toe.study import Study, Subject
+from bayes_toe.study import Study, Subject, refuse_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -173,6 +173,7 @@ def compare(
     (2, 1.0)
     """
     names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    refuse_intervals(study, "the ladder of models")
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
     rows: dict[int, ModelRow] = {}

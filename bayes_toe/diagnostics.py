@@ -92,6 +92,23 @@ def log_sum(values: FloatArray) -> float:
     return float(top + np.log(np.exp(values - top).sum()))
 
 
+def smoothed_unnormalised(log_weights: npt.ArrayLike) -> SmoothedWeights:
+    """Pareto-smoothed weights on the scale of the raw ones, for sums that matter as such; -inf where a draw has no weight.
+
+    Examples
+    --------
+    >>> raw = np.random.default_rng(0).normal(0.0, 0.3, 5000)
+    >>> smoothed = smoothed_unnormalised(raw)
+    >>> bool(abs(np.exp(smoothed.log_weights).mean() - np.exp(raw).mean()) < 0.01), smoothed.pareto_k < 0.7
+    (True, True)
+    """
+    values = np.asarray(log_weights, np.float64)
+    made, k = smoothed_weights(values)
+    # All weights but the tail are the raw ones up to a constant, which the median weight tells.
+    middle = np.argsort(values)[len(values) - np.count_nonzero(np.isfinite(values)) // 2 - 1]
+    return SmoothedWeights(np.where(np.isfinite(values), made + (values[middle] - made[middle]), -np.inf), k)
+
+
 @cache
 def _is_one() -> bool:
     # hasattr(arviz, "InferenceData") would be true on 1.2 and later as well: only the version tells.

@@ -28,7 +28,7 @@ def central_derivatives(function: Callable[[FloatArray], FloatArray], x: FloatAr
     both = [unit[i] + unit[j] for i, j in corners] + [unit[i] - unit[j] for i, j in corners]
     moves = np.concatenate([np.zeros((1, k)), unit, -unit, *(np.stack([m, -m]) for m in both)])
     values = function((x[:, None] + step * moves).reshape(-1, k)).reshape(len(x), len(moves))
-    known = np.isfinite(values).all(axis=1)
+    known = np.asarray(np.isfinite(values).all(axis=1))
     values = np.where(known[:, None], values, 0.0)
     centre, plus, minus = values[:, :1], values[:, 1 : k + 1], values[:, k + 1 : 2 * k + 1]
     hessian = np.zeros((*x.shape, k))

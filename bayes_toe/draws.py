@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.analysis import Settings, SubjectResult
+from bayes_toe.contraction import contraction
 from bayes_toe.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
 from bayes_toe.diagnostics import convergence
 from bayes_toe.errors import InputError
@@ -36,7 +37,7 @@ FloatArray = npt.NDArray[np.float64]
 
 PARAMETERS = (*NATURAL, *DERIVED)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
-SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat")
+SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction")
 _UNITS = {"q0": "1", "gamma": "1", "gain": "1"}
 _INTERVAL_UNITS = {
     "sigma_p": "ln intensity / s^(1/2)",
@@ -154,13 +155,16 @@ class Draws:
         return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
 
     def summary(self) -> pd.DataFrame:
-        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat.
+        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction.
 
-        Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish; read its quantiles.
+        Contraction is 1 - (posterior width / prior width)^2 of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the
+        posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
+        read its quantiles.
         """
         import pandas as pd
 
-        rows = [(name, key, *_summary_row(self.values(name, key))) for name in self.names for key in PARAMETERS]
+        prior = self.prior
+        rows = [(name, key, *_summary_row(self.values(name, key), prior, key)) for name in self.names for key in PARAMETERS]
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -328,6 +332,7 @@ def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
     return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
-def _summary_row(values: FloatArray) -> tuple[float, ...]:
-    quantiles = np.quantile(values, list(QUANTILES.values()))
-    return (float(values.mean()), float(values.std(ddof=1)), *map(float, quantiles), *convergence(values))
+def _summary_row(values: FloatArray, prior: Prior, parameter: str) -> tuple[float, ...]:
+    quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
+    narrowed = contraction(prior, parameter, quantiles[0], quantiles[-1])
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)

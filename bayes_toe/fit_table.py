@@ -72,12 +72,15 @@ class FitTable:
         Of the percentile bootstrap intervals.
     replicates : int
     seed : int
+    prior : Prior, optional
+        Its normal of mu1 is the penalty.
     """
 
     rows: tuple[SubjectFit, ...]
     level: float
     replicates: int
     seed: int
+    prior: Prior | None = None
 
     def __iter__(self) -> Iterator[SubjectFit]:
         return iter(self.rows)
@@ -165,7 +168,7 @@ def fit(
         rows[index] = row
         if progress is not None:
             progress(row.subject)
-    return FitTable(tuple(rows[index] for index in range(len(jobs))), level, replicates, root)
+    return FitTable(tuple(rows[index] for index in range(len(jobs))), level, replicates, root, penalty)
 
 
 def _fit_one(job: _Job) -> SubjectFit:

@@ -22,7 +22,7 @@ from bayes_toe.link import Link, differencing_link, lapse_link
 from bayes_toe.model import MAX_PULL
 from bayes_toe.parameters import Block, Memory, Random, Share, Shift, Update, Width
 from bayes_toe.prior import Prior
-from bayes_toe.study import Subject
+from bayes_toe.study import Subject, refuse_intervals
 from bayes_toe.target import Levels, Target
 
 FloatArray = npt.NDArray[np.float64]
@@ -185,6 +185,7 @@ class LadderPosterior:
     _places: dict[str, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        refuse_intervals([self.subject], "model of the ladder")
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,

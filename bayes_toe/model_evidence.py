@@ -45,6 +45,7 @@ EVIDENCE_COLUMNS = (
     "pareto_k",
     "log_evidence_h1_laplace_natural",
     "log_evidence_h1_bootstrap",
+    "prior",
 )
 
 
@@ -99,10 +100,12 @@ class EvidenceTable:
         raise InputError(f"no subject {name!r} in the evidence table")
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of evidence.csv; natural logs, empty where a value does not exist."""
+        """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior."""
         import pandas as pd
 
-        return pd.DataFrame([[getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows], columns=list(EVIDENCE_COLUMNS))
+        prior = None if self.prior is None else self.prior.describe()
+        cells = [[getattr(row, key) for key in EVIDENCE_COLUMNS[:-1]] + [prior] for row in self.rows]
+        return pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write evidence.csv, whole or not at all."""

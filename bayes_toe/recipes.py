@@ -12,6 +12,7 @@ from bayes_toe.coordinates import NATURAL, Natural
 from bayes_toe.errors import InputError
 from bayes_toe.model import require_natural
 from bayes_toe.number_table import read_numbers
+from bayes_toe.prior import Prior
 from bayes_toe.seeds import generator
 from bayes_toe.simulate import Design, Trials, at_intervals, full_design, paper_population, prior_population, reference_design
 
@@ -39,12 +40,18 @@ def design_from(design: str, amplitudes: str, batches: int, isi: str | None = No
     return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
 
 
-def population_from(population: str, size: int, seed: int) -> tuple[list[str], Natural]:
-    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters."""
+def population_from(population: str, size: int, seed: int, *, prior: Prior | None = None) -> tuple[list[str], Natural]:
+    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
+
+    A prior may be given with the population 'prior' only, which is drawn from it.
+    """
+    if prior is not None and population != "prior":
+        raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
     if population in _POPULATIONS:
         width = max(2, len(str(size)))
         names = [f"S{i + 1:0{width}d}" for i in range(size)]
-        return names, _POPULATIONS[population](size, generator(seed, "population"))
+        rng = generator(seed, "population")
+        return names, prior_population(size, rng, prior) if population == "prior" else _POPULATIONS[population](size, rng)
     _require_file(population, "--population", _POPULATIONS)
     names, columns = read_numbers(population, NATURAL, key="subject")
     observers = Natural(*(columns[name] for name in NATURAL))

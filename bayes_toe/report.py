@@ -13,12 +13,12 @@ import numpy as np
 
 from bayes_toe.api import Analysis
 from bayes_toe.checks import Finding, check_study
+from bayes_toe.contraction import DOMINATED
 from bayes_toe.coordinates import NATURAL
 from bayes_toe.fit_table import SubjectFit
 from bayes_toe.goodness_of_fit import FitSummary
 from bayes_toe.model_evidence import SubjectEvidence
 from bayes_toe.outputs import whole_file
-from bayes_toe.prior import Prior
 from bayes_toe.response_asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.study import said_intervals
 
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 #: Log Bayes factors smaller than this are called undecided.
 UNDECIDED = 1.0
-#: Contraction 1 - var(posterior)/var(prior) below which a parameter is said to reflect mostly the prior.
-_LITTLE_LEARNT = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,26 +62,10 @@ def verdict(row: SubjectEvidence) -> str:
     return "H1" if value > 0 else "H0"
 
 
-def prior_dominated(analysis: Analysis, subject: str) -> list[str]:
-    """Natural parameters and gain of which the data taught little: contraction 1 - var(posterior)/var(prior) below one half.
-
-    sigma_l stays out: its prior follows from those of sigma_p and gamma.
-    """
-    spread = prior_spread(analysis.settings.prior)
-    draws = analysis.draws
-    return [key for key, sd in spread.items() if 1.0 - np.var(draws.values(subject, key)) / sd**2 < _LITTLE_LEARNT]
-
-
-def prior_spread(prior: Prior) -> dict[str, float]:
-    """Prior standard deviations of mu1, sigma_p, gamma and q0.
-
-    Examples
-    --------
-    >>> {key: round(sd, 4) for key, sd in prior_spread(Prior()).items()}
-    {'mu1': 10.0, 'sigma_p': 0.6028, 'gamma': 0.2887, 'q0': 0.2887}
-    """
-    uniform = 12.0**-0.5
-    return {"mu1": prior.mu1_sd, "sigma_p": prior.sigma_p_scale * (1.0 - 2.0 / np.pi) ** 0.5, "gamma": uniform, "q0": uniform}
+def prior_dominated(summary: pd.DataFrame, subject: str) -> list[str]:
+    """Parameters of which the data taught little: contraction below :data:`~bayes_toe.contraction.DOMINATED`."""
+    rows = summary[(summary["subject"] == subject) & summary["parameter"].isin([*NATURAL, "gamma"])]
+    return [str(name) for name in rows["parameter"][rows["contraction"] < DOMINATED]]
 
 
 def write_report(analysis: Analysis, facts: Facts, pictures: Pictures, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -121,6 +103,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, 
         "population": facts.asymmetry.population(),
         "asymmetry_notes": facts.asymmetry.notes,
         "level": LEVEL,
+        "dominated": DOMINATED,
         "subjects": [_subject_context(analysis, facts, pictures, index, findings) for index in range(len(analysis.study))],
     }
 
@@ -153,7 +136,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
-        "prior_dominated": prior_dominated(analysis, name),
+        "prior_dominated": prior_dominated(facts.summary, name),
     }
 
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.checks import Finding
     from bayes_toe.comparison import ModelComparison
     from bayes_toe.covariates import CovariateTable
     from bayes_toe.draws import Draws
     from bayes_toe.fit_table import FitTable
     from bayes_toe.model_evidence import EvidenceTable
+    from bayes_toe.prior import Prior
+    from bayes_toe.prior_sensitivity import SensitivityTable
     from bayes_toe.response_asymmetry import AsymmetryTable
     from bayes_toe.study import Study
 
@@ -68,6 +71,33 @@ def say_study(console: Console, study: Study) -> None:
     console.print(f"[bold]{safe(study.source)}[/bold]{label}: {len(study)} subject{plural}, {trials} trials", highlight=False)
     for note in study.notes:
         console.print(f"  {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_prior(console: Console, prior: Prior) -> None:
+    """The prior that everything below depends on."""
+    console.print(f"  prior: {prior.describe()}", highlight=False, soft_wrap=True)
+
+
+def say_penalty(console: Console, prior: Prior) -> None:
+    """The part of the prior that a maximum-likelihood fit uses."""
+    console.print(f"  penalty: mu1 ~ Normal({prior.mu1_mean:g}, {prior.mu1_sd:g})", highlight=False, soft_wrap=True)
+
+
+def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
+    """Each message once, with the subjects that it is about."""
+    about: dict[str, list[str]] = {}
+    for finding in findings:
+        about.setdefault(finding.message, []).append(finding.subject)
+    for message, names in about.items():
+        who = ", ".join(name for name in names if name)
+        console.print(f"[yellow]{word}[/yellow] {safe(f'{who}: ' if who else '')}{safe(message)}", highlight=False, soft_wrap=True)
+
+
+def say_smaller_models(console: Console, study: Study) -> None:
+    """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
+    from bayes_toe.checks import check_study
+
+    say_findings(console, (finding for finding in check_study(study) if finding.code == "design_rank"), "note")
 
 
 def say_draws(console: Console, draws: Draws) -> None:
@@ -150,6 +180,19 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
             about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(f"{one.subject} ({one.model})")
     for note, names in about.items():
         console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_sensitivity(console: Console, table: SensitivityTable) -> None:
+    """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
+    from bayes_toe.prior_sensitivity import RESAMPLED, VARIED
+
+    turning = [name for name in table.names if any(table.turns(name, varied) for varied in VARIED)]
+    for name, line in zip(table.names, table.summary(), strict=True):
+        shown = safe(line)
+        console.print(f"[yellow]{shown}[/yellow]" if name in turning else shown, highlight=False, soft_wrap=True)
+    anew = sum(row.method == RESAMPLED for row in table)
+    tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
+    console.print(f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted", highlight=False, soft_wrap=True)
 
 
 def say_asymmetry(console: Console, table: AsymmetryTable) -> None:

@@ -64,7 +64,7 @@ def test_fewer_pairs_than_parameters(count: int, expected: int | None) -> None:
 def test_equal_pairs() -> None:
     diagonal = [(value, value) for value in (-0.3, 0.0, 0.1, 0.4)]
     off_diagonal = [pair for pair in GRID if pair[0] != pair[1]]
-    assert codes(diagonal) == ["only_equal_pairs"]
+    assert codes(diagonal) == ["only_equal_pairs", "design_rank"]
     assert codes(off_diagonal) == ["no_equal_pairs"]
     assert codes([*off_diagonal, (0.4, 0.4)]) == []
 
@@ -72,7 +72,7 @@ def test_equal_pairs() -> None:
 def test_one_first_stimulus() -> None:
     pairs = [(0.25, value) for value in (-0.3, 0.0, 0.25, 0.4)]
     findings = check_subject(subject(pairs))
-    assert [finding.code for finding in findings] == ["one_first_stimulus", "one_order"]
+    assert [finding.code for finding in findings] == ["one_first_stimulus", "one_order", "design_rank"]
     assert findings[0].message.startswith("All pairs have the first stimulus 0.25: the pull does not enter")
     assert "one_first_stimulus" not in codes([(second, first) for first, second in pairs])
 
@@ -100,6 +100,7 @@ def test_findings_of_a_poor_subject_in_a_fixed_order() -> None:
         "no_equal_pairs",
         "one_first_stimulus",
         "one_order",
+        "design_rank",
     ]
 
 

@@ -281,3 +281,73 @@ def test_importing_the_package_is_light():
 
 def test_help_and_check_load_no_sampler(tmp_path):
     assert loaded_by("import bayes_toe.cli", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
+
+
+def test_a_prior_file_is_used_shown_and_stored(folder):
+    (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
+    said = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
+    done = call("run", "study.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--prior", "narrow.toml", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert f"prior: {said}" in done.stdout
+    assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
+    prior = bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5)
+    assert bt.load(folder / "narrow" / "posterior.nc").prior == prior
+    table = pd.read_csv(folder / "narrow" / "evidence.csv")
+    assert table.columns[-1] == "prior"
+    assert table.prior.str.startswith(said).all()
+    done = call("evidence", "study.csv", "-o", "narrow.csv", "--seed", "1", "--prior", "narrow.toml", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "narrow.csv").read_text() == (folder / "narrow" / "evidence.csv").read_text()
+    assert said in call("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
+    done = call("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--prior", "narrow.toml", cwd=folder)
+    assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
+
+
+def test_a_bad_prior_file_is_one_line_for_every_command(folder):
+    (folder / "bad.toml").write_text("mu1_sd = -1\n", encoding="utf-8")
+    commands = ("run", "sample", "evidence", "fit", "figures", "sensitivity", "check", "simulate")
+    for command in commands:
+        study = () if command == "simulate" else ("study.csv",)
+        out = () if command == "check" else ("-o", f"bad_{command}.csv")
+        done = call(command, *study, *out, "--prior", "bad.toml", cwd=folder)
+        assert done.returncode == 2, command
+        assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100\n", command
+        assert not (folder / f"bad_{command}.csv").exists()
+
+
+def test_simulate_draws_its_population_from_a_prior_file(folder):
+    (folder / "near.toml").write_text("mu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
+    args = ("--subjects", "20", "--batches", "1", "--seed", "1", "--prior", "near.toml")
+    done = call("simulate", "-o", "made.csv", "--truth", "made_truth.csv", "--population", "prior", *args, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert abs(pd.read_csv(folder / "made_truth.csv").mu1 - 5.0).max() < 0.5
+    done = call("simulate", "-o", "other.csv", *args, cwd=folder)
+    assert done.returncode == 2
+    assert "allowed: with --population prior" in done.stderr
+
+
+def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(folder):
+    done = call("sensitivity", "study.csv", "-o", "sensitivity.csv", "--steps", "3", "--reach", "2", "--seed", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
+    assert len(table) == 2 * 3 * 3
+    assert sorted(set(table[table.varied == "mu1_sd"].value)) == [5.0, 10.0, 20.0]
+    assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
+    assert "0 of 2 conclusions turn within this range" in done.stdout
+    again = call("sensitivity", "study.csv", "-o", "sensitivity.csv", cwd=folder)
+    assert again.returncode == 2
+    assert "overwrite" in again.stderr
+    wrong = call("sensitivity", "study.csv", "-o", "x.csv", "--steps", "4", cwd=folder)
+    assert wrong.returncode == 2
+    assert wrong.stderr.count("\n") == 1
+
+
+def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
+    (folder / "first.csv").write_text(
+        "subject,s1,s2,n_equal,n_trials\n" + "".join(f"X,0,{0.1 * i:.1f},{9 - 2 * i},10\n" for i in range(4)), encoding="utf-8"
+    )
+    done = call("sample", "first.csv", "-o", "first.nc", "--draws", "200", "--seed", "1", cwd=folder)
+    assert done.returncode in (0, 3), done.stderr
+    assert "note X: The pairs can tell 3 of 4 combinations" in done.stdout
+    assert "the smaller model 'constant bias' carries all the information" in done.stdout
+    assert "smaller model 'constant bias'" in call("check", "first.csv", cwd=folder).stdout

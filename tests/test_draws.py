@@ -110,7 +110,7 @@ def test_log_posterior_is_the_density_of_the_draws(analysis):
 def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
     assert tuple(frame.columns) == SUMMARY_COLUMNS
-    assert ",".join(SUMMARY_COLUMNS) == "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat"
+    assert ",".join(SUMMARY_COLUMNS) == "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
     assert len(frame) == 3 * len(PARAMETERS)
     row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
     values = analysis.draws.values("B", "sigma_p")
