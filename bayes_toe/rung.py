@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _FREQUENCY_DRAWS = 2000
-_MOST_REFITS = 16
+_MOST_REFITS = 5  # a model that more pairs surprise describes the answers badly, which the other columns show
 _UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
