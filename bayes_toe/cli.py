@@ -257,9 +257,9 @@ def sensitivity(
         from bayes_toe.prior_file import prior_or_default
         from bayes_toe.prior_sensitivity import require_range
         from bayes_toe.prior_sensitivity import sensitivity as compute
-        from bayes_toe.sensitivity_plot import save_sensitivity
+        from bayes_toe.sensitivity_plot import picture_beside, save_sensitivity
 
-        picture = output.with_suffix(".png")
+        picture = picture_beside(output)
         require_range(reach, steps)
         for path in (output, picture):
             require_writable(path, overwrite=overwrite)

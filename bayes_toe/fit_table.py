@@ -32,7 +32,7 @@ REPLICATES = 1000
 FIT_COLUMNS = (
     *("subject", *NATURAL, "log_likelihood", "at_edge"),
     *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
-    *("level", "replicates"),
+    *("level", "replicates", "penalty"),
 )
 
 
@@ -98,7 +98,8 @@ class FitTable:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         import pandas as pd
 
-        cells = [(*self._cells(row), self.level, self.replicates) for row in self]
+        penalty = None if self.prior is None else self.prior.describe_mu1()
+        cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
         return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
 
     def _cells(self, row: SubjectFit) -> tuple[object, ...]:

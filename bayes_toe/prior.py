@@ -55,10 +55,11 @@ class Prior:
 
     def describe(self) -> str:
         """One line for tables, files and Methods sections."""
-        return (
-            f"mu1 ~ Normal({self.mu1_mean:g}, {self.mu1_sd:g}), sigma_p ~ HalfNormal({self.sigma_p_scale:g}), "
-            "gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)"
-        )
+        return f"{self.describe_mu1()}, sigma_p ~ HalfNormal({self.sigma_p_scale:g}), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)"
+
+    def describe_mu1(self) -> str:
+        """The normal of mu1 alone, which is the penalty of a maximum-likelihood fit."""
+        return f"mu1 ~ Normal({self.mu1_mean:g}, {self.mu1_sd:g})"
 
     def log_density(self, theta: Natural) -> FloatArray:
         """Log density with respect to (mu1, sigma_p, gamma, q0); -inf outside the support."""

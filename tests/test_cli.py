@@ -129,6 +129,7 @@ def test_fit_writes_its_columns_and_states_its_level(folder):
         *limits,
         "level",
         "replicates",
+        "penalty",
     ]
     assert set(frame.level) == {0.8}
     assert list(frame.subject) == ["A", "B"]
@@ -301,6 +302,7 @@ def test_a_prior_file_is_used_shown_and_stored(folder):
     assert said in call("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
     done = call("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--prior", "narrow.toml", cwd=folder)
     assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
+    assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
 
 def test_a_bad_prior_file_is_one_line_for_every_command(folder):
@@ -337,9 +339,10 @@ def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(fol
     again = call("sensitivity", "study.csv", "-o", "sensitivity.csv", cwd=folder)
     assert again.returncode == 2
     assert "overwrite" in again.stderr
-    wrong = call("sensitivity", "study.csv", "-o", "x.csv", "--steps", "4", cwd=folder)
-    assert wrong.returncode == 2
-    assert wrong.stderr.count("\n") == 1
+    for args in (("-o", "x.csv", "--steps", "4"), ("-o", "x.csv", "--reach", "1"), ("-o", "x.png")):
+        wrong = call("sensitivity", "study.csv", *args, cwd=folder)
+        assert wrong.returncode == 2
+        assert wrong.stderr.count("\n") == 1
 
 
 def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):

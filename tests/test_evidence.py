@@ -123,7 +123,7 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     assert lines[0] == (
         "subject,n_pairs,n_trials,log_evidence_h1,log_evidence_h1_se,log_evidence_h0,log_bayes_factor,"
         "log_evidence_h1_laplace,log_evidence_h0_laplace,log_bayes_factor_laplace,"
-        "pareto_k,log_evidence_h1_laplace_natural,log_evidence_h1_bootstrap"
+        "pareto_k,log_evidence_h1_laplace_natural,log_evidence_h1_bootstrap,prior"
     )
     assert tuple(lines[0].split(",")) == EVIDENCE_COLUMNS
     frame = analysis.evidence.frame()
