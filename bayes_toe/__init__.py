@@ -66,6 +66,8 @@ _PLACES = {
     "file_stems": "outputs",
     "equal_probability": "model",
     "noticed": "filtering",
+    "calibrate": "calibration_table",
+    "write_calibration": "calibration_results",
     "BayesToeError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
@@ -81,6 +83,8 @@ if TYPE_CHECKING:
     from bayes_toe.api import settings_for as settings_for
     from bayes_toe.asymmetry_plot import asymmetry_axes as asymmetry_axes
     from bayes_toe.asymmetry_plot import order_axes as order_axes
+    from bayes_toe.calibration_results import write_calibration as write_calibration
+    from bayes_toe.calibration_table import calibrate as calibrate
     from bayes_toe.checks import check_study as check_study
     from bayes_toe.corner_plot import corner as corner
     from bayes_toe.covariates import covariate_tests as covariate_tests

@@ -13,11 +13,13 @@ LAYERS = [
     ["__main__"],
     ["cli"],
     ["terminal"],
-    ["results"],
-    ["report", "paper_figures"],
+    ["results", "calibration_results"],
+    ["report", "paper_figures", "calibration_plot"],
     ["corner_plot", "map_plot", "interval_plot"],
     ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot"],
     ["plots"],
+    ["calibration_table"],
+    ["calibration"],
     ["api", "example", "recipes", "uncertainty", "prediction"],
     ["draws"],
     ["analysis", "files", "checks", "hard_cases"],
@@ -31,7 +33,7 @@ LAYERS = [
     ["levelling", "target"],
     ["prior", "geometry", "likelihood", "fits", "intervals"],
     ["coordinates", "newton", "frequencies", "filtering"],
-    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population"],
+    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population", "ecdf_bands", "reliability"],
     ["errors"],
 ]
 DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
@@ -66,7 +68,7 @@ def test_imports_point_down(name):
             "matplotlib",
             {
                 *("plots", "corner_plot", "map_plot", "subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot"),
-                *("interval_plot", "paper_figures"),
+                *("interval_plot", "paper_figures", "calibration_plot"),
             },
         ),
         ("corner", {"corner_plot"}),
