@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.calibration import DESIGNS, RANKED
-from bayes_toe.calibration_table import DEFAULT, ESTIMATORS, CalibrationTable, EvidenceRow, log_odds, rank_columns
+from bayes_toe.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, EvidenceRow, log_odds, rank_columns
 from bayes_toe.ecdf_bands import POINTS, band, ecdf_difference
 from bayes_toe.plots import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure
 from bayes_toe.reliability import reliability_bins
@@ -22,7 +22,9 @@ FloatArray = npt.NDArray[np.float64]
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
 _SAID = {"mu1": r"$\mu_1$", "sigma_p": r"$\sigma_p$", "sigma_l": r"$\sigma_l$", "q0": "$q_0$", "gamma": r"$\gamma$"}
 _SAID["log_likelihood"] = "log likelihood"
+_BAND = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
 _FADE = 0.45
+_TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 def ranks_figure(table: CalibrationTable) -> Figure:
@@ -50,7 +52,7 @@ def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
         if len(found) not in drawn:
             drawn.add(len(found))
             lower, upper = band(len(found), 1.0 - rows[0].threshold).differences()
-            ax.fill_between(_ends(), np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0)
+            ax.fill_between(_ends(), np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
         colour, line, _ = STYLE[design]
         difference = np.pad(ecdf_difference(rank_columns(found)[quantity]), 1)
         label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
@@ -90,7 +92,7 @@ def reliability_axes(table: CalibrationTable, estimator: str, ax: Axes) -> Axes:
         if len(odds):
             _draw_bins(ax, odds, from_h1, design, len(found))
     for line, (text, colour) in enumerate(said):
-        ax.text(0.98, 0.13 - 0.08 * line, text, color=colour, fontsize=SMALL, ha="right", va="center", transform=ax.transAxes)
+        ax.text(0.08, 0.96 - 0.08 * line, text, color=colour, fontsize=SMALL, va="center", transform=ax.transAxes)
     ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
     ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
@@ -109,6 +111,10 @@ def differences_figure(table: CalibrationTable) -> Figure:
             _draw_shifts(ax, table, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
     ax.axvline(0.0, color="black", lw=0.5)
     ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
+    low, high = ax.get_xlim()
+    shown = [tick for tick in _TICKS if low <= tick <= high]
+    ax.set_xticks(shown, [f"{tick:+d}" if tick else "0" for tick in shown])
+    ax.set_xticks([], minor=True)
     ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)", fontsize=LETTERS)
     ax.set_yticks([-float(i) for i in range(len(others))], others)
     dress(ax)
