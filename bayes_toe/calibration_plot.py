@@ -66,7 +66,7 @@ def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
 
 def reliability_figure(table: CalibrationTable) -> Figure:
     """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
-    figure = new_figure(PAGE, 5.0)
+    figure = new_figure(PAGE, 5.7)
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
     for ax, estimator in zip(panels.ravel(), ESTIMATORS, strict=True):
         reliability_axes(table, estimator, ax)
@@ -92,9 +92,9 @@ def reliability_axes(table: CalibrationTable, estimator: str, ax: Axes) -> Axes:
         if len(odds):
             _draw_bins(ax, odds, from_h1, design, len(found))
     for line, (text, colour) in enumerate(said):
-        ax.text(0.08, 0.96 - 0.08 * line, text, color=colour, fontsize=SMALL, va="center", transform=ax.transAxes)
+        ax.text(0.0, 1.25 - 0.11 * line, text, color=colour, fontsize=SMALL, va="center")
     ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
-    ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
+    ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     return dress(ax)
@@ -139,8 +139,7 @@ def _draw_shifts(ax: Axes, table: CalibrationTable, estimator: str, design: str,
     pairs = [(ESTIMATORS[estimator](row), ESTIMATORS[DEFAULT](row)) for row in found]
     shifts = np.array([value - default for value, default in pairs if value is not None and default is not None])
     colour, _, marker = STYLE[design]
-    missing = sum(value is None for value, _ in pairs) / len(pairs)
-    note = f"none: {100 * missing:.0f} %" if missing > 0 else ""
+    note = _none(sum(value is None for value, _ in pairs), len(pairs))
     ax.annotate(note, (1.01, height), xycoords=("axes fraction", "data"), fontsize=SMALL, color=colour, va="center", annotation_clip=False)
     if not len(shifts):
         return
@@ -155,8 +154,14 @@ def _draw_shifts(ax: Axes, table: CalibrationTable, estimator: str, design: str,
 def _score(row: EvidenceRow) -> str:
     if row.judged is None:
         return "none exists"
-    missing = (row.missing_h1 + row.missing_h0) / row.data_sets
-    return f"ECE {row.judged.error:.3f}" + (f", none: {100 * missing:.0f} %" if missing > 0 else "")
+    note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
+    return f"ECE {row.judged.error:.3f}" + (f", {note}" if note else "")
+
+
+def _none(missing: int, total: int) -> str:
+    """The share of data sets for which there is no number; empty where there is one for each."""
+    share = 100 * missing / total
+    return "" if missing == 0 else "none: < 1 %" if share < 1 else f"none: {share:.0f} %"
 
 
 def _ends() -> FloatArray:

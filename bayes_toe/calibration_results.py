@@ -133,7 +133,11 @@ def _evidence_section(table: CalibrationTable) -> list[str]:
         "",
         *_table(heads, [_evidence_cells(row) for row in table.evidence]),
         "",
-        *[_unsure_line(row) for row in table.evidence if row.estimator == DEFAULT and row.judged is not None],
+        *[f"* {_unsure_line(row)}" for row in table.evidence if row.estimator == DEFAULT and row.judged is not None],
+        "",
+        "What the other estimators get wrong:",
+        "",
+        *[f"* {wrong_line(row)}" for row in table.evidence if row.estimator != DEFAULT],
         "",
     ]
 
@@ -144,8 +148,10 @@ def _evidence_cells(row: EvidenceRow) -> list[str]:
     if row.judged is None:
         return [row.design, name, missing, *8 * ["-"]]
     one = row.judged
-    scores = [f"{value:.3f}" for value in (one.error, one.floor, one.p_value, one.brier, one.log_score)]
-    return [row.design, name, missing, *scores, _number(row.log_score_default), _number(row.median_shift), _number(row.largest_shift)]
+    errors, scores = (one.error, one.floor), (one.brier, one.log_score, row.log_score_default)
+    shifts = (row.median_shift, row.largest_shift)
+    cells = [*(_number(value, 4) for value in errors), f"{one.p_value:.2g}", *(_number(value, 4) for value in scores)]
+    return [row.design, name, missing, *cells, *(_number(value, 2) for value in shifts)]
 
 
 def _evidence_line(row: EvidenceRow) -> str:
@@ -160,8 +166,21 @@ def _unsure_line(row: EvidenceRow) -> str:
     return f"In the {row.design} design {100 * share:.1f} % of the probabilities lie between 0.02 and 0.98; only these can be off by much."
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+def wrong_line(row: EvidenceRow) -> str:
+    """What an estimator other than the default gets wrong in one design, in words."""
+    about = f"{row.estimator}, {row.design} design: "
+    missing = row.missing_h1 + row.missing_h0
+    if row.judged is None or row.median_shift is None or row.largest_shift is None:
+        return f"{about}no number for any of {row.data_sets} data sets."
+    found = f"no number for {missing} of {row.data_sets} data sets; " if missing else ""
+    toward = "toward H1" if row.median_shift > 0 else "toward H0"
+    off = f"the log Bayes factor is off by a median of {row.median_shift:+.2f} nats ({toward}), at most {row.largest_shift:+.1f}"
+    error = "" if row.calibrated else f"; probabilities are not calibrated (ECE {row.judged.error:.3f}, floor {row.judged.floor:.3f})"
+    return f"{about}{found}{off}{error}."
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
