@@ -76,6 +76,8 @@ _PLACES = {
     "file_stems": "outputs",
     "equal_probability": "model",
     "noticed": "filtering",
+    "calibrate": "calibration_table",
+    "write_calibration": "calibration_results",
     "BayesToeError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
@@ -91,6 +93,8 @@ if TYPE_CHECKING:
     from bayes_toe.api import settings_for as settings_for
     from bayes_toe.asymmetry_plot import asymmetry_axes as asymmetry_axes
     from bayes_toe.asymmetry_plot import order_axes as order_axes
+    from bayes_toe.calibration_results import write_calibration as write_calibration
+    from bayes_toe.calibration_table import calibrate as calibrate
     from bayes_toe.checks import check_study as check_study
     from bayes_toe.comparison import ModelComparison as ModelComparison
     from bayes_toe.comparison import compare as compare

@@ -1,6 +1,6 @@
 """The command line: parse, call, print. Our errors become one line per problem and exit code 2.
 
-Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject's draws did not converge.
+Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject's draws did not converge or `calibrate` failed.
 """
 
 from __future__ import annotations
@@ -515,6 +515,39 @@ def simulate(
             f"{len(names)} synthetic subjects, {total} trials in [bold]{terminal.safe(output)}[/bold]; seed {root}",
             highlight=False,
         )
+
+
+@app.command()
+def calibrate(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for tables, figures and verdict.")],
+    studies: Annotated[int, typer.Option("--studies", min=0, help="Studies a design for the ranks; 0 leaves them out.")] = 1000,
+    data_sets: Annotated[int, typer.Option("--data-sets", min=0, help="Data sets a design for the evidence; 0 leaves it out.")] = 2000,
+    seed: Seed = None,
+    workers: Workers = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Whether posteriors and evidences are calibrated, on simulated data of known origin.
+
+    [bold]Example[/bold]: bayes-toe calibrate -o calibration --studies 200 --data-sets 0 --seed 1
+    """
+    with _problems_as_lines():
+        from bayes_toe.calibration import Plan, simulate_and_analyse
+        from bayes_toe.calibration_results import PRODUCTS, write_calibration
+        from bayes_toe.calibration_table import judge
+        from bayes_toe.outputs import require_folder
+        from bayes_toe.seeds import root_seed
+
+        plan = Plan(studies, data_sets, root_seed(seed))
+        require_folder(output, PRODUCTS, overwrite=overwrite)
+        console = terminal.new_console(quiet)
+        with terminal.progress_bar(console, "simulating and analysing", plan.total) as tick:
+            table = judge(simulate_and_analyse(plan, workers=workers, progress=tick))
+        write_calibration(table, output, overwrite=overwrite)
+        terminal.say_calibration(console, table)
+        console.print(f"seed {plan.seed}; results in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+        if not table.passed:
+            raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command()

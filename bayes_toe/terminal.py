@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.calibration_table import CalibrationTable
     from bayes_toe.checks import Finding
     from bayes_toe.comparison import ModelComparison
     from bayes_toe.covariates import CovariateTable
@@ -248,6 +249,41 @@ def say_fits(console: Console, table: FitTable) -> None:
     for one in table:
         for note in one.notes:
             console.print(f"[yellow]note[/yellow] {safe(one.subject)}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def say_calibration(console: Console, table: CalibrationTable) -> None:
+    """Verdicts on ranks and on evidence estimators, then all in words."""
+    from bayes_toe.calibration_results import verdict_lines
+
+    ranks: list[dict[Any, Any]] = [
+        {
+            "quantity": row.quantity,
+            "design": row.design,
+            "largest difference": f"{row.largest_difference:+.3f}",
+            "p": f"{row.p_value:.2g}",
+            "verdict": "inside" if row.inside else "OUTSIDE",
+        }
+        for row in table.ranks
+    ]
+    if ranks:
+        console.print(table_of(f"ranks of true values: outside where p < {table.ranks[0].threshold:.2g}", ranks, {}))
+    rows: list[dict[Any, Any]] = [
+        {
+            "estimator": row.estimator,
+            "design": row.design,
+            "none": row.missing_h1 + row.missing_h0,
+            "ECE": _number(None if row.judged is None else row.judged.error, 4),
+            "floor": _number(None if row.judged is None else row.judged.floor, 4),
+            "log score": _number(None if row.judged is None else row.judged.log_score, 4),
+            "median shift": _number(row.median_shift, 3),
+            "largest shift": _number(row.largest_shift),
+        }
+        for row in table.evidence
+    ]
+    if rows:
+        console.print(table_of("probability of H1: calibration error, and shift of the log Bayes factor against the default", rows, {}))
+    for line in verdict_lines(table):
+        console.print(safe(line), highlight=False, soft_wrap=True, style="red" if line.startswith("NOT") else None)
 
 
 def _with_interval(value: float, limits: list[float]) -> str:

@@ -260,7 +260,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in ("run", "sample", "evidence", "asymmetry", "fit", "figures", "corner", "simulate", "check"):
+    for command in ("run", "sample", "evidence", "asymmetry", "fit", "figures", "corner", "simulate", "calibrate", "check"):
         done = call(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example

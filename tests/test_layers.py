@@ -13,11 +13,11 @@ LAYERS = [
     ["__main__"],
     ["cli"],
     ["terminal"],
-    ["results"],
-    ["report", "paper_figures"],
+    ["results", "calibration_results"],
+    ["report", "paper_figures", "calibration_plot"],
     ["corner_plot", "map_plot", "interval_plot"],
-    ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot", "sensitivity_plot"],
-    ["plots"],
+    ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot", "sensitivity_plot", "calibration_table"],
+    ["plots", "calibration"],
     ["api", "comparison", "example", "recipes", "uncertainty", "prediction"],
     ["draws"],
     ["analysis", "files", "checks", "hard_cases", "prior_sensitivity", "rung"],
@@ -55,7 +55,7 @@ LAYERS = [
     ["prior", "geometry", "likelihood", "fits", "intervals"],
     ["design_rank"],
     ["coordinates", "newton", "frequencies", "filtering", "link"],
-    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population", "differences"],
+    ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population", "differences", "reliability", "ecdf_bands"],
     ["errors"],
 ]
 DEPTH = {name: depth for depth, names in enumerate(LAYERS) for name in names}
@@ -90,7 +90,7 @@ def test_imports_point_down(name):
             "matplotlib",
             {
                 *("plots", "corner_plot", "map_plot", "subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot"),
-                *("interval_plot", "sensitivity_plot", "paper_figures"),
+                *("interval_plot", "sensitivity_plot", "calibration_plot", "paper_figures"),
             },
         ),
         ("corner", {"corner_plot"}),

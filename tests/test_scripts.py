@@ -99,6 +99,8 @@ def test_corner_plot_of_one_subject(folder, tmp_path):
         (("corner_plots.py", "none.nc", "-o", "z"), "none.nc"),
         (("corner_plots.py", "p.nc", "-o", "z", "--subject", "Z"), "no subject 'Z'"),
         (("corner_plots.py", "p.nc", "-o", "z", "--coordinates", "mu2"), "mu2"),
+        (("calibration.py", "-o", "z", "--studies", "0", "--data-sets", "0"), "studies=0"),
+        (("calibration.py", "-o", "p.nc"), "p.nc"),
     ],
 )
 def test_problems_are_one_line_and_exit_code_2(folder, arguments, named):
