@@ -80,7 +80,7 @@ def calibration_text(table: CalibrationTable) -> str:
         parts += _evidence_section(table)
     versions = ", ".join(f"{name} {version(name)}" for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz"))
     command = f"bayes-toe calibrate -o DIR --studies {plan.studies} --data-sets {plan.data_sets} --seed {plan.seed}"
-    parts += ["## How it was made", "", f"`{command}` with Python {platform.python_version()}, {versions}.", ""]
+    parts += ["## To make it again", "", f"`{command}`; this one with Python {platform.python_version()}, {versions}.", ""]
     return "\n".join(parts)
 
 
