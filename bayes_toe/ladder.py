@@ -143,7 +143,7 @@ def model_named(name: str) -> Model:
 def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = None) -> Target:
     """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives, and intervals where there are any.
 
-    The other models say nothing of intervals: they hold one set of parameters for all of them.
+    The other models say nothing of intervals and refuse subjects that have them.
 
     Examples
     --------
