@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from bayes_toe.errors import InputError
-from bayes_toe.ladder import require_models
+from bayes_toe.ladder import prior_of, require_models
 from bayes_toe.outputs import write_table
 from bayes_toe.parallel import run_jobs
 from bayes_toe.population import ModelFrequencies, random_effects
@@ -42,6 +42,7 @@ COMPARE_COLUMNS = (
     "p_predictive",
     "p_worst_pair",
     "note",
+    "prior",
 )
 
 
@@ -82,8 +83,9 @@ class ModelComparison:
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
         import pandas as pd
 
-        cells = [[row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
-        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-1], "float64")
+        believed = {name: prior_of(name, self.prior) for name in self.models}
+        cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
+        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
 
     def frequencies(self) -> ModelFrequencies | None:

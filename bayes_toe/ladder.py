@@ -140,6 +140,17 @@ def model_named(name: str) -> Model:
     raise InputError(f"model {name!r}; allowed: {', '.join(model.name for model in MODELS)}")
 
 
+def prior_of(name: str, prior: Prior) -> str:
+    """The prior of every parameter of a model, in words.
+
+    Examples
+    --------
+    >>> prior_of("symmetric", Prior())
+    'width ~ HalfNormal(1), q0 ~ Uniform(0, 1)'
+    """
+    return "every frequency ~ Uniform(0, 1)" if name == FREE_FREQUENCIES else model_named(name).describe(prior)
+
+
 def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = None) -> Target:
     """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives, and intervals where there are any.
 

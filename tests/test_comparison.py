@@ -113,7 +113,14 @@ def test_command(study_csv, tmp_path, monkeypatch):
     frame = pd.read_csv(tmp_path / "out.csv")
     assert tuple(frame.columns) == COMPARE_COLUMNS
     assert len(frame) == 6
+    assert set(frame.prior) == {"every frequency ~ Uniform(0, 1)", "width ~ HalfNormal(1), q0 ~ Uniform(0, 1)"}
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
+    (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
+    other = CliRunner().invoke(app, [*call[:2], "-o", "other.csv", *call[4:], "--prior", "prior.toml"])
+    assert other.exit_code == 0, other.output
+    changed = pd.read_csv(tmp_path / "other.csv")
+    assert "width ~ HalfNormal(2), q0 ~ Uniform(0, 1)" in set(changed.prior)
+    assert (changed.log_evidence != frame.log_evidence).sum() == 3
     again = CliRunner().invoke(app, call)
     assert again.exit_code == 2
     assert "exists" in again.output
