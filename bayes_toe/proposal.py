@@ -73,9 +73,10 @@ class Proposal:
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at x, shape (points, k) -> (points,); log_prior is the prior's log density there."""
-        return self._log_density(*self.levelling.level(x), log_prior)
+        return self.levelled_log_density(*self.levelling.level(x), log_prior)
 
-    def _log_density(self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
+    def levelled_log_density(self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
+        """The same where the levelled coordinates y and log |dy/dx| are known already."""
         return self.combined(self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior)
 
     def combined(self, of_mixture: FloatArray, of_cover: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
@@ -93,7 +94,7 @@ class Proposal:
         x[from_prior] = self.posterior.sample_prior(rng, int(from_prior.sum()))
         y[from_prior], log_volume[from_prior] = self.levelling.level(x[from_prior])
         log_prior = self.posterior.log_prior(x)
-        return ProposalDraws(x, log_prior, self._log_density(y, log_volume, log_prior))
+        return ProposalDraws(x, log_prior, self.levelled_log_density(y, log_volume, log_prior))
 
 
 class ProposalDraws(NamedTuple):
@@ -216,7 +217,7 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
 def _mended(fitted: FittedProposal, history: list[_Round]) -> Proposal:
     """A proposal that has learnt from its judging draws what the fitting draws had missed; anew from all of them where it is poor."""
     if fitted.efficiency > _POOR:
-        return _patched(fitted.proposal, fitted.draws, _PATCHES)
+        return _patched(fitted.proposal, fitted.draws, *fitted.proposal.levelling.level(fitted.draws.x), _PATCHES)
     history.append(_Round(fitted.proposal, fitted.draws, fitted.efficiency))
     return _refitted(history, STAGES[1])
 
@@ -297,20 +298,23 @@ def _refitted(history: list[_Round], stage: Stage) -> Proposal:
     x, log_prior, log_posterior = (
         np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
     )
-    made = np.logaddexp.reduce([entry.proposal.log_density(x, log_prior) for entry in rounds]) - np.log(len(rounds))
-    weights = _tempered(log_posterior - made, least=0.05 * len(x))
     last = rounds[-1].proposal
-    y = last.levelling.level(x)[0]
+    y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
+    made = np.logaddexp.reduce([entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]) - np.log(len(rounds))
+    weights = _tempered(log_posterior - made, least=0.05 * len(x))
     mixture = last.mixture
     for _ in range(3):
         mixture = mixture.updated(y, weights)
     proposal = Proposal(last.posterior, last.levelling, mixture, _cover(y, weights), stage.cover_share)
-    return _patched(proposal, WeightedDraws(x, log_prior, log_posterior, made), stage.components - len(mixture.weights))
+    draws = WeightedDraws(x, log_prior, log_posterior, made)
+    return _patched(proposal, draws, y, log_volume, stage.components - len(mixture.weights))
 
 
-def _patched(proposal: Proposal, draws: WeightedDraws, patches: int) -> Proposal:
-    """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010)."""
-    y, log_volume = proposal.levelling.level(draws.x)
+def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int) -> Proposal:
+    """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010).
+
+    y and log_volume are the draws in levelled coordinates.
+    """
     mixture, cover = proposal.mixture, proposal.cover
     of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
     for _ in range(patches):
