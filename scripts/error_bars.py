@@ -100,6 +100,15 @@ def z_scores(case: Case) -> dict[str, object]:
     }
 
 
+def far_off(table: pd.DataFrame) -> list[str]:
+    """A sentence on single estimates that are further off than chance explains: where neither k-hat nor the error bar warned."""
+    far = table[table["largest_z"] > 5.0]
+    named = ", ".join(
+        f"{row.case} ({row.largest_z:.1f} standard errors, {row.largest_z * row.median_se:.3f} nat)" for row in far.itertuples()
+    )
+    return [f"Single estimates further than 5 standard errors off, without a warning: {named}."] if named else []
+
+
 def page(table: pd.DataFrame) -> str:
     """The table as Markdown, with what it says."""
     bad = table.loc[~table["honest"], "case"]
@@ -112,6 +121,7 @@ def page(table: pd.DataFrame) -> str:
         f"{seeds} seeds a case, the fit of the proposal included; z = (estimate - reference) / stated standard error. Its standard",
         f"deviation should be 1 and must lie in {BAND[0]} to {BAND[1]} ({seeds} seeds determine it to about {precision:.0f} %):",
         verdict,
+        *far_off(table),
         "",
         "`python scripts/error_bars.py -o docs --overwrite` makes this page again. The references are in `tests/reference`.",
         f"bayes_toe {bt.__version__}, Python {platform.python_version()}, numpy {np.__version__}.",
