@@ -104,7 +104,7 @@ def far_off(table: pd.DataFrame) -> list[str]:
     """A sentence on single estimates that are further off than chance explains: where neither k-hat nor the error bar warned."""
     far = table[table["largest_z"] > 5.0]
     named = ", ".join(
-        f"{row.case} ({row.largest_z:.1f} standard errors, {row.largest_z * row.median_se:.3f} nat)" for row in far.itertuples()
+        f"{row.case} ({row.largest_z:.1f} standard errors, about {row.largest_z * row.median_se:.2f} nat)" for row in far.itertuples()
     )
     return [f"Single estimates further than 5 standard errors off, without a warning: {named}."] if named else []
 
