@@ -75,8 +75,8 @@ def _shared(function: Callable[[Job], Result], jobs: Sequence[Job], others: int)
         executor.submit(function, job).add_done_callback(lambda future: finish(index, future))
 
     def finish(index: int, future: Future[Result]) -> None:
+        done.put((index, future))  # first: handing out fails where the workers have died, and this call has to hear of it
         hand_out()
-        done.put((index, future))
 
     try:
         for _ in range(others):
