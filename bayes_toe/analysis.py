@@ -9,7 +9,7 @@ from bayes_toe.fit_table import SubjectFit, subject_fit
 from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import run_in_order
 from bayes_toe.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
 from bayes_toe.prior import Prior
 from bayes_toe.proposal import fit_proposal
@@ -76,12 +76,7 @@ def analyse(
     """Analyse every subject; results are in the study's order and do not depend on it or on the number of workers."""
     with_pointwise = with_chains and values_needed(study, settings.sampler) <= POINTWISE_LIMIT
     jobs = [_Job(subject, settings, with_evidence, with_chains, with_pointwise) for subject in study]
-    results: dict[int, SubjectResult] = {}
-    for index, result in run_jobs(_analyse_subject, jobs, workers):
-        results[index] = result
-        if progress is not None:
-            progress(result.subject.name)
-    return [results[index] for index in range(len(jobs))]
+    return run_in_order(_analyse_subject, jobs, workers, progress, lambda job: [job.subject.name])
 
 
 def _analyse_subject(job: _Job) -> SubjectResult:

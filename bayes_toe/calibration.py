@@ -23,7 +23,7 @@ from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model import log_different, log_equal, normalised_distance
 from bayes_toe.model_evidence import EvidenceTable, SubjectEvidence
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import run_in_order
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import SamplerSettings
 from bayes_toe.seeds import generator, root_seed
@@ -164,15 +164,9 @@ def _portions(design: str, from_h1: bool, numbers: range, wanted: tuple[bool, bo
 
 
 def _collect(plan: Plan, jobs: Sequence[Job], workers: int | None, progress: Progress | None) -> Outcome:
-    done: dict[int, tuple[list[Ranks], list[KnownEvidence]]] = {}
-    for index, found in run_jobs(work, jobs, workers):
-        done[index] = found
-        if progress is not None:
-            for name in jobs[index].names:
-                progress(name)
-    found_ranks = [one for index in range(len(jobs)) for one in done[index][0]]
-    found_evidence = [one for index in range(len(jobs)) for one in done[index][1]]
-    return Outcome(plan, tuple(found_ranks), tuple(found_evidence))
+    done = run_in_order(work, jobs, workers, progress, lambda job: job.names)
+    ranks = tuple(one for found, _ in done for one in found)
+    return Outcome(plan, ranks, tuple(one for _, found in done for one in found))
 
 
 def work(job: Job) -> tuple[list[Ranks], list[KnownEvidence]]:

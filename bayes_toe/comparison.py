@@ -14,7 +14,7 @@ from scipy.special import softmax
 from bayes_toe.errors import InputError
 from bayes_toe.ladder import prior_of, require_models
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import run_in_order
 from bayes_toe.population import ModelFrequencies, random_effects
 from bayes_toe.prior import Prior
 from bayes_toe.rung import ModelRow, compare_one
@@ -178,13 +178,8 @@ def compare(
     refuse_intervals(study, "the ladder of models")
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
-    rows: dict[int, ModelRow] = {}
-    for index, row in run_jobs(_compare_one, jobs, workers):
-        rows[index] = row
-        if progress is not None:
-            progress(f"{row.subject}: {row.model}")
-    ordered = [rows[index] for index in range(len(jobs))]
-    groups = [_with_probabilities(ordered[i : i + len(names)]) for i in range(0, len(ordered), len(names))]
+    rows = run_in_order(_compare_one, jobs, workers, progress, lambda job: [f"{job.subject.name}: {job.model}"])
+    groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 
 

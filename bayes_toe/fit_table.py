@@ -16,7 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.fits import Fits
 from bayes_toe.maximum_likelihood import fit_subject
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import run_in_order
 from bayes_toe.prior import Prior
 from bayes_toe.seeds import root_seed
 from bayes_toe.study import Study, Subject, refuse_intervals
@@ -164,12 +164,8 @@ def fit(
     refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), Prior() if prior is None else prior
     jobs = [_Job(subject, penalty, replicates, root) for subject in study]
-    rows: dict[int, SubjectFit] = {}
-    for index, row in run_jobs(_fit_one, jobs, workers):
-        rows[index] = row
-        if progress is not None:
-            progress(row.subject)
-    return FitTable(tuple(rows[index] for index in range(len(jobs))), level, replicates, root, penalty)
+    rows = run_in_order(_fit_one, jobs, workers, progress, lambda job: [job.subject.name])
+    return FitTable(tuple(rows), level, replicates, root, penalty)
 
 
 def _fit_one(job: _Job) -> SubjectFit:

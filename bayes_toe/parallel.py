@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from queue import SimpleQueue
@@ -47,6 +47,23 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
                 yield index, function(job)
         else:
             yield from _shared(function, jobs, count - 1)
+
+
+def run_in_order(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int | None,
+    progress: Callable[[str], None] | None,
+    names: Callable[[Job], Iterable[str]],
+) -> list[Result]:
+    """Results of :func:`run_jobs` in the order of the jobs; progress is told the names of a job as soon as that one is done."""
+    results: dict[int, Result] = {}
+    for index, result in run_jobs(function, jobs, workers):
+        results[index] = result
+        if progress is not None:
+            for name in names(jobs[index]):
+                progress(name)
+    return [results[index] for index in range(len(jobs))]
 
 
 def stop_workers() -> None:

@@ -25,7 +25,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.model_evidence import frequency_evidence
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import run_in_order
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
@@ -200,12 +200,8 @@ def sensitivity(
     root, middle = root_seed(seed), Prior() if prior is None else prior
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
     jobs = [_Job(subject, middle, powers, reach, root) for subject in study]
-    rows: dict[int, list[SensitivityRow]] = {}
-    for index, found in run_jobs(_one_subject, jobs, workers):
-        rows[index] = found
-        if progress is not None:
-            progress(study.subjects[index].name)
-    return SensitivityTable(tuple(row for index in range(len(jobs)) for row in rows[index]), middle, root)
+    found = run_in_order(_one_subject, jobs, workers, progress, lambda job: [job.subject.name])
+    return SensitivityTable(tuple(row for rows in found for row in rows), middle, root)
 
 
 def require_range(reach: float, steps: int) -> None:
