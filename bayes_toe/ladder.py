@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.special import expit, logit
 
 from bayes_toe.differences import central_derivatives
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.errors import InputError
 from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.levelling import Levelling, Probits
 from bayes_toe.link import Link, differencing_link, lapse_link
@@ -23,7 +23,7 @@ from bayes_toe.model import MAX_PULL
 from bayes_toe.parameters import Block, Memory, Random, Share, Shift, Update, Width
 from bayes_toe.prior import Prior
 from bayes_toe.study import Subject, refuse_intervals
-from bayes_toe.target import Levels, Target
+from bayes_toe.target import Levels, Target, require_points
 
 FloatArray = npt.NDArray[np.float64]
 _BLOCK = 1 << 16  # values of one temporary array
@@ -217,7 +217,7 @@ class LadderPosterior:
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density at x, shape (points, k) -> (points,)."""
-        points = self._require_points(x)
+        points = require_points(x, len(self.coordinates))
         return np.asarray(sum(block.log_prior(points[:, part], self.prior, self.sbar) for block, part in self._parts))
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
@@ -226,7 +226,7 @@ class LadderPosterior:
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
-        points = self._require_points(x)
+        points = require_points(x, len(self.coordinates))
         rows = max(1, _BLOCK // self.subject.n_pairs)
         return np.concatenate([self.pair_log_likelihood(points[i : i + rows]).sum(axis=1) for i in range(0, len(points), rows)])
 
@@ -241,7 +241,7 @@ class LadderPosterior:
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
-        points = self._require_points(x)
+        points = require_points(x, len(self.coordinates))
         peak = self._column(points, "logit_q0")
         return self.model.link(self.distance(points), np.full((len(points), 1), np.inf) if peak is None else peak)
 
@@ -258,11 +258,11 @@ class LadderPosterior:
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, k) and Hessian (points, k, k) of the log posterior density."""
-        return central_derivatives(self.log_density, self._require_points(x))
+        return central_derivatives(self.log_density, require_points(x, len(self.coordinates)))
 
     def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone."""
-        return central_derivatives(self.log_likelihood, self._require_points(x))
+        return central_derivatives(self.log_likelihood, require_points(x, len(self.coordinates)))
 
     def starts(self) -> FloatArray:
         """A grid on the scale of the stimuli, shape (starts, k); points of density 0 are left out."""
@@ -292,11 +292,3 @@ class LadderPosterior:
 
     def _column(self, x: FloatArray, name: str) -> FloatArray | None:
         return x[:, self._places[name], None] if name in self._places else None
-
-    def _require_points(self, x: npt.ArrayLike) -> FloatArray:
-        points = np.atleast_2d(np.asarray(x, np.float64))
-        if points.ndim != 2 or points.shape[1] != len(self.coordinates):
-            raise NumericalError(f"points must have shape (points, {len(self.coordinates)}), found {points.shape}")
-        if np.isnan(points).any():
-            raise NumericalError("a coordinate is NaN")
-        return points

@@ -14,11 +14,11 @@ import numpy.typing as npt
 from scipy.special import expit, hyp1f1, log_expit, logit
 
 from bayes_toe.coordinates import UNCONSTRAINED, Natural, derived, natural
-from bayes_toe.errors import NumericalError
 from bayes_toe.levelling import Levelling
 from bayes_toe.model import LN2, MAX_PULL, log_different, log_equal
 from bayes_toe.prior import Prior, pull_derivatives
 from bayes_toe.study import Subject, refuse_intervals
+from bayes_toe.target import require_points
 
 FloatArray = npt.NDArray[np.float64]
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
@@ -106,7 +106,7 @@ class Posterior:
 
     def parts(self, x: npt.ArrayLike) -> Parts:
         """Log likelihood and log prior at x, shape (points, 4)."""
-        points = _require_points(x)
+        points = require_points(x, len(UNCONSTRAINED))
         return Parts(self.log_likelihood(points), self.log_prior(points))
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
@@ -137,13 +137,13 @@ class Posterior:
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, 4) -> (points,)."""
-        points = _require_points(x)
+        points = require_points(x, len(UNCONSTRAINED))
         rows = max(1, _BLOCK // self.subject.n_pairs)
         return np.concatenate([self._block(points[i : i + rows]) for i in range(0, len(points), rows)])
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, shape (points, 4) -> (points, pairs)."""
-        points = _require_points(x)
+        points = require_points(x, len(UNCONSTRAINED))
         z = self.distance(points)
         logit_q0 = points[:, 3, None]
         result = np.zeros(z.shape)
@@ -155,7 +155,7 @@ class Posterior:
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, 4) -> (points, pairs) each."""
-        points = _require_points(x)
+        points = require_points(x, len(UNCONSTRAINED))
         z, top = self.distance(points), points[:, 3, None]
         with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
             return log_equal(z, log_expit(top)), log_different(z, top)
@@ -179,7 +179,7 @@ class Posterior:
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, 4) and Hessian (points, 4, 4) of the log posterior density, analytic."""
-        points = _require_points(x)
+        points = require_points(x, len(UNCONSTRAINED))
         gradient, hessian = self.prior.derivatives(points, self.sbar)
         likelihood = self.likelihood_derivatives(points)
         return gradient + likelihood[0], hessian + likelihood[1]
@@ -244,13 +244,3 @@ def _second_rest(t: FloatArray) -> FloatArray:
     """e^-t - 1 + t without cancellation, t >= 0; its series is t^2/2 M(1, 3, -t), M Kummer's function."""
     small = np.minimum(t, 1.0)
     return np.where(t < 1.0, 0.5 * np.square(small) * hyp1f1(1.0, 3.0, -small), np.expm1(-t) + t)
-
-
-def _require_points(x: npt.ArrayLike) -> FloatArray:
-    """Points as an array of shape (points, 4) without NaN."""
-    points = np.atleast_2d(np.asarray(x, np.float64))
-    if points.ndim != 2 or points.shape[1] != 4:
-        raise NumericalError(f"points must have shape (points, 4), found {points.shape}")
-    if np.isnan(points).any():
-        raise NumericalError("a coordinate is NaN")
-    return points

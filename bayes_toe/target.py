@@ -10,9 +10,26 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.errors import NumericalError
 from bayes_toe.study import Subject
 
 FloatArray = npt.NDArray[np.float64]
+
+
+def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
+    """Points as an array of shape (points, k) without NaN.
+
+    Raises
+    ------
+    NumericalError
+        If they are not.
+    """
+    points = np.atleast_2d(np.asarray(x, np.float64))
+    if points.ndim != 2 or points.shape[1] != k:
+        raise NumericalError(f"points must have shape (points, {k}), found {points.shape}")
+    if np.isnan(points).any():
+        raise NumericalError("a coordinate is NaN")
+    return points
 
 
 class Levels(Protocol):
