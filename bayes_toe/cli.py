@@ -91,9 +91,7 @@ def run(
         require_folder(output, PRODUCTS, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         terminal.say_smaller_models(console, read)
         settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
@@ -134,9 +132,7 @@ def sample(
         require_writable(output, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         terminal.say_smaller_models(console, read)
         settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
@@ -174,9 +170,7 @@ def evidence(
         require_writable(output, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         root = root_seed(seed)
         with terminal.progress_bar(console, "evidence", len(read)) as tick:
             table = compute(read, seed=root, prior=believed, workers=workers, progress=tick)
@@ -219,9 +213,7 @@ def compare(
             require_writable(path, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
             table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
@@ -265,9 +257,7 @@ def sensitivity(
             require_writable(path, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         with terminal.progress_bar(console, "re-weighting", len(read)) as tick:
             table = compute(read, prior=believed, reach=reach, steps=steps, seed=seed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
@@ -399,9 +389,7 @@ def figures(
         refuse_intervals(read, "the paper's figures")  # before the sampling
         if subject is not None:
             require_subjects(subject, read.names)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         settings = settings_for(draws=draws, seed=seed, prior=believed)
         with terminal.progress_bar(console, "sampling", len(read)) as tick:
             analysis = analyse(read, settings, workers=workers, progress=tick)
@@ -570,9 +558,7 @@ def check(
 
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_prior(console, believed)
+        console = terminal.console_for(read, believed, quiet)
         frame = describe(read)
         formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
         console.print(terminal.table_of("subjects", frame.to_dict("records"), formats))

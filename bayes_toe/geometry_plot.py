@@ -20,6 +20,7 @@ from bayes_toe.plots import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     dress,
+    even_columns,
     legend_below,
     new_figure,
     panel,
@@ -101,8 +102,8 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     """
     from matplotlib.cm import ScalarMappable
 
-    down = -(-len(subjects) // _ACROSS)
-    across = -(-len(subjects) // down)  # rows as even as they can be
+    across = even_columns(len(subjects), _ACROSS)
+    down = -(-len(subjects) // across)
     figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
     panels = figure.subplots(down, across, squeeze=False)
     for i, ax in enumerate(panels.ravel()):

@@ -365,6 +365,17 @@ def _require_suffix(path: str | Path) -> str:
     return suffix
 
 
+def even_columns(panels: int, most: int) -> int:
+    """Columns, at most so many, with which the rows of a grid of panels are as even as they can be.
+
+    Examples
+    --------
+    >>> even_columns(4, most=3), even_columns(7, most=3), even_columns(2, most=3)
+    (2, 3, 2)
+    """
+    return -(-panels // -(-panels // most))
+
+
 def new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
     from matplotlib.figure import Figure

@@ -22,6 +22,7 @@ from bayes_toe.plots import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     dress,
+    even_columns,
     legend_below,
     new_figure,
     order_panel,
@@ -202,7 +203,7 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     InputError
         For an unknown subject.
     """
-    across = -(-len(subjects) // -(-len(subjects) // _ACROSS))  # blocks as even as they can be
+    across = even_columns(len(subjects), _ACROSS)
     blocks = [list(subjects[i : i + across]) for i in range(0, len(subjects), across)]
     wide = {1: COLUMN, 2: 5.0}.get(across, PAGE)
     figure = new_figure(wide, 5.6 * len(blocks) + 0.3)

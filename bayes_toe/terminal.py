@@ -64,6 +64,14 @@ def table_of(title: str, rows: list[dict[Any, Any]], formats: Mapping[str, Calla
     return table
 
 
+def console_for(study: Study, prior: Prior, quiet: bool) -> Console:
+    """A console on which the study that was read and the prior have been said."""
+    console = new_console(quiet)
+    say_study(console, study)
+    say_prior(console, prior)
+    return console
+
+
 def say_study(console: Console, study: Study) -> None:
     """What was read, and what there is to say of it."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
