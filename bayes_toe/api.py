@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_toe.analysis import Settings, SubjectResult, analyse
@@ -11,12 +11,12 @@ from bayes_toe.draws import Draws, build_draws
 from bayes_toe.errors import ConvergenceWarning
 from bayes_toe.fit_table import REPLICATES, FitTable
 from bayes_toe.model_evidence import EvidenceTable
+from bayes_toe.parallel import Progress
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import SamplerSettings
 from bayes_toe.seeds import root_seed
 from bayes_toe.study import Study
 
-Progress = Callable[[str], None]
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 

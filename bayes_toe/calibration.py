@@ -9,7 +9,7 @@ right, of the data sets with posterior probability P(H1 | data) near p a share p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayes_toe.draws import Draws
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model import log_different, log_equal, normalised_distance
 from bayes_toe.model_evidence import EvidenceTable, SubjectEvidence
-from bayes_toe.parallel import run_in_order
+from bayes_toe.parallel import Progress, run_in_order
 from bayes_toe.prior import Prior
 from bayes_toe.sampling import SamplerSettings
 from bayes_toe.seeds import generator, root_seed
@@ -31,7 +31,6 @@ from bayes_toe.simulate import PAPER_BATCHES, reference_design, simulate_trials
 from bayes_toe.study import Study, Subject
 
 FloatArray = npt.NDArray[np.float64]
-Progress = Callable[[str], None]
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from bayes_toe.calibration import DESIGNS, RANKED, KnownEvidence, Outcome, Plan, Ranks, simulate_and_analyse
 from bayes_toe.ecdf_bands import POINTS, ecdf_difference, uniformity
 from bayes_toe.model_evidence import SubjectEvidence
+from bayes_toe.parallel import Progress
 from bayes_toe.reliability import Reliability, log_score, reliability
 from bayes_toe.seeds import generator, root_seed
 
@@ -203,7 +204,7 @@ def calibrate(
     data_sets: int = 2000,
     seed: int | None = None,
     workers: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> CalibrationTable:
     """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from scipy.special import softmax
 from bayes_toe.errors import InputError
 from bayes_toe.ladder import prior_of, require_models
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_in_order
+from bayes_toe.parallel import Progress, run_in_order
 from bayes_toe.population import ModelFrequencies, random_effects
 from bayes_toe.prior import Prior
 from bayes_toe.rung import ModelRow, compare_one
@@ -148,7 +148,7 @@ def compare(
     seed: int | None = None,
     prior: Prior | None = None,
     workers: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> ModelComparison:
     """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.
 

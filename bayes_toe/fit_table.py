@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.fits import Fits
 from bayes_toe.maximum_likelihood import fit_subject
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_in_order
+from bayes_toe.parallel import Progress, run_in_order
 from bayes_toe.prior import Prior
 from bayes_toe.seeds import root_seed
 from bayes_toe.study import Study, Subject, refuse_intervals
@@ -126,7 +126,7 @@ def fit(
     seed: int | None = None,
     prior: Prior | None = None,
     workers: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> FitTable:
     """Maximum-likelihood fit of every subject, with the paper's penalty on mu1, and percentile bootstrap intervals.
 

@@ -18,7 +18,7 @@ from bayes_toe.geometry_plot import gamma_figure, plane_figure
 from bayes_toe.map_plot import map_figure, without_pointwise
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import whole_folder
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import Progress, run_jobs
 from bayes_toe.plots import (
     COLUMN,
     PAGE,
@@ -39,7 +39,6 @@ from bayes_toe.subject_plot import central, examples_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Progress = Callable[[str], None]
 
 FORMATS = ("pdf", "png", "svg")
 CAPTIONS = "captions.md"

@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 
 from bayes_toe.errors import InputError
 
+#: Told the name of what is done.
+Progress = Callable[[str], None]
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -53,7 +55,7 @@ def run_in_order(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
     workers: int | None,
-    progress: Callable[[str], None] | None,
+    progress: Progress | None,
     names: Callable[[Job], Iterable[str]],
 ) -> list[Result]:
     """Results of :func:`run_jobs` in the order of the jobs; progress is told the names of a job as soon as that one is done."""

@@ -9,7 +9,7 @@ The prior of H0, one uniform frequency per pair, has no scale to vary: the log B
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +25,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.model_evidence import frequency_evidence
 from bayes_toe.outputs import write_table
-from bayes_toe.parallel import run_in_order
+from bayes_toe.parallel import Progress, run_in_order
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
 from bayes_toe.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
@@ -165,7 +165,7 @@ def sensitivity(
     steps: int = 9,
     seed: int | None = None,
     workers: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> SensitivityTable:
     """Evidence and posterior quantiles of every subject under priors around the one given.
 

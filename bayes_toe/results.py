@@ -20,13 +20,12 @@ from bayes_toe.interval_posterior import posterior_of
 from bayes_toe.map_plot import study_map_axes, without_pointwise
 from bayes_toe.model_evidence import EvidenceTable
 from bayes_toe.outputs import file_stems, whole_folder, write_table
-from bayes_toe.parallel import run_jobs
+from bayes_toe.parallel import Progress, run_jobs
 from bayes_toe.plots import curves, evidence_figure, new_figure, png
 from bayes_toe.prior import Prior
 from bayes_toe.report import Facts, Pictures, write_report
 from bayes_toe.response_asymmetry import AsymmetryTable, subject_asymmetry
 
-Progress = Callable[[str], None]
 Truth = Mapping[str, Mapping[str, float]]
 
 #: What a results folder holds.
