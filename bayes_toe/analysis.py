@@ -12,7 +12,7 @@ from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
 from bayes_toe.parallel import Progress, run_in_order
 from bayes_toe.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
 from bayes_toe.prior import Prior
-from bayes_toe.proposal import fit_proposal
+from bayes_toe.proposal import adapt_proposal, with_fresh_draws
 from bayes_toe.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from bayes_toe.study import Study, Subject
@@ -81,7 +81,8 @@ def _analyse_subject(job: _Job) -> SubjectResult:
     subject, seed = job.subject, job.settings.seed
     posterior = posterior_of(subject, job.settings.prior)
     maxima = find_maxima(posterior)
-    fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
+    rng = generator(seed, subject.name, "proposal")
+    fitted = adapt_proposal(posterior, rng, maxima=maxima)
     chains = sample_chains(fitted, job.settings.sampler, seed) if job.with_chains else None
     fit = subject_fit(subject, posterior.prior, seed=seed) if job.with_evidence and subject.isi is None else None
     replicates = None if fit is None else fit.bootstrap
@@ -89,7 +90,7 @@ def _analyse_subject(job: _Job) -> SubjectResult:
         subject=subject,
         efficiency=fitted.efficiency,
         pareto_k=fitted.pareto_k,
-        evidence=subject_evidence(posterior, maxima, fitted, replicates) if job.with_evidence else None,
+        evidence=subject_evidence(posterior, maxima, with_fresh_draws(fitted, rng), replicates) if job.with_evidence else None,
         fit=fit,
         chains=chains,
         pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,

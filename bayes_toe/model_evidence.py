@@ -141,7 +141,14 @@ def importance_evidence(fitted: FittedProposal) -> tuple[float | None, float | N
 
     The estimate is the log mean weight of independent draws; its standard error is that of the mean, relative to it.
     Withheld, with a reason, where the weights' Pareto k-hat says that neither can be trusted.
+
+    Raises
+    ------
+    ValueError
+        If the draws had a say in the choice of the proposal: the estimate would be biased.
     """
+    if not fitted.independent:
+        raise ValueError("these draws helped to choose the proposal: use bayes_toe.proposal.with_fresh_draws first")
     if not fitted.trusted:
         return (
             None,

@@ -2,15 +2,16 @@
 
 Fitting alternates between drawing from the current proposal and EM steps on the draws of the last rounds, weighted against the
 average of the proposals that made them (deterministic-mixture weights, Cornuet et al. 2012). While weights are uneven they are
-tempered; where eight components stay poor, sixteen take over.
+tempered; where sixteen components stay poor, more draws and twenty-four take over.
 
-The nets are a wide Student-t with the posterior's overall mean and spread, and the prior itself. With the prior in the mixture,
-importance weights are bounded by the largest likelihood over the prior's share: their variance is finite, their error bars mean
-something, and no region that the prior reaches is closed to the sampler.
+The nets are a cover, a few Student-t components fitted to the posterior flattened by a power, which shows long thin tails that hold
+little mass; and the prior itself. With the prior in the mixture, importance weights are bounded by the largest likelihood over the
+prior's share: their variance is finite, their error bars mean something, and no region that the prior reaches is closed to the sampler.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,9 +28,11 @@ from bayes_toe.target import Levels, Target
 FloatArray = npt.NDArray[np.float64]
 
 _PRIOR_SHARE = 0.01
-_COVER_DF, _DF = 3.0, 30.0
+_COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
+_COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
+_LARGE = 10_000  # draws of the round after these, which shows more of the tails
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,8 @@ class Stage:
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
 STAGES = (
-    Stage(components=8, draws=2000, rounds=6, enough=0.75, cover_share=0.03),
-    Stage(components=16, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
+    Stage(components=16, draws=2000, rounds=6, enough=0.75, cover_share=0.05),
+    Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
@@ -60,7 +63,7 @@ TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Density over unconstrained coordinates: shares of the prior, of a wide cover, and the rest of a fitted mixture.
+    """Density over unconstrained coordinates: shares of the prior, of a cover with wide tails, and the rest of a fitted mixture.
 
     Mixture and cover live in levelled coordinates, in which the posterior has no funnel.
     """
@@ -154,17 +157,21 @@ class FittedProposal:
     ----------
     proposal : Proposal
     draws : WeightedDraws
-        Made after fitting, independent of it: the evidence and the diagnostics come from these.
+        Made after fitting; the diagnostics come from these.
     efficiency : float
         Importance-sampling efficiency, 0..1.
     pareto_k : float
         Pareto k-hat of the weights; above 0.7 neither averages nor their error bars can be trusted.
+    independent : bool
+        Whether the draws are independent of the fit. Where they had a say in which of several proposals it is, an evidence from them
+        would be biased, because those were taken that look good; for the start of a sampler they serve. See :func:`with_fresh_draws`.
     """
 
     proposal: Proposal
     draws: WeightedDraws
     efficiency: float
     pareto_k: float
+    independent: bool = True
 
     @property
     def trusted(self) -> bool:
@@ -179,7 +186,7 @@ class FittedProposal:
 
 
 def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
-    """Adapt a proposal to a posterior, then judge it on fresh draws; refit on those where they reveal a gap, a few times.
+    """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
     Parameters
     ----------
@@ -199,27 +206,31 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
     >>> fit_proposal(Posterior(subject), np.random.default_rng(1)).trusted
     True
     """
+    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws), rng)
+
+
+def adapt_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+    """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
+
+    All that a sampler needs; an evidence needs draws that the fit has not seen.
+    """
     found = find_maxima(posterior) if maxima is None else maxima
-    history = _adapt(_first(posterior, found, rng), STAGES[0], rng)
+    stage = STAGES[0]
+    history = _adapt(_first(posterior, found, rng), stage, rng)
     if _best(history).efficiency < _POOR:
-        history = _adapt(_refitted(history, STAGES[1]), STAGES[1], rng)
-    promised = _best(history).efficiency
-    judged = [_judged(_best(history).proposal, rng, draws)]
-    if _good(judged[0], promised):
-        return judged[0]
-    while len(judged) <= _REFITS and not _good(judged[-1], promised):
-        judged.append(_judged(_mended(judged[-1], history), rng, draws))
-    # Chosen for its draws, a proposal must not be judged by the same draws: the evidence would be biased. Its tails are hard: more draws.
-    chosen = judged[-1] if _good(judged[-1], promised) else max(judged, key=lambda fitted: fitted.efficiency)
-    return _judged(chosen.proposal, rng, _HARD * draws)
+        stage = STAGES[1]
+        history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
+    best = _best(history)
+    judged = [_judged(_refitted([_round(best.proposal, rng, _LARGE)], stage, _PATCHES), rng, draws)]
+    while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
+        judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
+    chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)
+    return replace(chosen, independent=len(judged) == 1)
 
 
-def _mended(fitted: FittedProposal, history: list[_Round]) -> Proposal:
-    """A proposal that has learnt from its judging draws what the fitting draws had missed; anew from all of them where it is poor."""
-    if fitted.efficiency > _POOR:
-        return _patched(fitted.proposal, fitted.draws, *fitted.proposal.levelling.level(fitted.draws.x), _PATCHES)
-    history.append(_Round(fitted.proposal, fitted.draws, fitted.efficiency))
-    return _refitted(history, STAGES[1])
+def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
+    """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
+    return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
 
 
 def _good(fitted: FittedProposal, promised: float) -> bool:
@@ -227,15 +238,19 @@ def _good(fitted: FittedProposal, promised: float) -> bool:
 
 
 def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
-    draws = importance_draws(proposal, rng, size)
-    return FittedProposal(proposal, draws, efficiency(draws.log_weights), pareto_k(draws.log_weights))
+    made = _round(proposal, rng, size)
+    return FittedProposal(proposal, made.draws, made.efficiency, pareto_k(made.draws.log_weights))
 
 
-@dataclass(frozen=True, eq=False)
-class _Round:
+class _Round(NamedTuple):
     proposal: Proposal
     draws: WeightedDraws
     efficiency: float
+
+
+def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
+    draws = importance_draws(proposal, rng, size)
+    return _Round(proposal, draws, efficiency(draws.log_weights))
 
 
 def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
@@ -243,11 +258,10 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
     history: list[_Round] = []
     left = stage.rounds
     while left > 0:
-        draws = importance_draws(proposal, rng, stage.draws)
-        history.append(_Round(proposal, draws, efficiency(draws.log_weights)))
+        history.append(_round(proposal, rng, stage.draws))
         left = min(left - 1, 2) if history[-1].efficiency > stage.enough and left > 2 else left - 1
         if left > 0:
-            proposal = _refitted(history, stage)
+            proposal = _refitted(history[-_HISTORY:], stage)
     return history
 
 
@@ -262,9 +276,9 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
     x = x[np.isfinite(x).all(axis=1)]
     weights = _tempered(posterior.log_likelihood(x), least=200.0)
     y = levelling.level(x)[0]
-    cover = _cover(y, weights)
+    spread = np.cov(y.T, aweights=weights, ddof=0)
     few = STAGES[0].components // 2
-    centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(cover.scales / 4.0, few, axis=0)]
+    centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(spread[None], few, axis=0)]
     around = STAGES[0].components // len(maxima.x) + 1
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
         if np.linalg.eigvalsh(curvature)[0] > 0.01:  # flatter than ten units: a ridge running to infinity, no use as a scale
@@ -273,15 +287,10 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
             centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
             scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))
     means = np.concatenate(centres)
-    mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _DF)
+    mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1]))
+    wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
+    cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
     return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
-
-
-def _cover(y: FloatArray, weights: FloatArray) -> StudentMixture:
-    """One wide component: the weighted mean, and twice the weighted spread in every direction."""
-    mean = weights @ y
-    spread = np.einsum("n,ni,nj->ij", weights, y - mean, y - mean)
-    return StudentMixture(np.ones(1), mean[None], 4.0 * spread[None], _COVER_DF)
 
 
 def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
@@ -292,22 +301,26 @@ def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
     return np.asarray(np.exp(power * log_weights - logsumexp(power * log_weights)))
 
 
-def _refitted(history: list[_Round], stage: Stage) -> Proposal:
-    """EM on the pooled draws of the last rounds, then new components in the places of those that it dropped."""
-    rounds = history[-_HISTORY:]
+def _refitted(rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0) -> Proposal:
+    """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
     x, log_prior, log_posterior = (
         np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
     )
     last = rounds[-1].proposal
     y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
     made = np.logaddexp.reduce([entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]) - np.log(len(rounds))
-    weights = _tempered(log_posterior - made, least=0.05 * len(x))
-    mixture = last.mixture
+    mixture = _updated(last.mixture, y, _tempered(log_posterior - made, least=0.05 * len(x)))
+    flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
+    cover = _updated(last.cover, y, _tempered(flattened, least=0.02 * len(x)))
+    proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
+    draws = WeightedDraws(x, log_prior, log_posterior, made)
+    return _patched(proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights)))
+
+
+def _updated(mixture: StudentMixture, y: FloatArray, weights: FloatArray) -> StudentMixture:
     for _ in range(3):
         mixture = mixture.updated(y, weights)
-    proposal = Proposal(last.posterior, last.levelling, mixture, _cover(y, weights), stage.cover_share)
-    draws = WeightedDraws(x, log_prior, log_posterior, made)
-    return _patched(proposal, draws, y, log_volume, stage.components - len(mixture.weights))
+    return mixture
 
 
 def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int) -> Proposal:
@@ -317,20 +330,25 @@ def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume
     """
     mixture, cover = proposal.mixture, proposal.cover
     of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
+    white = y @ np.linalg.inv(np.linalg.cholesky(cover.covariance)).T
     for _ in range(patches):
         short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
-        patch = _patch(y, short, cover)
+        patch = _patch(y, white, short)
         mixture = mixture.joined(patch, _PATCH_SHARE)
         of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
     return replace(proposal, mixture=mixture)
 
 
-def _patch(y: FloatArray, short: FloatArray, cover: StudentMixture) -> StudentMixture:
-    """A component at the point of the largest shortfall, shaped like the points around it."""
-    worst = y[short.argmax()]
-    distance = cover.square_distances(y - worst + cover.means[0])[0]
+def _patch(y: FloatArray, white: FloatArray, short: FloatArray) -> StudentMixture:
+    """A component at the point of the largest shortfall, shaped like the points around it; white are the points on a common scale."""
+    worst = short.argmax()
+    distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
     near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
     weights = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size
-    apart = y[near] - worst
-    scale = (weights[:, None] * apart).T @ apart
-    return StudentMixture(np.ones(1), worst[None], scale[None], _DF)
+    around = y[near] - y[worst]
+    scale = (weights[:, None] * around).T @ around
+    return StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1]))
+
+
+def _even(least: int, dim: int) -> int:
+    return least + (least + dim) % 2

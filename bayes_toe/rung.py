@@ -14,7 +14,7 @@ from bayes_toe.leave_one_out import LeaveOneOut, Unit, leave_one_out, leave_one_
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import frequency_evidence, importance_evidence
 from bayes_toe.prior import Prior
-from bayes_toe.proposal import fit_proposal
+from bayes_toe.proposal import adapt_proposal, fit_proposal, with_fresh_draws
 from bayes_toe.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.study import Subject
@@ -95,8 +95,10 @@ def sample_model(subject: Subject, model: str, *, draws: int = 4000, seed: int |
     target = model_posterior(subject, model_named(model), prior)
     # Under H1 the stream of the ordinary analysis: its numbers are the same to the last bit.
     keys = ("proposal",) if model == PREDICTIVE_UPDATE.name else ("proposal", model)
-    fitted = fit_proposal(target, generator(root, subject.name, *keys), maxima=find_maxima(target))
-    chains = sample_chains(fitted, SamplerSettings(draws=draws), root)
+    rng = generator(root, subject.name, *keys)
+    adapted = adapt_proposal(target, rng, maxima=find_maxima(target))
+    chains = sample_chains(adapted, SamplerSettings(draws=draws), root)
+    fitted = with_fresh_draws(adapted, rng)
     value, error, why_not = importance_evidence(fitted)
     notes = (why_not.replace("of H1 ", ""), "" if chains.converged else f"draws did not converge: {chains.reason}")
     return ModelDraws(

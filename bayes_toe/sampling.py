@@ -124,7 +124,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
     """
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
-    steps = _BURN_IN
+    steps = burn_in(fitted)
     thin = 1
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
@@ -137,7 +137,12 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         thin *= 2
 
 
-_BURN_IN = 8
+def burn_in(fitted: FittedProposal) -> int:
+    """Steps before the first pass: as many as leave one walker in a thousand where it started, at most 8.
+
+    About the efficiency of the proposal is also the share of steps at which a walker moves.
+    """
+    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
 
 
 class _Ensemble:
@@ -155,7 +160,7 @@ class _Ensemble:
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
         start = _dispersed(fitted, random, settings.walkers)
-        self._state = self._sampler.run_mcmc(start, _BURN_IN, store=False)
+        self._state = self._sampler.run_mcmc(start, burn_in(fitted), store=False)
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
         self._sampler.reset()

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import importance_evidence
-from bayes_toe.proposal import FittedProposal, fit_proposal
+from bayes_toe.proposal import adapt_proposal, fit_proposal
 from bayes_toe.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.cases import Case
@@ -20,18 +20,15 @@ def prepare_global(case: Case) -> Prepared:
 
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
-        fitted = _fitted(posterior, seed)
+        fitted = adapt_proposal(posterior, _stream(posterior, seed), maxima=find_maxima(posterior))
         spent = posterior.evaluations
         chains = sample_chains(fitted, SamplerSettings(draws=effort), seed)
-        value, error, _ = importance_evidence(fitted)
         return Outcome(
             CHAINS,
             natural_draws(*posterior.natural(chains.x)),
             None,
             posterior.evaluations,
             posterior.evaluations - spent,
-            log_evidence=value,
-            log_evidence_se=error,
             verdict=lambda: (chains.converged, chains.reason),
         )
 
@@ -43,7 +40,7 @@ def prepare_importance(case: Case) -> Prepared:
 
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
-        fitted = _fitted(posterior, seed, draws=effort)
+        fitted = fit_proposal(posterior, _stream(posterior, seed), maxima=find_maxima(posterior), draws=effort)
         value, error, why_not = importance_evidence(fitted)
         return Outcome(
             WEIGHTED,
@@ -59,6 +56,5 @@ def prepare_importance(case: Case) -> Prepared:
     return Prepared(run)
 
 
-def _fitted(posterior: Counting, seed: int, **size: int) -> FittedProposal:
-    rng: np.random.Generator = generator(seed, posterior.subject.name, "proposal")
-    return fit_proposal(posterior, rng, maxima=find_maxima(posterior), **size)
+def _stream(posterior: Counting, seed: int) -> np.random.Generator:
+    return generator(seed, posterior.subject.name, "proposal")

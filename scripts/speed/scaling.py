@@ -12,7 +12,7 @@ import numpy as np
 
 import bayes_toe as bt
 from bayes_toe.maximum import find_maxima
-from bayes_toe.proposal import fit_proposal
+from bayes_toe.proposal import adapt_proposal
 from bayes_toe.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from bayes_toe.simulate import reference_design
@@ -101,7 +101,7 @@ def _timed(subject: bt.Subject, seed: int) -> Timing:
     clock = [time.perf_counter()]
     maxima = find_maxima(posterior)
     clock.append(time.perf_counter())
-    fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
+    fitted = adapt_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
     clock.append(time.perf_counter())
     chains = sample_chains(fitted, SamplerSettings(draws=_DRAWS), seed)
     clock.append(time.perf_counter())
