@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, digamma, expit, gammainc, gammainccinv, gammaincinv, gammaln, logsumexp, softmax
+from scipy.special import betainc, betaincinv, digamma, expit, gammainc, gammainccinv, gammaincinv, gammaln, logsumexp, softmax
 
 from bayes_toe.errors import InputError, NumericalError
 
@@ -34,12 +34,16 @@ IntArray = npt.NDArray[np.int64]
 
 #: Smallest concentration of the Dirichlet prior: below it the gamma variables of the exceedance integral spread over too many decades.
 SMALLEST_PRIOR = 0.01
-#: Count vectors (subjects per model) beyond which the exact sum is refused: 16 subjects and 8 models have 245,157.
-LARGEST_SUM = 300_000
+#: Count vectors (subjects per model) beyond which the exact sum is refused: 20 subjects and 8 models have 888,030.
+LARGEST_SUM = 1_000_000
+#: The same times subjects: what limits two or three models.
+LARGEST_WORK = 200_000_000
 
 _TAIL = 1e-17  # probability outside the integration range
 _TOLERANCE, _MOST_STEPS = 1e-12, 200_000
+_BLOCK = 1 << 16  # count vectors put in order together: what that needs of memory
 _CHUNK = 256  # count vectors done together: their arrays stay in the processor's cache
+_HALVINGS = 60  # of an interval that holds a quantile: to the last bit
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +90,17 @@ class ModelFrequencies:
     log_evidence_equal: float
     group_log_evidence: FloatArray
 
+    def interval(self, level: float = 0.95) -> FloatArray:
+        """Central interval of every frequency, shape (models, 2).
+
+        Raises
+        ------
+        InputError
+            If the level is not between 0 and 1.
+        """
+        tails = _tails(level)
+        return np.asarray(betaincinv(self.alpha[:, None], (self.alpha.sum() - self.alpha)[:, None], tails))
+
     def frame(self) -> pd.DataFrame:
         """One row per model: model, alpha, expected, exceedance, protected, group_log_evidence, omnibus_risk."""
         import pandas as pd
@@ -100,6 +115,13 @@ class ExactFrequencies:
     """The same comparison without the variational approximation; fields as in :class:`ModelFrequencies`.
 
     The posterior of the frequencies is a mixture of Dirichlet distributions, so it has no single alpha.
+
+    Attributes
+    ----------
+    count_probability : array, shape (models, subjects + 1)
+        Posterior probability that so many of these subjects follow a model.
+    prior : float
+        Concentration of the Dirichlet prior.
     """
 
     models: tuple[str, ...]
@@ -112,6 +134,27 @@ class ExactFrequencies:
     protected: FloatArray
     log_evidence: float
     log_evidence_equal: float
+    count_probability: FloatArray
+    prior: float
+
+    def interval(self, level: float = 0.95) -> FloatArray:
+        """Central interval of every frequency, shape (models, 2): given its count, a frequency has a Beta distribution.
+
+        Raises
+        ------
+        InputError
+            If the level is not between 0 and 1.
+        """
+        n_models, n = len(self.models), len(self.subjects)
+        a = np.arange(n + 1) + self.prior
+        b = n + n_models * self.prior - a
+        tails = np.broadcast_to(_tails(level), (n_models, 2))
+        low, high = np.zeros((n_models, 2)), np.ones((n_models, 2))
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            below = np.einsum("kj,ktj->kt", self.count_probability, betainc(a, b, middle[:, :, None])) < tails
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return np.asarray(0.5 * (low + high))
 
 
 def random_effects(
@@ -172,6 +215,29 @@ def random_effects(
     )
 
 
+def exact_terms(subjects: int, models: int) -> int:
+    """Terms of the exact sum: ways to share out subjects among models, binom(N + K - 1, K - 1).
+
+    Examples
+    --------
+    >>> exact_terms(16, 8)
+    245157
+    """
+    return comb(subjects + models - 1, models - 1)
+
+
+def is_affordable(subjects: int, models: int) -> bool:
+    """Whether the exact sum is done: up to a million terms, and 200 million times subjects; within seconds.
+
+    Examples
+    --------
+    >>> is_affordable(20, 8), is_affordable(21, 8), is_affordable(735, 3), is_affordable(736, 3)
+    (True, False, True, False)
+    """
+    terms = exact_terms(subjects, models)
+    return terms <= LARGEST_SUM and subjects * terms <= LARGEST_WORK
+
+
 def exact_random_effects(
     log_evidence: npt.ArrayLike,
     *,
@@ -185,7 +251,7 @@ def exact_random_effects(
     Assignments that give every model the same number of subjects share one Dirichlet posterior, so the sum has binom(N + K - 1, K - 1)
     terms, and their weights follow from adding one subject after the other.
 
-    Parameters and errors as for :func:`random_effects`; an InputError too if the sum has more than 300,000 terms.
+    Parameters and errors as for :func:`random_effects`; an InputError too if the sum is too long: see :func:`is_affordable`.
 
     Examples
     --------
@@ -195,9 +261,9 @@ def exact_random_effects(
     """
     table = _table(log_evidence, models, subjects, prior, leave_out)
     log_l, n_models = table.values, len(table.models)
-    terms = comb(len(log_l) + n_models - 1, n_models - 1)
-    if terms > LARGEST_SUM:
-        raise InputError(f"{len(log_l)} subjects and {n_models} models: the exact sum has {terms} terms, allowed are {LARGEST_SUM}")
+    if not is_affordable(len(log_l), n_models):
+        terms, said = exact_terms(len(log_l), n_models), f"allowed are {LARGEST_SUM}, and {LARGEST_WORK} times subjects"
+        raise InputError(f"{len(log_l)} subjects and {n_models} models: the exact sum has {terms} terms, {said}")
     counts, log_weights = _count_weights(log_l)
     alpha = counts.astype(np.float64) + prior
     log_terms = log_weights + _log_beta(alpha) - _log_beta(np.full(n_models, prior))
@@ -216,6 +282,8 @@ def exact_random_effects(
         protected=(1.0 - risk) * exceedance + risk / n_models,
         log_evidence=total,
         log_evidence_equal=equal,
+        count_probability=np.array([np.bincount(of_one, weights, minlength=len(log_l) + 1) for of_one in counts.T]),
+        prior=prior,
     )
 
 
@@ -305,6 +373,13 @@ def _table(
     return _Table(values[~missing], what, kept, tuple(name for name in who if name not in kept))
 
 
+def _tails(level: float) -> FloatArray:
+    """Probabilities below both ends of a central interval."""
+    if not 0.0 < level < 1.0:
+        raise InputError(f"level={level}: allowed is a number between 0 and 1")
+    return np.array([0.5 - 0.5 * level, 0.5 + 0.5 * level])
+
+
 def _missing(subject: str, models: tuple[str, ...], row: FloatArray) -> str:
     names = ", ".join(name for name, gone in zip(models, np.isnan(row), strict=True) if gone)
     return f"subject {subject}: no evidence for model {names}; leave_out=True compares the others without this subject"
@@ -348,38 +423,79 @@ def _log_beta(alpha: FloatArray) -> FloatArray:
 
 
 def _count_weights(log_l: FloatArray) -> tuple[IntArray, FloatArray]:
-    """All vectors of subjects per model, and the log of the summed likelihood of the assignments that give each."""
+    """All vectors of subjects per model, and the log of the summed likelihood of the assignments that give each.
+
+    A vector n of sum m has the place sum over j < K of binom(c_j, j) with c_j = n_1 + ... + n_j + j - 1 (the combinatorial number system),
+    so the vectors of fewer subjects come first. One more subject under the last model leaves the place, one under model k adds
+    binom(c_j, j - 1) for each j >= k.
+    """
     n_subjects, n_models = log_l.shape
-    place = (n_subjects + 1) ** np.arange(n_models, dtype=object)
-    counts, weights = np.zeros((1, n_models), np.int64), np.zeros(1)
-    for row in log_l:
-        grown = (counts[:, None, :] + np.eye(n_models, dtype=np.int64)).reshape(-1, n_models)
-        keys = grown @ place.astype(np.int64 if place[-1] * (n_subjects + 1) < 2**63 else object)
-        _, first, where = np.unique(keys, return_index=True, return_inverse=True)
-        where = where.reshape(-1, n_models)
-        after = np.full(len(first), -np.inf)
-        for k in range(n_models):  # within one model no two vectors meet
-            after[where[:, k]] = np.logaddexp(after[where[:, k]], weights + row[k])
-        counts, weights = grown[first], after
-    return counts, weights
+    c = _increasing(n_subjects, n_models - 1)
+    shift = np.array([_binomials(n_subjects + n_models, j)[c[:, j]] for j in range(n_models - 1)])
+    shift = np.cumsum(shift[::-1], axis=0)[::-1]
+    weights = np.zeros(1)
+    for done, row in enumerate(log_l):
+        size = len(weights)
+        grown = np.full(exact_terms(done + 1, n_models), -np.inf)
+        grown[:size] = weights + row[-1]
+        for k in range(n_models - 1):  # within one model no two vectors meet
+            where = np.arange(size) + shift[k, :size]
+            grown[where] = np.logaddexp(grown[where], weights + row[k])
+        weights = grown
+    sums = np.pad(c - np.arange(n_models - 1), ((0, 0), (1, 0)))
+    return np.diff(sums, axis=1, append=n_subjects), weights
+
+
+def _increasing(n: int, length: int) -> IntArray:
+    """All rows c_1 < c_2 < ... of whole numbers with 0 <= c_j < n + j, the last one varying slowest."""
+    rows = np.arange(n + 1)[:, None]
+    for j in range(2, length + 1):
+        tops = np.arange(j - 1, n + j)
+        sizes = _binomials(n + j, j - 1)[tops]  # below each top stand the first rows of the shorter ones
+        within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        rows = np.column_stack([rows[within], np.repeat(tops, sizes)])
+    return rows
+
+
+def _binomials(largest: int, k: int) -> IntArray:
+    """binom(0, k), ..., binom(largest, k)."""
+    return np.array([comb(n, k) for n in range(largest + 1)], np.int64)
 
 
 def _mixture_exceedance(counts: IntArray, weights: FloatArray, prior: float) -> tuple[FloatArray, float]:
-    """Exceedance probabilities averaged over Dirichlet posteriors of whole counts: densities are looked up, not computed."""
+    """Exceedance probabilities averaged over Dirichlet posteriors of whole counts, computed once for counts in any order."""
+    sorted_ones = np.flatnonzero((np.diff(counts, axis=1) >= 0).all(axis=1))
+    of_sorted = _exceedance_of_counts(counts[sorted_ones], prior)
+    found = np.zeros(counts.shape[1])
+    for start in range(0, len(counts), _BLOCK):
+        block, share = counts[start : start + _BLOCK], weights[start : start + _BLOCK]
+        order = np.argsort(block, axis=1)
+        same = np.searchsorted(sorted_ones, _places(np.take_along_axis(block, order, axis=1)))
+        found += share @ of_sorted[same[:, None], np.argsort(order, axis=1)]
+    return _checked(found)
+
+
+def _places(counts: IntArray) -> IntArray:
+    """Where vectors of the same sum stand in the order of :func:`_count_weights`."""
+    n, n_models = int(counts[0].sum()), counts.shape[1]
+    c = np.cumsum(counts[:, :-1], axis=1) + np.arange(n_models - 1)
+    return np.sum([_binomials(n + n_models, j + 1)[c[:, j]] for j in range(n_models - 1)], axis=0)
+
+
+def _exceedance_of_counts(counts: IntArray, prior: float) -> FloatArray:
+    """Exceedance probabilities of several Dirichlet posteriors, shape as the counts: densities are looked up, not computed."""
     n, n_models = int(counts[0].sum()), counts.shape[1]
     shapes = np.arange(n + 1, dtype=np.float64) + prior
     grid, step = _log_grid(n_models, prior + -(-n // n_models), prior + n)
     below = gammainc(shapes[:, None], np.exp(grid))
     density = np.exp(_log_gamma_density(grid, shapes[:, None]))
-    found = np.zeros(n_models)
-    heavy = weights * len(weights) > 1e-12  # the others weigh less than 1e-12 together, which shows in the error
-    counts, weights = counts[heavy], weights[heavy]
+    found = np.empty(counts.shape)
     for start in range(0, len(counts), _CHUNK):
         some = counts[start : start + _CHUNK]
         others = _products_of_others([below[some[:, k]] for k in range(n_models)])
-        share = weights[start : start + _CHUNK] * step
-        found += [share @ np.einsum("cx,cx->c", density[some[:, k]], others[k]) for k in range(n_models)]
-    return _checked(found)
+        for k in range(n_models):
+            found[start : start + _CHUNK, k] = step * np.einsum("cx,cx->c", density[some[:, k]], others[k])
+    return found
 
 
 def _products_of_others(factors: Sequence[FloatArray]) -> list[FloatArray]:

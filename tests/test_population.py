@@ -10,7 +10,14 @@ from scipy.optimize import minimize
 from scipy.special import gammaln, logsumexp, softmax
 
 from bayes_toe.errors import InputError
-from bayes_toe.population import exact_random_effects, exceedance_probabilities, fixed_effects, random_effects
+from bayes_toe.population import (
+    exact_random_effects,
+    exact_terms,
+    exceedance_probabilities,
+    fixed_effects,
+    is_affordable,
+    random_effects,
+)
 
 RNG = np.random.default_rng(3)
 UNEVEN = RNG.normal(size=(5, 3)) * 2.5 + [0.0, 1.0, -0.5]
@@ -57,6 +64,41 @@ def test_the_exact_sum_by_drawing_frequencies_from_the_prior():
     error = 4 * np.sqrt((weights**2).sum())  # the sd of r or of an indicator is below 1
     assert found.expected == pytest.approx(weights @ r, abs=error)
     assert found.exceedance == pytest.approx(np.bincount(r.argmax(axis=1), weights), abs=error)
+
+
+@pytest.mark.parametrize(("n_subjects", "n_models"), [(1, 2), (5, 4), (3, 6), (1, 5)])
+def test_the_exact_sum_is_the_enumeration_for_other_sizes(n_subjects, n_models):
+    log_l = np.random.default_rng(n_models).normal(size=(n_subjects, n_models)) * 2
+    found = exact_random_effects(log_l)
+    total, expected, exceedance = enumerated(log_l, 1.0)
+    assert found.log_evidence == pytest.approx(total, abs=1e-12)
+    assert found.expected == pytest.approx(expected, abs=1e-13)
+    assert found.exceedance == pytest.approx(exceedance, abs=1e-11)
+
+
+def test_how_many_subjects_follow_a_model_is_that_of_the_enumeration():
+    found = exact_random_effects(UNEVEN, prior=0.7)
+    weights = np.zeros((3, 6))
+    for assignment in itertools.product(range(3), repeat=5):
+        counts = np.bincount(assignment, minlength=3)
+        weights[np.arange(3), counts] += np.exp(UNEVEN[np.arange(5), assignment].sum() + log_beta(0.7 + counts))
+    assert found.count_probability == pytest.approx(weights / weights[0].sum(), abs=1e-13)
+
+
+def test_intervals_of_frequencies_hold_their_share_of_draws():
+    exact, variational = exact_random_effects(UNEVEN, prior=0.7), random_effects(UNEVEN, prior=0.7)
+    rng = np.random.default_rng(6)
+    for k, limits in enumerate(exact.interval(0.8)):
+        n = rng.choice(6, size=200_000, p=exact.count_probability[k] / exact.count_probability[k].sum())
+        below = (rng.beta(0.7 + n, 5 - n + 2 * 0.7)[:, None] < limits).mean(axis=0)
+        assert below == pytest.approx([0.1, 0.9], abs=4.5 * 0.3 / np.sqrt(200_000))
+    below = (rng.dirichlet(variational.alpha, 200_000)[:, :, None] < variational.interval(0.8)).mean(axis=0)
+    assert below == pytest.approx(np.tile([0.1, 0.9], (3, 1)), abs=4.5 * 0.3 / np.sqrt(200_000))
+    sure = 500.0 * np.eye(3)[[0, 0, 1, 2, 0]]  # one Dirichlet: both are the same
+    assert exact_random_effects(sure).interval() == pytest.approx(random_effects(sure).interval(), abs=1e-9)
+    for level in (0.0, 1.0, np.nan):
+        with pytest.raises(InputError, match="level="):
+            exact.interval(level)
 
 
 @pytest.mark.parametrize("n_models", [2, 3])
@@ -160,6 +202,32 @@ def test_eight_models_and_sixteen_subjects_are_within_reach():
     assert same.exceedance_error < 1e-11
     with pytest.raises(InputError, match="1081575 terms"):
         exact_random_effects(np.zeros((17, 9)))
+    with pytest.raises(InputError, match="271953 terms, allowed are 1000000, and 200000000 times subjects"):
+        exact_random_effects(np.zeros((736, 3)))
+
+
+@pytest.mark.parametrize(("n_models", "most"), [(2, 14_141), (3, 735), (4, 179), (5, 67), (6, 38), (7, 26), (8, 20)])
+def test_most_subjects_of_an_exact_sum(n_models, most):
+    assert is_affordable(most, n_models)
+    assert not is_affordable(most + 1, n_models)
+    assert exact_terms(3, n_models) == len({tuple(sorted(one)) for one in itertools.product(range(n_models), repeat=3)})
+
+
+def test_the_exact_sum_of_sixteen_subjects_and_eight_models_by_drawing():
+    log_l = np.random.default_rng(10).normal(size=(16, 8)) * 2
+    found = exact_random_effects(log_l)
+    near = 1.0 + 0.3 * (random_effects(log_l).alpha - 1.0)  # wider than the posterior
+    r = np.random.default_rng(11).dirichlet(near, 300_000)
+    log_weights = np.log(r @ np.exp(log_l).T).sum(axis=1) - log_beta(np.ones(8)) - np.log(r) @ (near - 1.0) + log_beta(near)
+    total = logsumexp(log_weights)
+    weights = np.exp(log_weights - total)
+    error = 4.5 * np.sqrt((weights**2).sum())
+    assert error < 0.015
+    assert found.log_evidence == pytest.approx(total - np.log(len(r)), abs=error)
+    assert found.expected == pytest.approx(weights @ r, abs=error)
+    assert found.exceedance == pytest.approx(np.bincount(r.argmax(axis=1), weights), abs=error)
+    for k, limits in enumerate(found.interval(0.8)):
+        assert (weights[:, None] * (r[:, [k]] < limits)).sum(axis=0) == pytest.approx([0.1, 0.9], abs=error)
 
 
 def test_fixed_effects_are_sums():
