@@ -48,6 +48,9 @@ _PLACES = {
     "EvidenceTable": "model_evidence",
     "compare": "comparison",
     "ModelComparison": "comparison",
+    "comparison_axes": "comparison_plot",
+    "comparison_figure": "comparison_plot",
+    "model_frequency_axes": "comparison_plot",
     "sample_model": "rung",
     "model_posterior": "ladder",
     "corner": "corner_plot",
@@ -98,6 +101,9 @@ if TYPE_CHECKING:
     from bayes_toe.checks import check_study as check_study
     from bayes_toe.comparison import ModelComparison as ModelComparison
     from bayes_toe.comparison import compare as compare
+    from bayes_toe.comparison_plot import comparison_axes as comparison_axes
+    from bayes_toe.comparison_plot import comparison_figure as comparison_figure
+    from bayes_toe.comparison_plot import model_frequency_axes as model_frequency_axes
     from bayes_toe.corner_plot import corner as corner
     from bayes_toe.covariates import covariate_tests as covariate_tests
     from bayes_toe.covariates import read_covariates as read_covariates

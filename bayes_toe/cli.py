@@ -183,7 +183,8 @@ def evidence(
 def compare(
     study: StudyFile,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="compare.csv", help="Table to write; the study's goes to NAME_models.csv.")
+        Path,
+        typer.Option("-o", "--output", metavar="compare.csv", help="Table to write; NAME_models.csv (study) and NAME.png beside it."),
     ] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole ladder.")] = None,
     seed: Seed = None,
@@ -204,12 +205,14 @@ def compare(
     with _problems_as_lines():
         from bayes_toe.comparison import beside
         from bayes_toe.comparison import compare as compute
+        from bayes_toe.comparison_plot import save_comparison
         from bayes_toe.ladder import require_models
         from bayes_toe.outputs import require_writable
+        from bayes_toe.plots import picture_beside
         from bayes_toe.prior_file import prior_or_default
 
-        models = require_models(model)
-        for path in (output, beside(output)):
+        models, picture = require_models(model), picture_beside(output)
+        for path in (output, beside(output), picture):
             require_writable(path, overwrite=overwrite)
         believed = prior_or_default(prior)
         read = _read(study, intensity, equal_code, different_code, columns)
@@ -217,9 +220,10 @@ def compare(
         with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
             table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
         table.save(output, overwrite=overwrite)
+        save_comparison(table, picture, synthetic=read.synthetic, overwrite=overwrite)
         terminal.say_comparison(console, table)
-        files = ", ".join(terminal.safe(path) for path in (output, beside(output)))
-        console.print(f"seed {table.seed}; tables in [bold]{files}[/bold]", highlight=False)
+        files = ", ".join(map(terminal.safe, (output, beside(output), picture)))
+        console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
 
 
 @app.command()
@@ -246,10 +250,11 @@ def sensitivity(
     """
     with _problems_as_lines():
         from bayes_toe.outputs import require_writable
+        from bayes_toe.plots import picture_beside
         from bayes_toe.prior_file import prior_or_default
         from bayes_toe.prior_sensitivity import require_range
         from bayes_toe.prior_sensitivity import sensitivity as compute
-        from bayes_toe.sensitivity_plot import picture_beside, save_sensitivity
+        from bayes_toe.sensitivity_plot import save_sensitivity
 
         picture = picture_beside(output)
         require_range(reach, steps)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.ladder import prior_of, require_models
 from bayes_toe.outputs import write_table
 from bayes_toe.parallel import Progress, run_in_order
-from bayes_toe.population import ModelFrequencies, random_effects
+from bayes_toe.population import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
 from bayes_toe.prior import Prior
 from bayes_toe.rung import ModelRow, compare_one
 from bayes_toe.sampling import SamplerSettings
@@ -44,6 +45,8 @@ COMPARE_COLUMNS = (
     "note",
     "prior",
 )
+_FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
+_SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,31 +92,49 @@ class ModelComparison:
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
 
     def frequencies(self) -> ModelFrequencies | None:
-        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject."""
-        table = self.log_evidence
-        if len(self.models) < 2 or np.isnan(table).any(axis=1).all():
+        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject.
+
+        The variational scheme that the field quotes. Its omnibus risk is too high where subjects say little.
+        """
+        if not self._has_frequencies:
             return None
-        return random_effects(table, models=self.models, subjects=self.subjects, leave_out=True)
+        return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
+
+    def exact_frequencies(self) -> ExactFrequencies | None:
+        """The same without the approximation; None also where the sum is too long: from 21 subjects and 8 models."""
+        return self._exact
+
+    @cached_property
+    def _exact(self) -> ExactFrequencies | None:
+        if not self._has_frequencies or not is_affordable(len(_complete(self.log_evidence)), len(self.models)):
+            return None
+        return exact_random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
+
+    @property
+    def _has_frequencies(self) -> bool:
+        return len(self.models) >= 2 and len(_complete(self.log_evidence)) > 0
 
     def study_frame(self) -> pd.DataFrame:
         """One row per model over the whole study.
 
         Columns: model; subjects, those with every evidence, which alone count in what follows; best, for how many of them the model has
-        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk; group_log_evidence, the
-        sum; elpd_loo_trial and elpd_loo_pair, sums over all subjects, empty where one is withheld.
+        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
+        scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
+        expected_exact to omnibus_risk_exact, the same four without the approximation, empty where :meth:`exact_frequencies` gives none;
+        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go.
         """
         import pandas as pd
 
-        found, table = self.frequencies(), self.log_evidence
-        complete = table[~np.isnan(table).any(axis=1)]
+        complete = _complete(self.log_evidence)
         best = np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else np.zeros(len(self.models), int)
         frame = pd.DataFrame({"model": self.models, "subjects": len(complete), "best": best})
-        for name in ("expected", "exceedance", "protected", "omnibus_risk"):
-            frame[name] = np.nan if found is None else getattr(found, name)
-        frame["group_log_evidence"] = complete.sum(axis=0) if len(complete) else np.nan
-        for name in ("elpd_loo_trial", "elpd_loo_pair"):
-            frame[name] = self._matrix(name).sum(axis=0)
-        return frame
+        frame = _with_frequencies(frame, self.frequencies(), "")
+        frame["group_log_evidence"] = _sum(complete)
+        predicted = {name: _complete(self._matrix(name)) for name in _SUMMED}
+        for name, values in predicted.items():
+            frame[name] = _sum(values)
+        frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
+        return frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
@@ -124,6 +145,21 @@ class ModelComparison:
     def _matrix(self, name: str) -> FloatArray:
         flat = np.array([row.cell(name) for row in self.rows], np.float64)  # None becomes NaN
         return flat.reshape(len(self.subjects), len(self.models))
+
+
+def _complete(table: FloatArray) -> FloatArray:
+    """The subjects with a value under every model."""
+    return np.asarray(table[~np.isnan(table).any(axis=1)])
+
+
+def _sum(rows: FloatArray) -> FloatArray:
+    """Sum over subjects; no number where there is none of them."""
+    return np.asarray(rows.sum(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
+
+
+def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | ExactFrequencies | None, suffix: str) -> pd.DataFrame:
+    values = {f"{name}{suffix}": np.nan if found is None else getattr(found, name) for name in _FREQUENCY_COLUMNS}
+    return frame.assign(**values)
 
 
 def beside(path: str | Path) -> Path:

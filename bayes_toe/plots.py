@@ -342,6 +342,20 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dp
     return Path(path)
 
 
+def picture_beside(table: Path) -> Path:
+    """Where the figure of a table goes: beside it, as PNG.
+
+    Raises
+    ------
+    InputError
+        If the table itself is to have that name.
+    """
+    picture = table.with_name(f"{table.stem}.png")
+    if picture == table:
+        raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
+    return picture
+
+
 def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
     """Refuse now what :func:`save_figure` would refuse after long work; leaves nothing behind.
 

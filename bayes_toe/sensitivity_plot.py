@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.errors import InputError
 from bayes_toe.plots import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, legend_above, new_figure, panel, plain, save_figure
 from bayes_toe.prior_sensitivity import CLEAR, REWEIGHTED, SCALES, SensitivityRow, SensitivityTable
 
@@ -76,20 +75,6 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     columns = 2 if across > 1 else 1
     figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, frameon=False, fontsize=LETTERS)
     return figure
-
-
-def picture_beside(table: Path) -> Path:
-    """Where the figure goes: beside the table, as PNG.
-
-    Raises
-    ------
-    InputError
-        If the table itself is to have that name.
-    """
-    picture = table.with_name(f"{table.stem}.png")
-    if picture == table:
-        raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
-    return picture
 
 
 def save_sensitivity(table: SensitivityTable, path: str | Path, *, synthetic: bool = False, overwrite: bool = False) -> Path:

@@ -167,20 +167,7 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
         cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
         rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
     console.print(table_of("log evidence below the subject's best model, nats", rows, {}))
-    frame = table.study_frame()
-    columns = {"best": "best for", "expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
-    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
-    lines = [
-        {
-            "model": row["model"],
-            **{shown: row[key] if key == "best" else _or_dash(row[key], 3) for key, shown in columns.items()},
-            **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
-        }
-        for row in frame.to_dict("records")
-    ]
-    subjects, risk = int(frame["subjects"].iloc[0]), float(frame["omnibus_risk"].iloc[0])
-    equal = "" if isnan(risk) else f"; all equally frequent with probability {risk:.3f}"
-    console.print(table_of(f"models over {subjects} of {len(table.subjects)} subjects, random effects{equal}", lines, {}))
+    _say_models(console, table)
     about: dict[str, list[str]] = {}
     for one in table:
         for note in one.notes:
@@ -189,6 +176,45 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
             about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(f"{one.subject} ({one.model})")
     for note, names in about.items():
         console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _say_models(console: Console, table: ModelComparison) -> None:
+    """The models over the study; frequencies by the exact sum where there is one."""
+    frame, exact = table.study_frame(), table.exact_frequencies() is not None
+    ending = "_exact" if exact else ""
+    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
+    lines = [
+        {
+            "model": row["model"],
+            "best for": row["best"],
+            **{shown: _or_dash(row[key + ending], 3) for key, shown in columns.items()},
+            **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
+        }
+        for row in frame.to_dict("records")
+    ]
+    first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
+    how = "" if table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
+    console.print(table_of(f"models over {first['subjects']} of {everyone} subjects{how}", lines, {}))
+    if how:
+        _say_risk(console, first)
+    for key, unit in (("elpd_loo_trial", "trial"), ("elpd_loo_pair", "pair")):
+        _say_summed(console, unit, int(first[f"{key}_subjects"]), everyone)
+
+
+def _say_risk(console: Console, row: Mapping[Any, Any]) -> None:
+    """The probability that all models are equally frequent, exactly where that is known, and by the variational scheme."""
+    values = {"exact": _or_dash(row["omnibus_risk_exact"], 3), "variational": _or_dash(row["omnibus_risk"], 3)}
+    said = ", ".join(f"{value} ({name})" for name, value in values.items() if value != "-")
+    why = "; too many subjects and models for the exact value, which is lower" if values["exact"] == "-" else ""
+    console.print(f"all models equally frequent with probability {said}{why}", highlight=False, soft_wrap=True)
+
+
+def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> None:
+    """Over how many subjects sums of leave-one-out go, where not over all."""
+    if counted < everyone:
+        how = f"sums over {counted} of {everyone} subjects, those with" if counted else "no sum, no subject has"
+        console.print(f"[yellow]note[/yellow] LOO by {unit}: {how} a value under every model", highlight=False, soft_wrap=True)
 
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:

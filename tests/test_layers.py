@@ -16,7 +16,7 @@ LAYERS = [
     ["results", "calibration_results"],
     ["report", "paper_figures", "calibration_plot"],
     ["corner_plot", "map_plot", "interval_plot"],
-    ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot", "sensitivity_plot", "calibration_table"],
+    ["subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot", "sensitivity_plot", "comparison_plot", "calibration_table"],
     ["plots", "calibration"],
     ["api", "comparison", "example", "recipes", "uncertainty", "prediction"],
     ["draws"],
@@ -90,7 +90,7 @@ def test_imports_point_down(name):
             "matplotlib",
             {
                 *("plots", "corner_plot", "map_plot", "subject_plot", "asymmetry_plot", "filter_plot", "geometry_plot"),
-                *("interval_plot", "sensitivity_plot", "calibration_plot", "paper_figures"),
+                *("interval_plot", "sensitivity_plot", "comparison_plot", "calibration_plot", "paper_figures"),
             },
         ),
         ("corner", {"corner_plot"}),
