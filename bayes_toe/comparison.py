@@ -21,7 +21,7 @@ from bayes_toe.prior import Prior
 from bayes_toe.rung import ModelRow, compare_one
 from bayes_toe.sampling import SamplerSettings
 from bayes_toe.seeds import root_seed
-from bayes_toe.study import Study, Subject, refuse_intervals
+from bayes_toe.study import Study, Subject
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -191,6 +191,8 @@ def compare(
     Parameters
     ----------
     study : Study
+        With intervals (column isi), models with a memory say how they act, and the others answer a pair alike at every one: the note of
+        their rows says so. Free frequencies have one for each pair at each interval.
     models : sequence of str, optional
         Names of :data:`bayes_toe.ladder.NAMES`; all of them by default.
     draws : int
@@ -211,7 +213,6 @@ def compare(
     (2, 1.0)
     """
     names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
-    refuse_intervals(study, "the ladder of models")
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
     rows = run_in_order(_compare_one, jobs, workers, progress, lambda job: [f"{job.subject.name}: {job.model}"])

@@ -1,11 +1,11 @@
 """Log posterior of one subject with several inter-stimulus intervals; the same coordinates, prior and seam as for one interval.
 
-Unconstrained coordinates refer to one second: x = (c, a, b, l) with c = p_1 (mu_1 - sbar), p_1 = p_max expit(a), log w_1 = b. With
-r = p_t/p_1 = (G_1/G_t)^2 / t and v = w_t/w_1 = sqrt(t) (G_t/G_1)^(3/2), which depend on a alone,
+Unconstrained coordinates refer to one second: x = (c, a, b, l) with c = p_1 (mu_1 - sbar), p_1 = p_max expit(a), log w_1 = b. With the
+random walk's scales of pull and width, r and v, which depend on a alone (:mod:`bayes_toe.scales`),
 
     z = ((s2 - s1) + r [p_1 (s1 - sbar) - c]) / (w_1 v).
 
-As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull. The prior on gamma is at one second.
+The prior on gamma is at one second.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import numpy.typing as npt
 from scipy.special import expit
 
 from bayes_toe.errors import InputError
-from bayes_toe.model import MAX_PULL, pull, variance_ratio
+from bayes_toe.model import MAX_PULL, pull
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
+from bayes_toe.scales import grouped_intervals, noise_ratio_at, random_walk_scales
 from bayes_toe.study import Subject
 
 FloatArray = npt.NDArray[np.float64]
@@ -63,22 +64,21 @@ class IntervalPosterior(Posterior):
         super().__post_init__()
         if self.subject.isi is None:
             raise InputError(f"subject {self.subject.name!r} has no intervals: Posterior is for one interval")
-        seconds, which = np.unique(self.subject.isi, return_inverse=True)
-        object.__setattr__(self, "_seconds", seconds)
-        object.__setattr__(self, "_which", which.ravel())
+        for key, values in zip(("_seconds", "_which"), grouped_intervals(self.subject.isi), strict=True):
+            object.__setattr__(self, key, values)
 
     _seconds: FloatArray = field(init=False, repr=False)
     _which: npt.NDArray[np.intp] = field(init=False, repr=False)
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair at its interval, (points, 4) -> (points, pairs)."""
-        scale = _scales(x[:, 1], self._seconds).of_pairs(self._which)
+        scale = random_walk_scales(x[:, 1], self._seconds).of_pairs(self._which)
         shift = scale.pull * (MAX_PULL * expit(x[:, 1, None]) * self._lever - x[:, 0, None])
         return np.asarray((self._step + shift) * np.exp(-x[:, 2, None]) / scale.width)
 
     def _distance_derivatives(self, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """First derivatives of z in (c, a, b), (points, pairs, 3), and its second ones in (c, a) and (a, a), (points, pairs, 2)."""
-        scale = _scales(x[:, 1], self._seconds).of_pairs(self._which)
+        scale = random_walk_scales(x[:, 1], self._seconds).of_pairs(self._which)
         growth = _growth(x[:, 1], self._seconds).of_pairs(self._which)
         fall, slope, bend = expit(-x[:, 1, None]), growth.first, growth.second
         inverse = np.exp(-x[:, 2, None]) / scale.width
@@ -101,16 +101,6 @@ class IntervalPosterior(Posterior):
         return result
 
 
-class _Scales(NamedTuple):
-    """Pull and width at an interval over those at one second, r and v, each of shape (points, intervals)."""
-
-    pull: FloatArray
-    width: FloatArray
-
-    def of_pairs(self, which: npt.NDArray[np.intp]) -> _Scales:
-        return _Scales(self.pull[:, which], self.width[:, which])
-
-
 class _Growth(NamedTuple):
     """First and second derivative of log(G_t/G_1) in a, each of shape (points, intervals)."""
 
@@ -121,21 +111,9 @@ class _Growth(NamedTuple):
         return _Growth(self.first[:, which], self.second[:, which])
 
 
-def _gamma(a: FloatArray) -> FloatArray:
-    """Noise ratio at one second, gamma = p/(1 - p)^2, as a column."""
-    p = MAX_PULL * expit(a[:, None])
-    return np.asarray(p / np.square(1.0 - p))
-
-
-def _scales(a: FloatArray, seconds: FloatArray) -> _Scales:
-    gamma = _gamma(a)
-    ratio = variance_ratio(gamma / seconds) / variance_ratio(gamma)  # one second by the same formula: exactly 1
-    return _Scales(1.0 / (np.square(ratio) * seconds), np.sqrt(seconds) * ratio**1.5)
-
-
 def _growth(a: FloatArray, seconds: FloatArray) -> _Growth:
     """With u = log gamma: d log G/du = p/(1 + p), its slope p (1 - p)/(1 + p)^3, and du/da = expit(-a) (1 + p_1)/(1 - p_1)."""
-    gamma, fall = _gamma(a), expit(-a[:, None])
+    gamma, fall = noise_ratio_at(a), expit(-a[:, None])
     p1, pt = pull(gamma), pull(gamma / seconds)
     u1 = fall * (1.0 + p1) / (1.0 - p1)
     u2 = 2.0 * p1 * np.square(fall / (1.0 - p1)) - (1.0 - fall) * u1

@@ -2,6 +2,9 @@
 
 One likelihood core serves all: z = ((s2 - s1) - c + p (s1 - sbar)) / w with offset c, pull p and width w, and a link from z to P(equal)
 that ends in a peak at z = 0. What a record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no peak q0 = 1.
+Where a subject has several inter-stimulus intervals, pull and width are those at one second, and the record's propagator scales them
+(:mod:`bayes_toe.scales`). A model without a memory has none: it does not mention the interval and answers a pair alike at every one, so
+that comparing it with H1 asks whether intervals matter.
 :class:`LadderPosterior` turns a record into what the engines sample (:class:`bayes_toe.target.Target`).
 """
 
@@ -22,7 +25,8 @@ from bayes_toe.link import Link, differencing_link, lapse_link
 from bayes_toe.model import MAX_PULL
 from bayes_toe.parameters import Block, Memory, Random, Share, Shift, Update, Width
 from bayes_toe.prior import Prior
-from bayes_toe.study import Subject, refuse_intervals
+from bayes_toe.scales import MEAN_REVERSION, RANDOM_WALK, UNSCALED, Propagator, Scales, grouped_intervals
+from bayes_toe.study import Subject
 from bayes_toe.target import Levels, Target, require_points
 
 FloatArray = npt.NDArray[np.float64]
@@ -62,6 +66,8 @@ class Model:
         None fixes K = 1.
     link : callable
         From z and the logit of the peak to the log probabilities of both answers.
+    propagator : Propagator, optional
+        How pull and width depend on the inter-stimulus interval. None: the model does not mention it.
     """
 
     name: str
@@ -69,25 +75,35 @@ class Model:
     free: tuple[Block, ...]
     pull: Pull | None = None
     link: Link = lapse_link
+    propagator: Propagator | None = None
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the unconstrained coordinates."""
         return tuple(name for block in self.free for name in block.coordinates)
 
+    @property
+    def of_intervals(self) -> str:
+        """What it says of inter-stimulus intervals, in a few words."""
+        return IGNORES_INTERVALS if self.propagator is None else self.propagator.about
+
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
         return ", ".join(block.describe(prior) for block in self.free)
 
 
+#: What a model without a memory says of inter-stimulus intervals.
+IGNORES_INTERVALS = "ignores the interval: a pair has the same P(equal) at every one"
 #: H0: one free frequency per pair; it has no record, because everything about it is known in closed form.
 FREE_FREQUENCIES = "free frequencies"
 _OF_UPDATE = Pull("logit_pull", 0.0, MAX_PULL, funnel=True)
 
 SYMMETRIC = Model("symmetric", "no order effect", (Width(), PEAK))
 CONSTANT_BIAS = Model("constant bias", "the second stimulus is judged with a constant error", (OFFSET, Width(), PEAK))
-PREDICTIVE_UPDATE = Model("predictive update", "H1: memory is updated by a prior and diffuses", (Update(), PEAK), _OF_UPDATE)
-NO_LAPSES = Model("no lapses", "H1 with q0 = 1", (Update(),), _OF_UPDATE)
+PREDICTIVE_UPDATE = Model(
+    "predictive update", "H1: memory is updated by a prior and diffuses", (Update(), PEAK), _OF_UPDATE, propagator=RANDOM_WALK
+)
+NO_LAPSES = Model("no lapses", "H1 with q0 = 1", (Update(),), _OF_UPDATE, propagator=RANDOM_WALK)
 FREE_WEIGHTING = Model(
     "free weighting",
     "Hellstrom's sensation weighting: any gain, any constant error",
@@ -99,6 +115,7 @@ MEAN_REVERTING = Model(
     "memory decays toward the prior mean (Ornstein-Uhlenbeck)",
     (Memory(), PEAK),
     Pull("logit_pull", 0.0, 1.0, funnel=True),
+    propagator=MEAN_REVERSION,
 )
 # The peak 2 Phi(k) - 1 is uniform if and only if the criterion k is HalfNormal(1); the width is the noise of the difference.
 DIFFERENCING = Model(
@@ -151,10 +168,32 @@ def prior_of(name: str, prior: Prior) -> str:
     return "every frequency ~ Uniform(0, 1)" if name == FREE_FREQUENCIES else model_named(name).describe(prior)
 
 
-def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = None) -> Target:
-    """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives, and intervals where there are any.
+def knows_intervals(name: str) -> bool:
+    """Whether a model says how an inter-stimulus interval acts.
 
-    The other models say nothing of intervals and refuse subjects that have them.
+    Examples
+    --------
+    >>> [name for name in NAMES if knows_intervals(name)]
+    ['no lapses', 'predictive update', 'mean-reverting memory']
+    """
+    return name != FREE_FREQUENCIES and model_named(name).propagator is not None
+
+
+def said_of_intervals(name: str) -> str:
+    """What a model says of inter-stimulus intervals, in a few words.
+
+    Examples
+    --------
+    >>> said_of_intervals("symmetric")
+    'ignores the interval: a pair has the same P(equal) at every one'
+    """
+    return "one frequency for each pair at each interval" if name == FREE_FREQUENCIES else model_named(name).of_intervals
+
+
+def model_posterior(subject: Subject, model: Model | str, prior: Prior | None = None) -> Target:
+    """Posterior of one subject under a model of the ladder; for H1 the one with analytic derivatives.
+
+    Where the subject has intervals, models with a propagator know them and the others ignore them; pairs are told apart in any case.
 
     Examples
     --------
@@ -194,15 +233,16 @@ class LadderPosterior:
     _counts: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: dict[str, int] = field(init=False, repr=False)
+    _intervals: tuple[FloatArray, npt.NDArray[np.intp]] | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        refuse_intervals([self.subject], "model of the ladder")
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
             "_counts": (subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)),
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
             "_places": {name: i for i, name in enumerate(self.model.coordinates)},
+            "_intervals": None if subject.isi is None else grouped_intervals(subject.isi),
         }.items():
             object.__setattr__(self, key, value)
 
@@ -247,14 +287,26 @@ class LadderPosterior:
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
-        subject, pull, offset = self.subject, self.model.pull, self._column(x, "offset")
+        subject, pull, offset, scale = self.subject, self.model.pull, self._column(x, "offset"), self._scales(x)
         shift = np.broadcast_to(subject.s2 - subject.s1, (len(x), subject.n_pairs))
         if pull is not None:
-            shift = shift + (pull.low + pull.span * expit(self._column(x, pull.coordinate))) * (subject.s1 - self.sbar)
+            pulled = pull.low + pull.span * expit(self._column(x, pull.coordinate))
+            shift = shift + pulled * scale.pull * (subject.s1 - self.sbar)
         if offset is not None:
-            shift = shift - offset
+            shift = shift - offset * scale.pull
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            return np.where(shift == 0.0, 0.0, shift * np.exp(-x[:, self._places["log_width"], None]))
+            return np.where(shift == 0.0, 0.0, shift * (np.exp(-x[:, self._places["log_width"], None]) / scale.width))
+
+    def _scales(self, x: FloatArray) -> Scales:
+        """Pull and width of every pair over those at one second; one row and column of 1 where nothing depends on the interval."""
+        if self._intervals is None or self.model.propagator is None:
+            return UNSCALED
+        seconds, which = self._intervals
+        return self._scales_at(self.model.propagator, x, seconds).of_pairs(which)
+
+    def _scales_at(self, propagator: Propagator, x: FloatArray, seconds: FloatArray) -> Scales:
+        """Pull and width at intervals over those at one second, (points, k) and (intervals,) -> (points, intervals)."""
+        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), seconds)
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, k) and Hessian (points, k, k) of the log posterior density."""
@@ -271,8 +323,18 @@ class LadderPosterior:
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
-        points = np.stack([axis.ravel() for axis in axes], axis=-1)
+        points = self._from_typical_interval(np.stack([axis.ravel() for axis in axes], axis=-1))
         return points[np.isfinite(self.log_density(points))]
+
+    def _from_typical_interval(self, points: FloatArray) -> FloatArray:
+        """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""
+        if self.model.propagator is None or self.subject.isi is None:
+            return points
+        typical = np.exp(np.average(np.log(self.subject.isi), weights=self.subject.n_trials, keepdims=True))
+        scale = self._scales_at(self.model.propagator, points, typical)
+        points[:, self._places["offset"]] /= scale.pull[:, 0]
+        points[:, self._places["log_width"]] -= np.log(scale.width[:, 0])
+        return points
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""

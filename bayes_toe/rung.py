@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bayes_toe.frequency_model import FrequencyModel
 from bayes_toe.goodness_of_fit import FitSummary, summarise_fit
-from bayes_toe.ladder import FREE_FREQUENCIES, PREDICTIVE_UPDATE, model_named, model_posterior
+from bayes_toe.ladder import FREE_FREQUENCIES, PREDICTIVE_UPDATE, knows_intervals, model_named, model_posterior, said_of_intervals
 from bayes_toe.leave_one_out import LeaveOneOut, Unit, leave_one_out, leave_one_out_frequencies
 from bayes_toe.maximum import find_maxima
 from bayes_toe.model_evidence import frequency_evidence, importance_evidence
@@ -130,6 +130,8 @@ class Checks:
 class ModelRow:
     """One subject under one model, as the comparison table has it; None where a value does not exist, with the reason in `notes`.
 
+    With intervals, the notes of a model that does not know them begin by saying so.
+
     Attributes
     ----------
     parameters : int
@@ -166,13 +168,13 @@ def _frequency_row(subject: Subject, seed: int) -> ModelRow:
     model = FrequencyModel(subject)
     x = model.sample(generator(seed, subject.name, FREE_FREQUENCIES), _FREQUENCY_DRAWS)
     trial, pair = (leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in _UNITS)
-    checks = _checks(trial, pair, summarise_fit(model, x, seed))
-    return ModelRow(subject.name, FREE_FREQUENCIES, subject.n_pairs, frequency_evidence(subject), 0.0, None, checks)
+    checks, notes = _checks(trial, pair, summarise_fit(model, x, seed)), _of_intervals(subject, FREE_FREQUENCIES)
+    return ModelRow(subject.name, FREE_FREQUENCIES, subject.n_pairs, frequency_evidence(subject), 0.0, None, checks, notes)
 
 
 def _model_row(subject: Subject, model: str, draws: int, seed: int, prior: Prior) -> ModelRow:
     made = sample_model(subject, model, draws=draws, seed=seed, prior=prior)
-    notes, checks, k = list(made.notes), Checks(), len(made.target.coordinates)
+    notes, checks, k = [*_of_intervals(subject, model), *made.notes], Checks(), len(made.target.coordinates)
     if made.converged:
         x = made.chains.x.reshape(-1, k)
         trial, pair = _left_out(made.target, x)
@@ -183,6 +185,11 @@ def _model_row(subject: Subject, model: str, draws: int, seed: int, prior: Prior
     else:
         notes.append("leave-one-out and predictive checks withheld with the draws")
     return ModelRow(subject.name, model, k, made.log_evidence, made.log_evidence_se, made.pareto_k, checks, tuple(notes))
+
+
+def _of_intervals(subject: Subject, model: str) -> tuple[str, ...]:
+    """The note of a model that does not know the intervals of a subject that has them."""
+    return () if subject.isi is None or knows_intervals(model) else (said_of_intervals(model),)
 
 
 def _left_out(target: Target, x: FloatArray) -> tuple[LeaveOneOut, LeaveOneOut]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bayes_toe.prior import Prior
     from bayes_toe.prior_sensitivity import SensitivityTable
     from bayes_toe.response_asymmetry import AsymmetryTable
+    from bayes_toe.rung import ModelRow
     from bayes_toe.study import Study
 
 
@@ -168,14 +169,22 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
         rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
     console.print(table_of("log evidence below the subject's best model, nats", rows, {}))
     _say_models(console, table)
-    about: dict[str, list[str]] = {}
+    about: dict[str, list[ModelRow]] = {}
     for one in table:
         for note in one.notes:
             # Which pair fails differs from row to row: the file says it, here one line for all.
             kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
-            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(f"{one.subject} ({one.model})")
-    for note, names in about.items():
-        console.print(f"[yellow]note[/yellow] {safe(', '.join(names))}: {safe(note)}", highlight=False, soft_wrap=True)
+            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
+    for note, found in about.items():
+        console.print(f"[yellow]note[/yellow] {safe(_whose(found, table.subjects))}: {safe(note)}", highlight=False, soft_wrap=True)
+
+
+def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
+    """Subjects with their models; once for all subjects where all have the same models."""
+    models = dict.fromkeys(row.model for row in rows)
+    if len({(row.subject, row.model) for row in rows}) < len(models) * len(subjects):
+        return ", ".join(f"{row.subject} ({row.model})" for row in rows)
+    return f"{subjects[0] if len(subjects) == 1 else 'every subject'} ({', '.join(models)})"
 
 
 def _say_models(console: Console, table: ModelComparison) -> None:

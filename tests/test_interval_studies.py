@@ -369,7 +369,7 @@ def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
     def never(*_):
         raise AssertionError("evaluated without intervals")
 
-    for name in ("_scales", "_growth"):
+    for name in ("random_walk_scales", "_growth"):
         monkeypatch.setattr(interval_posterior, name, never)
     results = analyse(small_study.select(["A"]), bt.settings_for(draws=200, seed=1), workers=1)
     assert type(bt.posterior_of(small_study["A"])) is bt.Posterior

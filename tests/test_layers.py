@@ -54,7 +54,7 @@ LAYERS = [
     ["levelling", "target", "parameters"],
     ["prior", "geometry", "likelihood", "fits", "intervals"],
     ["design_rank"],
-    ["coordinates", "newton", "frequencies", "filtering", "link"],
+    ["coordinates", "newton", "frequencies", "filtering", "link", "scales"],
     ["model", "study", "ellipse", "seeds", "exact_test", "perception", "population", "differences", "reliability", "ecdf_bands"],
     ["errors"],
 ]
