@@ -53,7 +53,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     own = ax is None
     ax = panel(ax, wide=_width(table), high=_height(table) + _ABOVE)
     evidence = table.log_evidence
-    counted = ~np.isnan(evidence).any(axis=1)
+    counted = np.asarray(~np.isnan(evidence).any(axis=1))
     for i, row in enumerate(evidence):
         _draw_row(ax, i, row, numbers=len(evidence) <= _MOST_ROWS)
     labels = [plain(name, 16) for name in table.subjects]

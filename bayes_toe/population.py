@@ -479,7 +479,7 @@ def _places(counts: IntArray) -> IntArray:
     """Where vectors of the same sum stand in the order of :func:`_count_weights`."""
     n, n_models = int(counts[0].sum()), counts.shape[1]
     c = np.cumsum(counts[:, :-1], axis=1) + np.arange(n_models - 1)
-    return np.sum([_binomials(n + n_models, j + 1)[c[:, j]] for j in range(n_models - 1)], axis=0)
+    return np.asarray(np.sum([_binomials(n + n_models, j + 1)[c[:, j]] for j in range(n_models - 1)], axis=0), np.int64)
 
 
 def _exceedance_of_counts(counts: IntArray, prior: float) -> FloatArray:

@@ -160,14 +160,19 @@ class _Ensemble:
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
         start = _dispersed(fitted, random, settings.walkers)
-        self._state = self._sampler.run_mcmc(start, burn_in(fitted), store=False)
+        self._state = self._run(start, burn_in(fitted), store=False)
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
         self._sampler.reset()
-        self._state = self._sampler.run_mcmc(self._state, kept, thin_by=thin)
+        self._state = self._run(self._state, kept, thin_by=thin)
         chain, log_posterior = self._sampler.get_chain(), self._sampler.get_log_prob()
         x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
         return x, log_posterior.T.ravel(), float(np.mean(self._sampler.acceptance_fraction))
+
+    def _run(self, state: Any, steps: int, **how: Any) -> Any:
+        # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may be so thin (100 million trials), and
+        # global moves leave the plane.
+        return self._sampler.run_mcmc(state, steps, skip_initial_state_check=True, **how)
 
 
 def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:

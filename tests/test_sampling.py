@@ -121,6 +121,22 @@ def test_far_tails_do_not_come_in_lumps(name):
     assert beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
 
 
+def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
+    # emcee itself refuses such a start with an error.
+    from bayes_toe import sampling
+
+    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "line"))
+    start = sampling._dispersed
+
+    def on_a_line(*arguments):
+        points = start(*arguments)
+        along = points[:, 2] - points[:, 2].mean()
+        return points.mean(axis=0) + along[:, None] * np.array([1.0, 1.0, 1.0, 1.0]) * (1.0 + 1e-12 * np.arange(4))
+
+    monkeypatch.setattr(sampling, "_dispersed", on_a_line)
+    assert sample_chains(fitted, SamplerSettings(draws=1000), 1).converged
+
+
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     tree = analysis.draws.tree
     assert not analysis.draws.not_converged
