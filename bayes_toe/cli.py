@@ -5,19 +5,28 @@ Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bayes_toe import terminal
-from bayes_toe.errors import BayesToeError
+from bayes_toe.command_options import (
+    Command,
+    DrawCount,
+    Overwrite,
+    PriorFile,
+    Quiet,
+    Seed,
+    StudyFile,
+    StudyFileOrExample,
+    Workers,
+    as_command,
+)
 
 if TYPE_CHECKING:
     from bayes_toe.draws import Draws
-    from bayes_toe.study import Study
 
 NOT_CONVERGED = 3
 
@@ -30,26 +39,10 @@ app = typer.Typer(
     "[bold]Example[/bold]: bayes-toe run study.csv -o results",
 )
 
-StudyFile = Annotated[
-    Path, typer.Argument(metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials).")
-]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
-DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
-Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
-Intensity = Annotated[float | None, typer.Option("--intensity", metavar="REF", help="Columns i1,i2 hold raw amplitudes; s = ln(i / REF).")]
-EqualCode = Annotated[str | None, typer.Option("--equal-code", help="The response that means 'equal'.")]
-DifferentCode = Annotated[str | None, typer.Option("--different-code", help="The response that means 'different'.")]
-Columns = Annotated[
-    str | None,
-    typer.Option("--columns", metavar="OURS=THEIRS,...", help="Other column names, e.g. subject=participant,s1=first."),
-]
-PriorFile = Annotated[
-    Path | None, typer.Option("--prior", metavar="prior.toml", help="Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.")
-]
+
+def _command(function: Command) -> Command:
+    app.command()(as_command(function))
+    return function
 
 
 @app.callback(invoke_without_command=True)
@@ -61,17 +54,13 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
         raise typer.Exit
 
 
-@app.command()
+@_command
 def run(
-    study: Annotated[Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts; none means the bundled example.")] = None,
+    study: StudyFileOrExample,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Results folder.")] = Path("bayes_toe_results"),
     seed: Seed = None,
     draws: DrawCount = 4000,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -80,42 +69,37 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.api import run as analyse
-        from bayes_toe.api import settings_for
-        from bayes_toe.example import example_study, example_truth
-        from bayes_toe.outputs import require_folder
-        from bayes_toe.prior_file import prior_or_default
-        from bayes_toe.results import PRODUCTS, write_results
+    from bayes_toe.api import run as analyse
+    from bayes_toe.api import settings_for
+    from bayes_toe.example import example_truth
+    from bayes_toe.outputs import require_folder
+    from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.results import PRODUCTS, write_results
 
-        require_folder(output, PRODUCTS, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        terminal.say_smaller_models(console, read)
-        settings = settings_for(draws=draws, seed=seed, prior=believed)
-        with terminal.progress_bar(console, "sampling", len(read)) as tick:
-            analysis = analyse(read, settings, workers=workers, progress=tick)
-        terminal.say_draws(console, analysis.draws)
-        terminal.say_evidence(console, analysis.evidence)
-        truth = example_truth() if study is None else None
-        with terminal.progress_bar(console, "drawing", len(read)) as tick:
-            write_results(analysis, output, overwrite=overwrite, truth=truth, workers=workers, progress=tick)
-        console.print(f"seed {settings.seed}; results in [bold]{terminal.safe(output)}[/bold]: {', '.join(PRODUCTS)}", highlight=False)
-        _exit_for(analysis.draws)
+    require_folder(output, PRODUCTS, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    terminal.say_smaller_models(console, read)
+    settings = settings_for(draws=draws, seed=seed, prior=believed)
+    with terminal.progress_bar(console, "sampling", len(read)) as tick:
+        analysis = analyse(read, settings, workers=workers, progress=tick)
+    terminal.say_draws(console, analysis.draws)
+    terminal.say_evidence(console, analysis.evidence)
+    truth = example_truth() if study.path is None else None
+    with terminal.progress_bar(console, "drawing", len(read)) as tick:
+        write_results(analysis, output, overwrite=overwrite, truth=truth, workers=workers, progress=tick)
+    console.print(f"seed {settings.seed}; results in [bold]{terminal.safe(output)}[/bold]: {', '.join(PRODUCTS)}", highlight=False)
+    _exit_for(analysis.draws)
 
 
-@app.command()
+@_command
 def sample(
     study: StudyFile,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="posterior.nc", help="NetCDF file to write.")] = Path("posterior.nc"),
     seed: Seed = None,
     draws: DrawCount = 4000,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -124,35 +108,30 @@ def sample(
 
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.api import draw, settings_for
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.api import draw, settings_for
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.prior_file import prior_or_default
 
-        require_writable(output, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        terminal.say_smaller_models(console, read)
-        settings = settings_for(draws=draws, seed=seed, prior=believed)
-        with terminal.progress_bar(console, "sampling", len(read)) as tick:
-            made = draw(read, settings, workers=workers, progress=tick)
-        made.save(output, overwrite=overwrite)
-        terminal.say_draws(console, made)
-        console.print(f"seed {settings.seed}; draws in [bold]{terminal.safe(output)}[/bold]", highlight=False)
-        _exit_for(made)
+    require_writable(output, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    terminal.say_smaller_models(console, read)
+    settings = settings_for(draws=draws, seed=seed, prior=believed)
+    with terminal.progress_bar(console, "sampling", len(read)) as tick:
+        made = draw(read, settings, workers=workers, progress=tick)
+    made.save(output, overwrite=overwrite)
+    terminal.say_draws(console, made)
+    console.print(f"seed {settings.seed}; draws in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    _exit_for(made)
 
 
-@app.command()
+@_command
 def evidence(
     study: StudyFile,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="evidence.csv", help="Table to write.")] = Path("evidence.csv"),
     seed: Seed = None,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -161,25 +140,24 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.api import evidence as compute
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.prior_file import prior_or_default
-        from bayes_toe.seeds import root_seed
+    from bayes_toe.api import evidence as compute
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.seeds import root_seed
 
-        require_writable(output, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        root = root_seed(seed)
-        with terminal.progress_bar(console, "evidence", len(read)) as tick:
-            table = compute(read, seed=root, prior=believed, workers=workers, progress=tick)
-        table.save(output, overwrite=overwrite)
-        terminal.say_evidence(console, table)
-        console.print(f"seed {root}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    require_writable(output, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    root = root_seed(seed)
+    with terminal.progress_bar(console, "evidence", len(read)) as tick:
+        table = compute(read, seed=root, prior=believed, workers=workers, progress=tick)
+    table.save(output, overwrite=overwrite)
+    terminal.say_evidence(console, table)
+    console.print(f"seed {root}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def compare(
     study: StudyFile,
     output: Annotated[
@@ -190,10 +168,6 @@ def compare(
     seed: Seed = None,
     draws: DrawCount = 1000,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -202,31 +176,30 @@ def compare(
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.comparison import beside
-        from bayes_toe.comparison import compare as compute
-        from bayes_toe.comparison_plot import save_comparison
-        from bayes_toe.ladder import require_models
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.plots import picture_beside
-        from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.comparison import beside
+    from bayes_toe.comparison import compare as compute
+    from bayes_toe.comparison_plot import save_comparison
+    from bayes_toe.ladder import require_models
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.plots import picture_beside
+    from bayes_toe.prior_file import prior_or_default
 
-        models, picture = require_models(model), picture_beside(output)
-        for path in (output, beside(output), picture):
-            require_writable(path, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
-            table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
-        table.save(output, overwrite=overwrite)
-        save_comparison(table, picture, synthetic=read.synthetic, overwrite=overwrite)
-        terminal.say_comparison(console, table)
-        files = ", ".join(map(terminal.safe, (output, beside(output), picture)))
-        console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
+    models, picture = require_models(model), picture_beside(output)
+    for path in (output, beside(output), picture):
+        require_writable(path, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
+        table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
+    table.save(output, overwrite=overwrite)
+    save_comparison(table, picture, synthetic=read.synthetic, overwrite=overwrite)
+    terminal.say_comparison(console, table)
+    files = ", ".join(map(terminal.safe, (output, beside(output), picture)))
+    console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def sensitivity(
     study: StudyFile,
     output: Annotated[
@@ -236,10 +209,6 @@ def sensitivity(
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
     seed: Seed = None,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -248,31 +217,30 @@ def sensitivity(
 
     [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.plots import picture_beside
-        from bayes_toe.prior_file import prior_or_default
-        from bayes_toe.prior_sensitivity import require_range
-        from bayes_toe.prior_sensitivity import sensitivity as compute
-        from bayes_toe.sensitivity_plot import save_sensitivity
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.plots import picture_beside
+    from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.prior_sensitivity import require_range
+    from bayes_toe.prior_sensitivity import sensitivity as compute
+    from bayes_toe.sensitivity_plot import save_sensitivity
 
-        picture = picture_beside(output)
-        require_range(reach, steps)
-        for path in (output, picture):
-            require_writable(path, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        with terminal.progress_bar(console, "re-weighting", len(read)) as tick:
-            table = compute(read, prior=believed, reach=reach, steps=steps, seed=seed, workers=workers, progress=tick)
-        table.save(output, overwrite=overwrite)
-        save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=overwrite)
-        terminal.say_sensitivity(console, table)
-        files = ", ".join(map(terminal.safe, (output, picture)))
-        console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
+    picture = picture_beside(output)
+    require_range(reach, steps)
+    for path in (output, picture):
+        require_writable(path, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    with terminal.progress_bar(console, "re-weighting", len(read)) as tick:
+        table = compute(read, prior=believed, reach=reach, steps=steps, seed=seed, workers=workers, progress=tick)
+    table.save(output, overwrite=overwrite)
+    save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=overwrite)
+    terminal.say_sensitivity(console, table)
+    files = ", ".join(map(terminal.safe, (output, picture)))
+    console.print(f"seed {table.seed}; written: [bold]{files}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def asymmetry(
     study: StudyFile,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="asymmetry.csv", help="Table to write.")] = Path("asymmetry.csv"),
@@ -280,10 +248,6 @@ def asymmetry(
         Path | None,
         typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
     ] = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -291,30 +255,29 @@ def asymmetry(
 
     [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
     """
-    with _problems_as_lines():
-        from bayes_toe.covariates import covariate_tests, read_covariates
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.response_asymmetry import asymmetry as compute
+    from bayes_toe.covariates import covariate_tests, read_covariates
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.response_asymmetry import asymmetry as compute
 
-        beside = output.with_name(f"{output.stem}_covariates.csv")
-        for path in [output] if covariates is None else [output, beside]:
-            require_writable(path, overwrite=overwrite)
-        people = None if covariates is None else read_covariates(covariates)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        table = compute(read)
-        tests = None if people is None else covariate_tests(people, table.outcomes())
-        table.save(output, overwrite=overwrite)
-        terminal.say_asymmetry(console, table)
-        if tests is not None:
-            tests.save(beside, overwrite=overwrite)
-            terminal.say_covariates(console, tests)
-        files = [output] if tests is None else [output, beside]
-        console.print(f"written: [bold]{', '.join(map(terminal.safe, files))}[/bold]", highlight=False)
+    beside = output.with_name(f"{output.stem}_covariates.csv")
+    for path in [output] if covariates is None else [output, beside]:
+        require_writable(path, overwrite=overwrite)
+    people = None if covariates is None else read_covariates(covariates)
+    read = study.read()
+    console = terminal.new_console(quiet)
+    terminal.say_study(console, read)
+    table = compute(read)
+    tests = None if people is None else covariate_tests(people, table.outcomes())
+    table.save(output, overwrite=overwrite)
+    terminal.say_asymmetry(console, table)
+    if tests is not None:
+        tests.save(beside, overwrite=overwrite)
+        terminal.say_covariates(console, tests)
+    files = [output] if tests is None else [output, beside]
+    console.print(f"written: [bold]{', '.join(map(terminal.safe, files))}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def fit(
     study: StudyFile,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="fit.csv", help="Table to write.")] = Path("fit.csv"),
@@ -322,10 +285,6 @@ def fit(
     level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
     seed: Seed = None,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -334,29 +293,28 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.bootstrap import require_level
-        from bayes_toe.fit_table import fit as compute
-        from bayes_toe.outputs import require_writable
-        from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.bootstrap import require_level
+    from bayes_toe.fit_table import fit as compute
+    from bayes_toe.outputs import require_writable
+    from bayes_toe.prior_file import prior_or_default
 
-        require_level(level)
-        require_writable(output, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.new_console(quiet)
-        terminal.say_study(console, read)
-        terminal.say_penalty(console, believed)
-        with terminal.progress_bar(console, "fitting", len(read)) as tick:
-            table = compute(read, replicates=replicates, level=level, seed=seed, prior=believed, workers=workers, progress=tick)
-        table.save(output, overwrite=overwrite)
-        terminal.say_fits(console, table)
-        console.print(f"seed {table.seed}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    require_level(level)
+    require_writable(output, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.new_console(quiet)
+    terminal.say_study(console, read)
+    terminal.say_penalty(console, believed)
+    with terminal.progress_bar(console, "fitting", len(read)) as tick:
+        table = compute(read, replicates=replicates, level=level, seed=seed, prior=believed, workers=workers, progress=tick)
+    table.save(output, overwrite=overwrite)
+    terminal.say_fits(console, table)
+    console.print(f"seed {table.seed}; table in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def figures(
-    study: Annotated[Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts; none means the bundled example.")] = None,
+    study: StudyFileOrExample,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")] = Path("figures"),
     subject: Annotated[
         list[str] | None,
@@ -366,10 +324,6 @@ def figures(
     seed: Seed = None,
     draws: DrawCount = 4000,
     workers: Workers = None,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -378,34 +332,32 @@ def figures(
 
     [bold]Example[/bold]: bayes-toe figures study.csv -o figures --subject S06 --subject S04 --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.api import run as analyse
-        from bayes_toe.api import settings_for
-        from bayes_toe.example import example_study
-        from bayes_toe.outputs import require_folder
-        from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
-        from bayes_toe.prior_file import prior_or_default
-        from bayes_toe.study import refuse_intervals
+    from bayes_toe.api import run as analyse
+    from bayes_toe.api import settings_for
+    from bayes_toe.outputs import require_folder
+    from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
+    from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.study import refuse_intervals
 
-        chosen = ["pdf", "png"] if formats is None else formats
-        require_folder(output, products(chosen), overwrite=overwrite)
-        believed = prior_or_default(prior)
-        read = example_study() if study is None else _read(study, intensity, equal_code, different_code, columns)
-        refuse_intervals(read, "the paper's figures")  # before the sampling
-        if subject is not None:
-            require_subjects(subject, read.names)
-        console = terminal.console_for(read, believed, quiet)
-        settings = settings_for(draws=draws, seed=seed, prior=believed)
-        with terminal.progress_bar(console, "sampling", len(read)) as tick:
-            analysis = analyse(read, settings, workers=workers, progress=tick)
-        terminal.say_draws(console, analysis.draws)
-        with terminal.progress_bar(console, "drawing", len(FIGURES)) as tick:
-            write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=overwrite, workers=workers, progress=tick)
-        console.print(f"seed {settings.seed}; figures and captions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
-        _exit_for(analysis.draws)
+    chosen = ["pdf", "png"] if formats is None else formats
+    require_folder(output, products(chosen), overwrite=overwrite)
+    believed = prior_or_default(prior)
+    read = study.read()
+    refuse_intervals(read, "the paper's figures")  # before the sampling
+    if subject is not None:
+        require_subjects(subject, read.names)
+    console = terminal.console_for(read, believed, quiet)
+    settings = settings_for(draws=draws, seed=seed, prior=believed)
+    with terminal.progress_bar(console, "sampling", len(read)) as tick:
+        analysis = analyse(read, settings, workers=workers, progress=tick)
+    terminal.say_draws(console, analysis.draws)
+    with terminal.progress_bar(console, "drawing", len(FIGURES)) as tick:
+        write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=overwrite, workers=workers, progress=tick)
+    console.print(f"seed {settings.seed}; figures and captions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    _exit_for(analysis.draws)
 
 
-@app.command()
+@_command
 def corner(
     posterior: Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for one PNG a subject.")] = Path("corner"),
@@ -419,24 +371,23 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    with _problems_as_lines():
-        from bayes_toe.draws import load
-        from bayes_toe.outputs import require_folder, whole_folder
-        from bayes_toe.results import corner_files, draw_corners, write_corners
+    from bayes_toe.draws import load
+    from bayes_toe.outputs import require_folder, whole_folder
+    from bayes_toe.results import corner_files, draw_corners, write_corners
 
-        loaded = load(posterior)
-        chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
-        files = corner_files(loaded, chosen)
-        require_folder(output, list(files.values()), overwrite=overwrite)
-        console = terminal.new_console(quiet)
-        with terminal.progress_bar(console, "drawing", len(chosen)) as tick:
-            pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=workers, progress=tick)
-        with whole_folder(output, list(files.values()), overwrite=overwrite) as target:
-            write_corners(pictures, target, files)
-        console.print(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    loaded = load(posterior)
+    chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
+    files = corner_files(loaded, chosen)
+    require_folder(output, list(files.values()), overwrite=overwrite)
+    console = terminal.new_console(quiet)
+    with terminal.progress_bar(console, "drawing", len(chosen)) as tick:
+        pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=workers, progress=tick)
+    with whole_folder(output, list(files.values()), overwrite=overwrite) as target:
+        write_corners(pictures, target, files)
+    console.print(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def predict(
     posterior: Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")],
     pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
@@ -449,20 +400,19 @@ def predict(
 
     [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
     """
-    with _problems_as_lines():
-        from bayes_toe.draws import load
-        from bayes_toe.outputs import require_writable, write_table
-        from bayes_toe.prediction import predict_pairs
+    from bayes_toe.draws import load
+    from bayes_toe.outputs import require_writable, write_table
+    from bayes_toe.prediction import predict_pairs
 
-        require_writable(output, overwrite=overwrite)
-        loaded = load(posterior)
-        table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
-        write_table(table, output, overwrite=overwrite)
-        console = terminal.new_console(quiet)
-        console.print(f"{len(table)} predictions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    require_writable(output, overwrite=overwrite)
+    loaded = load(posterior)
+    table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
+    write_table(table, output, overwrite=overwrite)
+    console = terminal.new_console(quiet)
+    console.print(f"{len(table)} predictions in [bold]{terminal.safe(output)}[/bold]", highlight=False)
 
 
-@app.command()
+@_command
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="STUDY.csv", help="Trials to write.")],
     truth: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
@@ -485,32 +435,31 @@ def simulate(
 
     [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --subjects 8 --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.outputs import require_writable, write_table
-        from bayes_toe.prior_file import prior_or_default
-        from bayes_toe.recipes import design_from, population_from, trial_frame, truth_frame
-        from bayes_toe.seeds import root_seed
-        from bayes_toe.simulate import simulate_trials
+    from bayes_toe.outputs import require_writable, write_table
+    from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.recipes import design_from, population_from, trial_frame, truth_frame
+    from bayes_toe.seeds import root_seed
+    from bayes_toe.simulate import simulate_trials
 
-        for path in [output] if truth is None else [output, truth]:
-            require_writable(path, overwrite=overwrite)
-        believed = prior_or_default(prior)
-        root = root_seed(seed)
-        chosen = design_from(design, amplitudes, batches, isi)
-        names, observers = population_from(population, subjects, root, prior=None if prior is None else believed)
-        trials = simulate_trials(names, observers, chosen, root)
-        write_table(trial_frame(trials), output, overwrite=overwrite)
-        if truth is not None:
-            write_table(truth_frame(names, observers), truth, overwrite=overwrite)
-        total = sum(len(one.equal) for one in trials)
-        console = terminal.new_console(quiet)
-        console.print(
-            f"{len(names)} synthetic subjects, {total} trials in [bold]{terminal.safe(output)}[/bold]; seed {root}",
-            highlight=False,
-        )
+    for path in [output] if truth is None else [output, truth]:
+        require_writable(path, overwrite=overwrite)
+    believed = prior_or_default(prior)
+    root = root_seed(seed)
+    chosen = design_from(design, amplitudes, batches, isi)
+    names, observers = population_from(population, subjects, root, prior=None if prior is None else believed)
+    trials = simulate_trials(names, observers, chosen, root)
+    write_table(trial_frame(trials), output, overwrite=overwrite)
+    if truth is not None:
+        write_table(truth_frame(names, observers), truth, overwrite=overwrite)
+    total = sum(len(one.equal) for one in trials)
+    console = terminal.new_console(quiet)
+    console.print(
+        f"{len(names)} synthetic subjects, {total} trials in [bold]{terminal.safe(output)}[/bold]; seed {root}",
+        highlight=False,
+    )
 
 
-@app.command()
+@_command
 def calibrate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for tables, figures and verdict.")],
     studies: Annotated[int, typer.Option("--studies", min=0, help="Studies a design for the ranks; 0 leaves them out.")] = 1000,
@@ -524,32 +473,27 @@ def calibrate(
 
     [bold]Example[/bold]: bayes-toe calibrate -o calibration --studies 200 --data-sets 0 --seed 1
     """
-    with _problems_as_lines():
-        from bayes_toe.calibration import Plan, simulate_and_analyse
-        from bayes_toe.calibration_results import PRODUCTS, write_calibration
-        from bayes_toe.calibration_table import judge
-        from bayes_toe.outputs import require_folder
-        from bayes_toe.seeds import root_seed
+    from bayes_toe.calibration import Plan, simulate_and_analyse
+    from bayes_toe.calibration_results import PRODUCTS, write_calibration
+    from bayes_toe.calibration_table import judge
+    from bayes_toe.outputs import require_folder
+    from bayes_toe.seeds import root_seed
 
-        plan = Plan(studies, data_sets, root_seed(seed))
-        require_folder(output, PRODUCTS, overwrite=overwrite)
-        console = terminal.new_console(quiet)
-        with terminal.progress_bar(console, "simulating and analysing", plan.total) as tick:
-            table = judge(simulate_and_analyse(plan, workers=workers, progress=tick))
-        write_calibration(table, output, overwrite=overwrite)
-        terminal.say_calibration(console, table)
-        console.print(f"seed {plan.seed}; results in [bold]{terminal.safe(output)}[/bold]", highlight=False)
-        if not table.passed:
-            raise typer.Exit(NOT_CONVERGED)
+    plan = Plan(studies, data_sets, root_seed(seed))
+    require_folder(output, PRODUCTS, overwrite=overwrite)
+    console = terminal.new_console(quiet)
+    with terminal.progress_bar(console, "simulating and analysing", plan.total) as tick:
+        table = judge(simulate_and_analyse(plan, workers=workers, progress=tick))
+    write_calibration(table, output, overwrite=overwrite)
+    terminal.say_calibration(console, table)
+    console.print(f"seed {plan.seed}; results in [bold]{terminal.safe(output)}[/bold]", highlight=False)
+    if not table.passed:
+        raise typer.Exit(NOT_CONVERGED)
 
 
-@app.command()
+@_command
 def check(
     study: StudyFile,
-    intensity: Intensity = None,
-    equal_code: EqualCode = None,
-    different_code: DifferentCode = None,
-    columns: Columns = None,
     prior: PriorFile = None,
     quiet: Quiet = False,
 ) -> None:
@@ -557,20 +501,19 @@ def check(
 
     [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
-    with _problems_as_lines():
-        from bayes_toe.checks import check_study, describe
-        from bayes_toe.prior_file import prior_or_default
+    from bayes_toe.checks import check_study, describe
+    from bayes_toe.prior_file import prior_or_default
 
-        believed = prior_or_default(prior)
-        read = _read(study, intensity, equal_code, different_code, columns)
-        console = terminal.console_for(read, believed, quiet)
-        frame = describe(read)
-        formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
-        console.print(terminal.table_of("subjects", frame.to_dict("records"), formats))
-        findings = check_study(read)
-        terminal.say_findings(console, findings)
-        if not findings:
-            console.print("no warnings")
+    believed = prior_or_default(prior)
+    read = study.read()
+    console = terminal.console_for(read, believed, quiet)
+    frame = describe(read)
+    formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
+    console.print(terminal.table_of("subjects", frame.to_dict("records"), formats))
+    findings = check_study(read)
+    terminal.say_findings(console, findings)
+    if not findings:
+        console.print("no warnings")
 
 
 def main() -> None:
@@ -590,32 +533,6 @@ def _leave() -> None:
     stop_workers()
     gc.collect()
     gc.freeze()
-
-
-# --- reading ------------------------------------------------------------------------------------------------------------------------
-
-
-def _read(path: Path, intensity: float | None, equal_code: str | None, different_code: str | None, columns: str | None) -> Study:
-    from bayes_toe.files import read_study
-    from bayes_toe.read_options import ReadOptions, parse_columns
-
-    mapping = {} if columns is None else parse_columns(columns)
-    options = ReadOptions(intensity=intensity, equal_code=equal_code, different_code=different_code, columns=mapping)
-    return read_study(path, options)
-
-
-@contextmanager
-def _problems_as_lines() -> Iterator[None]:
-    """Our own errors as lines on standard error and exit code 2; anything else is a bug and shows its traceback."""
-    try:
-        yield
-    except BayesToeError as error:
-        for line in str(error).splitlines():
-            typer.echo(f"error: {line}", err=True)
-        raise typer.Exit(2) from error
-    except KeyboardInterrupt:
-        typer.echo("interrupted: nothing was written", err=True)
-        raise typer.Exit(130) from None
 
 
 def _exit_for(draws: Draws) -> None:

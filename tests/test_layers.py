@@ -12,7 +12,7 @@ PACKAGE = Path(bayes_toe.__file__).parent
 LAYERS = [
     ["__main__"],
     ["cli"],
-    ["terminal"],
+    ["terminal", "command_options"],
     ["results", "calibration_results"],
     ["report", "paper_figures", "calibration_plot"],
     ["corner_plot", "map_plot", "interval_plot"],
@@ -98,7 +98,7 @@ def test_imports_point_down(name):
         ("arviz_stats", {"diagnostics"}),
         ("xarray", {"draws"}),
         ("loky", {"parallel"}),
-        ("typer", {"cli"}),
+        ("typer", {"cli", "command_options"}),
         ("rich", {"terminal"}),
         ("jinja2", {"report"}),
     ],
