@@ -21,7 +21,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model import MAX_PULL, pull
 from bayes_toe.posterior import Posterior
 from bayes_toe.prior import Prior
-from bayes_toe.scales import grouped_intervals, noise_ratio_at, random_walk_scales
+from bayes_toe.scales import grouped_intervals, noise_ratio_at, random_walk_scales, typical_interval
 from bayes_toe.study import Subject
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,6 +69,14 @@ class IntervalPosterior(Posterior):
 
     _seconds: FloatArray = field(init=False, repr=False)
     _which: npt.NDArray[np.intp] = field(init=False, repr=False)
+
+    def starts(self) -> FloatArray:
+        """Points from which to look for maxima, shape (18, 4): on the scale of the stimuli at the typical interval."""
+        points = super().starts()
+        scale = random_walk_scales(points[:, 1], typical_interval(np.asarray(self.subject.isi), self.subject.n_trials))
+        points[:, 0] /= scale.pull[:, 0]
+        points[:, 2] -= np.log(scale.width[:, 0])
+        return points
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair at its interval, (points, 4) -> (points, pairs)."""

@@ -25,7 +25,7 @@ from bayes_toe.link import Link, differencing_link, lapse_link
 from bayes_toe.model import MAX_PULL
 from bayes_toe.parameters import Block, Memory, Random, Share, Shift, Update, Width
 from bayes_toe.prior import Prior
-from bayes_toe.scales import MEAN_REVERSION, RANDOM_WALK, UNSCALED, Propagator, Scales, grouped_intervals
+from bayes_toe.scales import MEAN_REVERSION, RANDOM_WALK, UNSCALED, Propagator, Scales, grouped_intervals, typical_interval
 from bayes_toe.study import Subject
 from bayes_toe.target import Levels, Target, require_points
 
@@ -330,7 +330,7 @@ class LadderPosterior:
         """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""
         if self.model.propagator is None or self.subject.isi is None:
             return points
-        typical = np.exp(np.average(np.log(self.subject.isi), weights=self.subject.n_trials, keepdims=True))
+        typical = typical_interval(self.subject.isi, self.subject.n_trials)
         scale = self._scales_at(self.model.propagator, points, typical)
         points[:, self._places["offset"]] /= scale.pull[:, 0]
         points[:, self._places["log_width"]] -= np.log(scale.width[:, 0])

@@ -71,6 +71,17 @@ def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]
     return seconds, which.ravel()
 
 
+def typical_interval(isi: FloatArray, n_trials: npt.NDArray[np.int64]) -> FloatArray:
+    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli.
+
+    Examples
+    --------
+    >>> typical_interval(np.array([1.0, 4.0]), np.array([10, 10])).tolist()
+    [2.0]
+    """
+    return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
+
+
 def random_walk_scales(logit_pull: FloatArray, seconds: FloatArray) -> Scales:
     """Scales of a memory that diffuses by sigma_p^2 a second, shapes (points,) and (intervals,).
 
