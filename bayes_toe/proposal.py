@@ -131,7 +131,12 @@ def efficiency(log_weights: FloatArray) -> float:
     >>> round(efficiency(np.zeros(10)), 12), round(efficiency(np.array([0.0, -np.inf])), 12)
     (1.0, 0.5)
     """
-    return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)) / len(log_weights))
+    return float(_effective(np.exp(log_weights - log_weights.max())) / len(log_weights))
+
+
+def _effective(weights: FloatArray) -> float:
+    """Effective number of weights, (sum w)^2 / sum w^2."""
+    return float(weights.sum() ** 2 / (weights @ weights))
 
 
 def importance_draws(proposal: Proposal, rng: np.random.Generator, size: int) -> WeightedDraws:
@@ -182,7 +187,7 @@ class FittedProposal:
     def heaviest(self) -> float:
         """The largest weight over the mean weight: about the number of steps for which a global sampler can stay at one point."""
         log_weights = self.draws.log_weights
-        return float(np.exp(log_weights.max() - logsumexp(log_weights)) * len(log_weights))
+        return float(len(log_weights) / np.exp(log_weights - log_weights.max()).sum())
 
 
 def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
@@ -254,12 +259,12 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
 
 
 def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
-    """Rounds of drawing and refitting; two more once the efficiency is enough, because they are cheap and sharpen."""
+    """Rounds of drawing and refitting; one more once the efficiency is enough, because it is cheap and sharpens."""
     history: list[_Round] = []
     left = stage.rounds
     while left > 0:
         history.append(_round(proposal, rng, stage.draws))
-        left = min(left - 1, 2) if history[-1].efficiency > stage.enough and left > 2 else left - 1
+        left = min(left - 1, 1) if history[-1].efficiency > stage.enough else left - 1
         if left > 0:
             proposal = _refitted(history[-_HISTORY:], stage)
     return history
@@ -295,10 +300,11 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
 
 def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
     """Normalised weights w^beta with the largest beta <= 1 (on a geometric grid) that leaves `least` effective draws."""
+    below = log_weights - log_weights.max()
     for power in 0.8 ** np.arange(200):
-        if efficiency(power * log_weights) * len(log_weights) >= least:
+        if _effective(weights := np.exp(power * below)) >= least:
             break
-    return np.asarray(np.exp(power * log_weights - logsumexp(power * log_weights)))
+    return np.asarray(weights / weights.sum())
 
 
 def _refitted(rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0) -> Proposal:

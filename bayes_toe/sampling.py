@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.diagnostics import Convergence, convergence
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.proposal import FittedProposal, Proposal
 from bayes_toe.seeds import stream
 from bayes_toe.target import Target
@@ -149,14 +149,10 @@ class _Ensemble:
     """One emcee ensemble with a random stream of its own; `advance` returns one pass, walker-major."""
 
     def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
-        import emcee
-
         posterior = fitted.proposal.posterior
         name = posterior.subject.name
         random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
-        self._sampler = emcee.EnsembleSampler(
-            settings.walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves(fitted)
-        )
+        self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
         start = _dispersed(fitted, random, settings.walkers)
@@ -173,6 +169,20 @@ class _Ensemble:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may be so thin (100 million trials), and
         # global moves leave the plane.
         return self._sampler.run_mcmc(state, steps, skip_initial_state_check=True, **how)
+
+
+def _sampler(posterior: Target, walkers: int, moves: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
+    """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
+    import emcee
+
+    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
+        def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
+            log_density = posterior.log_density(coords)
+            if np.isnan(log_density).any():
+                raise NumericalError(f"subject {posterior.subject.name!r}: log posterior is NaN")
+            return log_density, None
+
+    return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves)
 
 
 def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
