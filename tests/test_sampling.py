@@ -13,7 +13,7 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.hard_cases import hard_cases, twins
 from bayes_toe.posterior import JUDGED, Posterior
 from bayes_toe.proposal import fit_proposal, importance_draws
-from bayes_toe.sampling import GlobalMove, SamplerSettings, moves, sample_chains
+from bayes_toe.sampling import GlobalMove, SamplerSettings, burn_in, moves, sample_chains
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
@@ -103,6 +103,15 @@ def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():
     assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
     assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
+
+
+def test_burn_in_is_as_long_as_the_proposal_needs():
+    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "x"))
+    steps = [burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)]
+    assert steps == [3, 5, 8, 8]  # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
+    assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
+    chains = sample_chains(fitted, SamplerSettings(draws=500), 1)
+    assert chains.steps == burn_in(fitted) + chains.thin * SamplerSettings(draws=500).kept_steps
 
 
 @pytest.mark.parametrize("name", ["S01", "S07", "S14"])
