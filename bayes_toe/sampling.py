@@ -120,7 +120,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
 
     Each pass goes on from where the last one ended, throws away what was before, and keeps the same number of draws over twice as
-    many steps: burn-in is at least half of everything, and the file has the size that was asked for.
+    many steps: from the second pass on burn-in is about half of everything, and the file has the size that was asked for.
     """
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
