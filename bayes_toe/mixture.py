@@ -1,8 +1,7 @@
 """A mixture of multivariate Student-t densities: evaluate, draw, and fit to weighted points by EM.
 
-Two choices make it cheap, and fitting a proposal is mostly this. The distances of all points to all components are one matrix product,
-of the components' quadratic forms with the points' monomials up to second order, counted from the mixture's mean. And half the sum of
-degrees of freedom and dimension is a whole number, so that each density is a power by multiplication, without a logarithm.
+Two choices make it cheap, and fitting a proposal is mostly this. Points are whitened for all components by one matrix product. And half
+the sum of degrees of freedom and dimension is a whole number, so that each density is a power by multiplication, without a logarithm.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy.typing as npt
 from scipy.special import gammaln
 
 FloatArray = npt.NDArray[np.float64]
+_LEAST_SHARE = 1e-4  # of a component
 _BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache
 
 
@@ -49,8 +49,7 @@ class StudentMixture:
     scales: FloatArray
     df: int
     _factors: FloatArray = field(init=False, repr=False)
-    _centre: FloatArray = field(init=False, repr=False)
-    _forms: FloatArray = field(init=False, repr=False)  # times monomials: 1 + distance / df
+    _whiteners: FloatArray = field(init=False, repr=False)  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
     _tops: FloatArray = field(init=False, repr=False)  # of the components' densities, over the highest
     _log_highest: float = field(init=False, repr=False)
 
@@ -62,11 +61,9 @@ class StudentMixture:
         log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
         log_norm = gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
         log_tops = np.log(self.weights) + log_norm - log_volume
-        centre = self.weights @ self.means
         for key, value in {
             "_factors": factors,
-            "_centre": centre,
-            "_forms": _quadratic_forms(self.means - centre, np.linalg.inv(factors), self.df),
+            "_whiteners": _stacked_whiteners(self.means, np.linalg.inv(factors), self.df),
             "_tops": np.exp(log_tops - log_tops.max()),
             "_log_highest": float(log_tops.max()),
         }.items():
@@ -76,7 +73,7 @@ class StudentMixture:
         """Log density at x, shape (N, D) -> (N,)."""
         found = np.empty(len(x))
         for block in _blocks(len(x)):
-            found[block] = self._tops @ self._kernel(self._forms @ self._monomials(x[block]))
+            found[block] = self._tops @ self._kernel(self._distances(x[block]))
         return np.asarray(np.log(found) + self._log_highest)
 
     def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
@@ -91,24 +88,28 @@ class StudentMixture:
 
         Components that no longer hold any weight are dropped.
         """
-        dim = x.shape[1]
-        held, squares, moments = np.zeros(len(self.means)), np.zeros(len(self.means)), np.zeros_like(self._forms)
+        dim, n = x.shape[1], len(self.means)
+        # Moments are counted from the points' mean: a component that is kept is at most 100 of their standard deviations away, and
+        # what is subtracted below costs at most that squared in rounding errors, far less than the safeguard adds.
+        centre = weights @ x
+        held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * (dim + 1) // 2))
         for block in _blocks(len(x)):
-            monomials = self._monomials(x[block])
-            u = self._forms @ monomials
+            u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
             shares *= weights[block] / shares.sum(axis=0)
             held += shares.sum(axis=1)
             squares += np.einsum("jn,jn->j", shares, shares)
-            moments += (shares / u) @ monomials.T
+            moments += (shares / u) @ _monomials(x[block] - centre).T
         # A component needs some points of its own for a covariance: the effective number behind its share.
-        kept = (held > 1e-4) & (held**2 > 3 * dim * squares)
+        kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
         if not kept.any():
             return self
         held, moments = held[kept], moments[kept] * ((self.df + dim) / self.df)
         apart = moments[:, 1 : dim + 1] / moments[:, :1]
         scales = (_symmetric(moments[:, dim + 1 :], dim) - moments[:, 0, None, None] * _outer(apart)) / held[:, None, None]
-        return StudentMixture(held / held.sum(), self._centre + apart, _safeguarded(scales, x, weights), self.df)
+        spread = weights @ np.square(x - centre)
+        # A thousandth of the overall spread is added, so that no component collapses onto a few points.
+        return StudentMixture(held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df)
 
     def joined(self, other: StudentMixture, share: float) -> StudentMixture:
         """This mixture with another one of the same degrees of freedom taking a share of it."""
@@ -122,20 +123,17 @@ class StudentMixture:
     @property
     def covariance(self) -> FloatArray:
         """Covariance, shape (D, D); df is above 2."""
-        apart = self.means - self._centre
+        apart = self.means - self.weights @ self.means
         return np.asarray(np.einsum("j,jab->ab", self.weights, self.scales * (self.df / (self.df - 2)) + _outer(apart)))
 
-    def _monomials(self, x: FloatArray) -> FloatArray:
-        """1, coordinates and their products, counted from the centre, shape (monomials, N)."""
+    def _distances(self, x: FloatArray) -> FloatArray:
+        """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
         dim = x.shape[1]
-        result = np.empty((self._forms.shape[1], len(x)))
-        result[0] = 1.0
-        apart = np.subtract(x.T, self._centre[:, None], out=result[1 : dim + 1])
-        first = dim + 1
-        for row in range(dim):
-            np.multiply(apart[row], apart[row:], out=result[first : first + dim - row])
-            first += dim - row
-        return result
+        points = np.empty((dim + 1, len(x)))
+        points[0] = 1.0
+        points[1:] = x.T
+        white = (self._whiteners @ points).reshape(dim, -1, len(x))
+        return np.asarray(np.einsum("djn,djn->jn", white, white) + 1.0)
 
     def _kernel(self, u: FloatArray) -> FloatArray:
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
@@ -158,18 +156,24 @@ def _power(u: FloatArray, exponent: int) -> FloatArray:
     return half * half * u if exponent % 2 else half * half
 
 
-def _quadratic_forms(means: FloatArray, whiteners: FloatArray, df: float) -> FloatArray:
-    """Coefficients of 1 + (squared distance) / df in the monomials of x, shape (J, monomials).
+def _stacked_whiteners(means: FloatArray, whiteners: FloatArray, df: float) -> FloatArray:
+    """Rows that take 1 and the coordinates of a point to its whitened ones over df^(1/2), dimension by dimension, (D J, 1 + D)."""
+    offsets = -np.einsum("jab,jb->aj", whiteners, means)[:, :, None]
+    rows = np.concatenate([offsets, whiteners.transpose(1, 0, 2)], axis=2) / np.sqrt(df)
+    return np.asarray(rows.reshape(-1, rows.shape[2]))
 
-    What is lost by multiplying the square out is a rounding error times the squared distance of a component from the centre in its own
-    scales: 1e-10 where it is a thousand of them away.
-    """
-    precisions = whiteners.transpose(0, 2, 1) @ whiteners
-    of_means = np.einsum("jab,jb->ja", precisions, means)
-    constant = np.einsum("ja,ja->j", of_means, means)
-    rows, columns = _upper(means.shape[1])
-    products = precisions[:, rows, columns] * np.where(rows == columns, 1.0, 2.0)
-    return np.concatenate([df + constant[:, None], -2.0 * of_means, products], axis=1) / df
+
+def _monomials(x: FloatArray) -> FloatArray:
+    """1, coordinates and their products, shape (monomials, N)."""
+    dim = x.shape[1]
+    result = np.empty((1 + dim + dim * (dim + 1) // 2, len(x)))
+    result[0] = 1.0
+    result[1 : dim + 1] = x.T
+    first = dim + 1
+    for row in range(1, dim + 1):
+        np.multiply(result[row], result[row : dim + 1], out=result[first : first + dim + 1 - row])
+        first += dim + 1 - row
+    return result
 
 
 def _symmetric(products: FloatArray, dim: int) -> FloatArray:
@@ -182,10 +186,3 @@ def _symmetric(products: FloatArray, dim: int) -> FloatArray:
 
 def _outer(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, :, None] * vectors[:, None, :])
-
-
-def _safeguarded(scales: FloatArray, x: FloatArray, weights: FloatArray) -> FloatArray:
-    """Scale matrices with a thousandth of the overall spread added, so that none collapses onto a few points."""
-    mean = weights @ x
-    spread = weights @ np.square(x - mean)
-    return np.asarray(scales + 1e-3 * np.diag(spread))

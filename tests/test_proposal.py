@@ -70,14 +70,26 @@ def test_mixture_density_in_any_dimension(dim, df):
     assert StudentMixture(np.full(3, 1 / 3), means, scales, df).log_density(x) == pytest.approx(logsumexp(parts, axis=0), rel=1e-11)
 
 
-@pytest.mark.parametrize("apart", [1e2, 1e4])
+@pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
 def test_mixture_density_of_narrow_components_far_apart(apart):
-    # Squares multiplied out lose digits in proportion to (distance from the centre / scale)^2, here up to 1e8, and no more than that.
+    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over scale, and no more.
     means = np.array([[0.0, 0.0], [apart, -apart]])
     one = StudentMixture(np.array([0.5, 0.5]), means, np.repeat(np.eye(2)[None], 2, 0), 8)
     x = means[1] + np.random.default_rng(1).normal(size=(500, 2))
     parts = [np.log(0.5) + multivariate_t(m, np.eye(2), df=8).logpdf(x) for m in means]
-    assert one.log_density(x) == pytest.approx(logsumexp(parts, axis=0), abs=1e-15 * 20 * apart**2)
+    assert one.log_density(x) == pytest.approx(logsumexp(parts, axis=0), abs=1e-13 + 1e-15 * apart)
+
+
+def test_em_leaves_a_component_that_holds_nothing_and_lies_a_hundred_million_away():
+    # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean lost all digits there.
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(2000, 2)) @ np.array([[1.0, 0.9], [0.0, 0.1]])
+    means, scales = np.array([[0.0, 0.0], [1e8, 0.0]]), np.array([np.eye(2), np.diag([1e19, 1.0])])
+    fitted = StudentMixture(np.array([0.2, 0.8]), means, scales, 8)
+    for _ in range(20):
+        fitted = fitted.updated(x, np.full(len(x), 1 / len(x)))
+    assert len(fitted.weights) == 1
+    assert fitted.covariance == pytest.approx(np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25)
 
 
 def test_mixture_refuses_degrees_of_freedom_that_leave_a_root():
