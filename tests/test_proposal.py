@@ -15,6 +15,9 @@ from bayes_toe.mixture import StudentMixture
 from bayes_toe.model_evidence import importance_evidence
 from bayes_toe.posterior import Posterior
 from bayes_toe.proposal import efficiency, fit_proposal, importance_draws, with_fresh_draws
+from bayes_toe.seeds import generator
+from bayes_toe.simulate import reference_design
+from bayes_toe.study import Subject
 
 CASES = hard_cases()
 
@@ -149,6 +152,16 @@ def test_proposals_fit_every_hard_case_or_say_so(name):
     both = [logsumexp(f.draws.log_weights) - np.log(len(f.draws.log_weights)) for f in (fitted, other)]
     error = np.sqrt(sum((1 / f.efficiency - 1) / len(f.draws.log_weights) for f in (fitted, other)))
     assert both[0] - both[1] == pytest.approx(0.0, abs=5 * error)
+
+
+def test_a_fit_survives_starting_components_of_enormous_scale():
+    # With these answers the Laplace approximation reaches where levelled offsets are of the order 1e10.
+    design = reference_design(batches=5)
+    answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
+    posterior = Posterior(Subject("any", design.s1, design.s2, answers, [5] * 13))
+    fitted = fit_proposal(posterior, generator(1, "sparse-h0-0291", "proposal"))
+    assert fitted.trusted
+    assert fitted.efficiency > 0.5
 
 
 def test_log_proposal_density_integrates_to_one():
