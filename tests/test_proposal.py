@@ -83,11 +83,11 @@ def test_mixture_density_of_narrow_components_far_apart(apart):
     assert one.log_density(x) == pytest.approx(logsumexp(parts, axis=0), abs=1e-13 + 1e-15 * apart)
 
 
-def test_em_leaves_a_component_that_holds_nothing_and_lies_a_hundred_million_away():
+def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
     # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean lost all digits there.
     rng = np.random.default_rng(5)
     x = rng.normal(size=(2000, 2)) @ np.array([[1.0, 0.9], [0.0, 0.1]])
-    means, scales = np.array([[0.0, 0.0], [1e8, 0.0]]), np.array([np.eye(2), np.diag([1e19, 1.0])])
+    means, scales = np.array([[0.0, 0.0], [3e9, 0.0]]), np.array([np.eye(2), np.diag([1e21, 1.0])])
     fitted = StudentMixture(np.array([0.2, 0.8]), means, scales, 8)
     for _ in range(20):
         fitted = fitted.updated(x, np.full(len(x), 1 / len(x)))
@@ -157,8 +157,9 @@ def test_proposals_fit_every_hard_case_or_say_so(name):
 def test_a_fit_survives_starting_components_of_enormous_scale():
     # With these answers the Laplace approximation reaches where levelled offsets are of the order 1e10.
     design = reference_design(batches=5)
+    order = np.lexsort((design.s2, design.s1))
     answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
-    posterior = Posterior(Subject("any", design.s1, design.s2, answers, [5] * 13))
+    posterior = Posterior(Subject("any", design.s1[order], design.s2[order], answers, [5] * 13))
     fitted = fit_proposal(posterior, generator(1, "sparse-h0-0291", "proposal"))
     assert fitted.trusted
     assert fitted.efficiency > 0.5
