@@ -27,6 +27,8 @@ from bayes_toe.command_options import (
 
 if TYPE_CHECKING:
     from bayes_toe.draws import Draws
+    from bayes_toe.prior import Prior
+    from bayes_toe.study import Study
 
 NOT_CONVERGED = 3
 
@@ -73,12 +75,10 @@ def run(
     from bayes_toe.api import settings_for
     from bayes_toe.example import example_truth
     from bayes_toe.outputs import require_folder
-    from bayes_toe.prior_file import prior_or_default
     from bayes_toe.results import PRODUCTS, write_results
 
     require_folder(output, PRODUCTS, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     terminal.say_smaller_models(console, read)
     settings = settings_for(draws=draws, seed=seed, prior=believed)
@@ -110,11 +110,9 @@ def sample(
     """
     from bayes_toe.api import draw, settings_for
     from bayes_toe.outputs import require_writable
-    from bayes_toe.prior_file import prior_or_default
 
     require_writable(output, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     terminal.say_smaller_models(console, read)
     settings = settings_for(draws=draws, seed=seed, prior=believed)
@@ -142,12 +140,10 @@ def evidence(
     """
     from bayes_toe.api import evidence as compute
     from bayes_toe.outputs import require_writable
-    from bayes_toe.prior_file import prior_or_default
     from bayes_toe.seeds import root_seed
 
     require_writable(output, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     root = root_seed(seed)
     with terminal.progress_bar(console, "evidence", len(read)) as tick:
@@ -182,13 +178,11 @@ def compare(
     from bayes_toe.ladder import require_models
     from bayes_toe.outputs import require_writable
     from bayes_toe.plots import picture_beside
-    from bayes_toe.prior_file import prior_or_default
 
     models, picture = require_models(model), picture_beside(output)
     for path in (output, beside(output), picture):
         require_writable(path, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     with terminal.progress_bar(console, "comparing", len(read) * len(models)) as tick:
         table = compute(read, models, prior=believed, draws=draws, seed=seed, workers=workers, progress=tick)
@@ -219,7 +213,6 @@ def sensitivity(
     """
     from bayes_toe.outputs import require_writable
     from bayes_toe.plots import picture_beside
-    from bayes_toe.prior_file import prior_or_default
     from bayes_toe.prior_sensitivity import require_range
     from bayes_toe.prior_sensitivity import sensitivity as compute
     from bayes_toe.sensitivity_plot import save_sensitivity
@@ -228,8 +221,7 @@ def sensitivity(
     require_range(reach, steps)
     for path in (output, picture):
         require_writable(path, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     with terminal.progress_bar(console, "re-weighting", len(read)) as tick:
         table = compute(read, prior=believed, reach=reach, steps=steps, seed=seed, workers=workers, progress=tick)
@@ -296,12 +288,10 @@ def fit(
     from bayes_toe.bootstrap import require_level
     from bayes_toe.fit_table import fit as compute
     from bayes_toe.outputs import require_writable
-    from bayes_toe.prior_file import prior_or_default
 
     require_level(level)
     require_writable(output, overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.new_console(quiet)
     terminal.say_study(console, read)
     terminal.say_penalty(console, believed)
@@ -336,13 +326,11 @@ def figures(
     from bayes_toe.api import settings_for
     from bayes_toe.outputs import require_folder
     from bayes_toe.paper_figures import FIGURES, products, require_subjects, write_figures
-    from bayes_toe.prior_file import prior_or_default
     from bayes_toe.study import refuse_intervals
 
     chosen = ["pdf", "png"] if formats is None else formats
     require_folder(output, products(chosen), overwrite=overwrite)
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     refuse_intervals(read, "the paper's figures")  # before the sampling
     if subject is not None:
         require_subjects(subject, read.names)
@@ -502,10 +490,8 @@ def check(
     [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
     from bayes_toe.checks import check_study, describe
-    from bayes_toe.prior_file import prior_or_default
 
-    believed = prior_or_default(prior)
-    read = study.read()
+    read, believed = _opened(study, prior)
     console = terminal.console_for(read, believed, quiet)
     frame = describe(read)
     formats: dict[str, Callable[[Any], str]] = {"fraction_equal": lambda value: f"{value:.3f}"}
@@ -533,6 +519,14 @@ def _leave() -> None:
     stop_workers()
     gc.collect()
     gc.freeze()
+
+
+def _opened(study: StudyFile, prior: Path | None) -> tuple[Study, Prior]:
+    """The study and the prior that a command was given; the prior is read first, because it is the shorter file."""
+    from bayes_toe.prior_file import prior_or_default
+
+    believed = prior_or_default(prior)
+    return study.read(), believed
 
 
 def _exit_for(draws: Draws) -> None:

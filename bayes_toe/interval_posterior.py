@@ -74,9 +74,7 @@ class IntervalPosterior(Posterior):
         """Points from which to look for maxima, shape (18, 4): on the scale of the stimuli at the typical interval."""
         points = super().starts()
         scale = random_walk_scales(points[:, 1], typical_interval(np.asarray(self.subject.isi), self.subject.n_trials))
-        points[:, 0] /= scale.pull[:, 0]
-        points[:, 2] -= np.log(scale.width[:, 0])
-        return points
+        return scale.to_one_second(points, offset=0, log_width=2)
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair at its interval, (points, 4) -> (points, pairs)."""

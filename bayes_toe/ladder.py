@@ -332,9 +332,7 @@ class LadderPosterior:
             return points
         typical = typical_interval(self.subject.isi, self.subject.n_trials)
         scale = self._scales_at(self.model.propagator, points, typical)
-        points[:, self._places["offset"]] /= scale.pull[:, 0]
-        points[:, self._places["log_width"]] -= np.log(scale.width[:, 0])
-        return points
+        return scale.to_one_second(points, self._places["offset"], self._places["log_width"])
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""

@@ -7,7 +7,6 @@ the sum of degrees of freedom and dimension is a whole number, so that each dens
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -139,11 +138,6 @@ class StudentMixture:
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
 
 
-@cache
-def _upper(dim: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    return np.triu_indices(dim)
-
-
 def _blocks(size: int) -> list[slice]:
     return [slice(i, i + _BLOCK) for i in range(0, size, _BLOCK)]
 
@@ -178,7 +172,7 @@ def _monomials(x: FloatArray) -> FloatArray:
 
 def _symmetric(products: FloatArray, dim: int) -> FloatArray:
     """Symmetric matrices from their upper triangles, (J, D (D + 1) / 2) -> (J, D, D)."""
-    rows, columns = _upper(dim)
+    rows, columns = np.triu_indices(dim)
     full = np.empty((len(products), dim, dim))
     full[:, rows, columns] = full[:, columns, rows] = products
     return full

@@ -20,10 +20,9 @@ import numpy.typing as npt
 from scipy.special import logsumexp
 
 from bayes_toe.diagnostics import pareto_k
-from bayes_toe.errors import NumericalError
 from bayes_toe.maximum import Maxima, find_maxima
 from bayes_toe.mixture import StudentMixture
-from bayes_toe.target import Levels, Target
+from bayes_toe.target import Levels, Target, require_defined
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -149,8 +148,7 @@ def importance_draws(proposal: Proposal, rng: np.random.Generator, size: int) ->
     """
     x, log_prior, log_proposal = proposal.sample(rng, size)
     log_posterior = proposal.posterior.log_likelihood(x) + log_prior
-    if np.isnan(log_posterior).any():
-        raise NumericalError(f"subject {proposal.posterior.subject.name!r}: log posterior is NaN")
+    require_defined(log_posterior, proposal.posterior)
     return WeightedDraws(x, log_prior, log_posterior, log_proposal)
 
 

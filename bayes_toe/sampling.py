@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.diagnostics import Convergence, convergence
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.errors import InputError
 from bayes_toe.proposal import FittedProposal, Proposal
 from bayes_toe.seeds import stream
-from bayes_toe.target import Target
+from bayes_toe.target import Target, require_defined
 
 if TYPE_CHECKING:
     import emcee
@@ -178,8 +178,7 @@ def _sampler(posterior: Target, walkers: int, moves: list[tuple[Any, float]]) ->
     class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
         def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
             log_density = posterior.log_density(coords)
-            if np.isnan(log_density).any():
-                raise NumericalError(f"subject {posterior.subject.name!r}: log posterior is NaN")
+            require_defined(log_density, posterior)
             return log_density, None
 
     return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves)

@@ -54,6 +54,13 @@ class Scales(NamedTuple):
         """The scales of pairs, shape (points, pairs), given the place of each pair's interval."""
         return Scales(self.pull[:, which], self.width[:, which])
 
+    def to_one_second(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
+        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at one second."""
+        moved = points.copy()
+        moved[:, offset] /= self.pull[:, 0]
+        moved[:, log_width] -= np.log(self.width[:, 0])
+        return moved
+
 
 #: At one interval, and of a model that does not mention the interval: exactly 1.
 UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))

@@ -32,6 +32,18 @@ def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
     return points
 
 
+def require_defined(log_posterior: FloatArray, target: Target) -> None:
+    """Refuse log densities among which there is a NaN.
+
+    Raises
+    ------
+    NumericalError
+        If there is one, with the subject's name.
+    """
+    if np.isnan(log_posterior).any():
+        raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
+
+
 class Levels(Protocol):
     """A bijection between unconstrained coordinates x and levelled ones y, in which mixtures of Student-t densities fit the posterior."""
 
