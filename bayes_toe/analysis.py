@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from bayes_toe.fit_table import SubjectFit, subject_fit
-from bayes_toe.interval_posterior import posterior_of
-from bayes_toe.maximum import find_maxima
-from bayes_toe.model_evidence import SubjectEvidence, subject_evidence
-from bayes_toe.parallel import Progress, run_in_order
-from bayes_toe.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
-from bayes_toe.prior import Prior
-from bayes_toe.proposal import adapt_proposal, with_fresh_draws
-from bayes_toe.sampling import Chains, SamplerSettings, sample_chains
+from bayes_toe.classical.fit_table import SubjectFit, subject_fit
+from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
+from bayes_toe.inference.proposal import adapt_proposal, with_fresh_draws
+from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
+from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
-from bayes_toe.study import Study, Subject
+from bayes_toe.workers import Progress, run_in_order
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_toe.analysis import Settings, SubjectResult, analyse
-from bayes_toe.draws import Draws, build_draws
+from bayes_toe.classical.fit_table import REPLICATES, FitTable
+from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning
-from bayes_toe.fit_table import REPLICATES, FitTable
-from bayes_toe.model_evidence import EvidenceTable
-from bayes_toe.parallel import Progress
-from bayes_toe.prior import Prior
-from bayes_toe.sampling import SamplerSettings
+from bayes_toe.inference.draws import Draws, build_draws
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
-from bayes_toe.study import Study
+from bayes_toe.workers import Progress
 
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
@@ -86,7 +86,7 @@ def sample(
 
     Examples
     --------
-    >>> from bayes_toe.study import Subject
+    >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
     >>> draws.values("S01", "gain").shape
@@ -110,7 +110,7 @@ def evidence(
 
     Examples
     --------
-    >>> from bayes_toe.study import Subject
+    >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True

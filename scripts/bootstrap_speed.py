@@ -19,9 +19,9 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 import bayes_toe as bt
-from bayes_toe.bootstrap import bootstrap_subject, replicate_starts, resample
-from bayes_toe.maximum_likelihood import Design, fit_subject
-from bayes_toe.model import MAX_PULL
+from bayes_toe.classical.bootstrap import bootstrap_subject, replicate_starts, resample
+from bayes_toe.classical.maximum_likelihood import Design, fit_subject
+from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.seeds import generator
 
 SEED = 1

@@ -8,8 +8,8 @@ import argparse
 import sys
 
 import bayes_toe as bt
-from bayes_toe.calibration_results import PRODUCTS, verdict_lines
-from bayes_toe.outputs import require_folder
+from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines
+from bayes_toe.data.whole_files import require_folder
 
 
 def main() -> int:

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.data.whole_files import require_writable, whole_file, write_table
 from bayes_toe.errors import BayesToeError, InputError
-from bayes_toe.hard_cases import hard_cases
-from bayes_toe.maximum import find_maxima
-from bayes_toe.model_evidence import importance_evidence
-from bayes_toe.outputs import require_writable, whole_file, write_table
-from bayes_toe.parallel import run_jobs
-from bayes_toe.proposal import fit_proposal
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.workers import run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"
 FILES = ("error_bars.csv", "error_bars.md")

@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import bayes_toe as bt
+from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
-from bayes_toe.outputs import require_writable
-from bayes_toe.plots import require_figure
+from bayes_toe.plots.style import require_figure
 
 
 def main() -> int:

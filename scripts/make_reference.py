@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import scipy
+from reference.hard_cases import hard_cases
+from reference.lattice_quantiles import LEVELS
+from reference.quadrature import METHOD, QUANTITIES, integrate
 
 import bayes_toe as bt
-from bayes_toe.hard_cases import hard_cases
-from bayes_toe.lattice_quantiles import LEVELS
-from bayes_toe.outputs import whole_file
-from bayes_toe.quadrature import METHOD, QUANTITIES, integrate
+from bayes_toe.data.whole_files import whole_file
 
 
 def fingerprint(subject: bt.Subject) -> str:

@@ -8,8 +8,8 @@ import argparse
 from matplotlib.figure import Figure
 
 import bayes_toe as bt
-from bayes_toe.outputs import whole_file
-from bayes_toe.plots import evidence_axes, order_panel, thinned
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.plots.style import evidence_axes, order_panel, thinned
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ import sys
 import warnings
 
 import bayes_toe as bt
-from bayes_toe.outputs import require_writable
+from bayes_toe.data.whole_files import require_writable
 
 
 def main() -> int:

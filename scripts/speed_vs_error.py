@@ -14,6 +14,7 @@ from speed import machine
 # Before numpy and the other libraries are imported: they read it once.
 THREADS = machine.one_thread()
 
+from reference.hard_cases import hard_cases  # noqa: E402
 from speed import figure, markdown, ratios  # noqa: E402
 from speed.cases import ORDINARY, Case, chosen_cases  # noqa: E402
 from speed.methods import METHODS  # noqa: E402
@@ -21,10 +22,9 @@ from speed.race import OK, Entry, Rules, race, warm_up  # noqa: E402
 from speed.scaling import scaling  # noqa: E402
 from speed.table import frame  # noqa: E402
 
+from bayes_toe.data.example import example_study  # noqa: E402
+from bayes_toe.data.whole_files import require_writable, whole_file, write_table  # noqa: E402
 from bayes_toe.errors import BayesToeError, InputError  # noqa: E402
-from bayes_toe.example import example_study  # noqa: E402
-from bayes_toe.hard_cases import hard_cases  # noqa: E402
-from bayes_toe.outputs import require_writable, whole_file, write_table  # noqa: E402
 
 SUBJECTS = ("S01", "S05", "S09", "S15")
 PEER_HARD_CASES = ("funnel", "perfect observer", "one batch")

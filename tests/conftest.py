@@ -8,7 +8,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.api import Analysis
-from bayes_toe.simulate import reference_design
+from bayes_toe.experiments.simulate import reference_design
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 

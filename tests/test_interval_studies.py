@@ -9,21 +9,21 @@ from scipy.special import betaln, roots_legendre
 from typer.testing import CliRunner
 
 import bayes_toe as bt
-from bayes_toe import interval_posterior
 from bayes_toe.analysis import analyse
-from bayes_toe.checks import check_subject, describe
-from bayes_toe.cli import app
-from bayes_toe.coordinates import Natural
+from bayes_toe.cli.app import app
+from bayes_toe.cli.results_folder import write_results
+from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.errors import InputError
-from bayes_toe.filtering import comparison_distance, evolve, steady_prior, update
-from bayes_toe.intervals import equal_probability_at, gain_at
-from bayes_toe.model_evidence import importance_evidence
-from bayes_toe.proposal import fit_proposal
-from bayes_toe.read_options import ReadOptions
-from bayes_toe.recipes import design_from, trial_frame
-from bayes_toe.results import write_results
-from bayes_toe.simulate import Design, at_intervals, reference_design, simulate_trials
-from bayes_toe.sloppiness import fisher_information
+from bayes_toe.experiments.checks import check_subject, describe
+from bayes_toe.experiments.recipes import design_from, trial_frame
+from bayes_toe.experiments.simulate import Design, at_intervals, reference_design, simulate_trials
+from bayes_toe.experiments.sloppiness import fisher_information
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.model import interval_posterior
+from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.intervals import equal_probability_at, gain_at
 
 OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
 THREE = (0.25, 1.0, 4.0)
@@ -224,7 +224,7 @@ def test_evidence_agrees_with_brute_force():
 
 
 def test_evidence_and_moments_agree_with_quadrature():
-    # bayes_toe.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
+    # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
     evidence, means, sds = -890.1292755, (-0.6155167, 0.2134129, 0.1408259, 0.9295392), (0.0428065, 0.0106820, 0.0053121, 0.0123957)
     found = fitted(expected(THREE, 50))
     value, error, _ = importance_evidence(found)

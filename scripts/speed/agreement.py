@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
-from bayes_toe.coordinates import log_jacobian
-from bayes_toe.maximum import find_maxima
-from bayes_toe.posterior import Posterior
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.coordinates import log_jacobian
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import generator
 
 FloatArray = npt.NDArray[np.float64]

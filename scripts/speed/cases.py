@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.coordinates import NATURAL
 from bayes_toe.errors import InputError
-from bayes_toe.hard_cases import hard_cases
+from bayes_toe.model.coordinates import NATURAL
 
 FloatArray = npt.NDArray[np.float64]
 

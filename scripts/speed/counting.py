@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.posterior import Parts, Posterior
+from bayes_toe.model.posterior import Parts, Posterior
 
 FloatArray = npt.NDArray[np.float64]
 

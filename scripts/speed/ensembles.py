@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.maximum import find_maxima
-from bayes_toe.posterior import Posterior
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import stream
 from speed.cases import Case
 from speed.counting import Counting

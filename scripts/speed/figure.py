@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.outputs import whole_file
+from bayes_toe.data.whole_files import whole_file
 from speed.cases import HARD, ORDINARY
 from speed.method import NATURAL
 from speed.methods import MANY

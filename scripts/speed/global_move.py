@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_toe.maximum import find_maxima
-from bayes_toe.model_evidence import importance_evidence
-from bayes_toe.proposal import adapt_proposal, fit_proposal
-from bayes_toe.sampling import SamplerSettings, sample_chains
+from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import adapt_proposal, fit_proposal
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.cases import Case
 from speed.counting import Counting

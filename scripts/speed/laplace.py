@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from bayes_toe.coordinates import log_jacobian
-from bayes_toe.laplace import laplace_evidence, laplace_evidence_natural
-from bayes_toe.maximum import find_maxima
+from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.coordinates import log_jacobian
 from bayes_toe.seeds import generator
 from speed.cases import Case
 from speed.counting import Counting

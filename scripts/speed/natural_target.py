@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logit
 
-from bayes_toe.coordinates import Natural
-from bayes_toe.model import LN2, log_different, pull, width
-from bayes_toe.posterior import Posterior
+from bayes_toe.model.closed_form import LN2, log_different, pull, width
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.posterior import Posterior
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.special import log_expit, logit, ndtri, stdtrit
 
-from bayes_toe.coordinates import natural
-from bayes_toe.posterior import Posterior
+from bayes_toe.model.coordinates import natural
+from bayes_toe.model.posterior import Posterior
 from speed.agreement import require_same
 from speed.cases import Case
 from speed.method import Prepared

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.coordinates import UNCONSTRAINED
-from bayes_toe.model import MAX_PULL
-from bayes_toe.posterior import Posterior
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.coordinates import UNCONSTRAINED
+from bayes_toe.model.posterior import Posterior
 from speed.agreement import require_same
 from speed.cases import Case
 from speed.method import Prepared

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from bayes_toe.diagnostics import convergence
+from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.seeds import stream
 from speed.cases import HARD, Case
 from speed.method import Method, Prepared

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import bayes_toe as bt
-from bayes_toe.maximum import find_maxima
-from bayes_toe.proposal import adapt_proposal
-from bayes_toe.sampling import SamplerSettings, sample_chains
+from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import adapt_proposal
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
-from bayes_toe.simulate import reference_design
 from speed.counting import Counting
 
 if TYPE_CHECKING:

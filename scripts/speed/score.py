@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
-from bayes_toe.diagnostics import convergence
-from bayes_toe.proposal import efficiency
+from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.proposal import efficiency
 from speed.cases import LEVELS, Reference
 from speed.outcome import APPROXIMATION, CHAINS, WEIGHTED, Outcome
 

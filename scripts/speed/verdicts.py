@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.diagnostics import convergence
+from bayes_toe.inference.diagnostics import convergence
 from speed.outcome import Verdict
 
 FloatArray = npt.NDArray[np.float64]

@@ -1,0 +1,183 @@
+"""The fit table of a study: maximum-likelihood parameters of every subject with percentile bootstrap intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_level
+from bayes_toe.classical.fits import Fits
+from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.data.study import Study, Subject, refuse_intervals
+from bayes_toe.data.whole_files import write_table
+from bayes_toe.errors import InputError
+from bayes_toe.model.coordinates import NATURAL
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import root_seed
+from bayes_toe.workers import Progress, run_in_order
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Bootstrap replicates of a subject, as many as in the paper.
+REPLICATES = 1000
+
+FIT_COLUMNS = (
+    *("subject", *NATURAL, "log_likelihood", "at_edge"),
+    *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
+    *("level", "replicates", "penalty"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectFit:
+    """Fit of one subject: the maximum, its bootstrap, and what has to be said of them."""
+
+    subject: str
+    fitted: Fits
+    bootstrap: Bootstrap
+    notes: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> FloatArray:
+        """mu1, sigma_p, sigma_l (natural-log intensity) and q0; NaN where the data leave a parameter open, which `at_edge` says."""
+        return np.asarray(self.fitted.parameters[0])
+
+    @property
+    def log_likelihood(self) -> float:
+        """At the maximum, without binomial coefficients and without the penalty on mu1; natural log."""
+        return float(self.fitted.log_likelihood[0])
+
+    @property
+    def at_edge(self) -> str:
+        """Edges on which the maximum lies, joined with ';': see :data:`bayes_toe.classical.fits.EDGES`; empty where it lies inside."""
+        return self.fitted.at_edge[0]
+
+
+@dataclass(frozen=True, eq=False)
+class FitTable:
+    """Fits of every subject of a study, in the study's order.
+
+    Attributes
+    ----------
+    rows : tuple of SubjectFit
+    level : float
+        Of the percentile bootstrap intervals.
+    replicates : int
+    seed : int
+    prior : Prior, optional
+        Its normal of mu1 is the penalty.
+    """
+
+    rows: tuple[SubjectFit, ...]
+    level: float
+    replicates: int
+    seed: int
+    prior: Prior | None = None
+
+    def __iter__(self) -> Iterator[SubjectFit]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, name: str) -> SubjectFit:
+        for row in self.rows:
+            if row.subject == name:
+                return row
+        raise InputError(f"no subject {name!r} in the fit table")
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
+        import pandas as pd
+
+        penalty = None if self.prior is None else self.prior.describe_mu1()
+        cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
+        return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
+
+    def _cells(self, row: SubjectFit) -> tuple[object, ...]:
+        return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write fit.csv, whole or not at all."""
+        return write_table(self.frame(), path, overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    prior: Prior
+    replicates: int
+    seed: int = field(repr=False)
+
+
+def fit(
+    study: Study,
+    *,
+    replicates: int = REPLICATES,
+    level: float = 0.95,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> FitTable:
+    """Maximum-likelihood fit of every subject, with the paper's penalty on mu1, and percentile bootstrap intervals.
+
+    Parameters
+    ----------
+    study : Study
+    replicates : int
+        Bootstrap replicates of every subject.
+    level : float
+        Of the intervals, between 0 and 1.
+    seed : int, optional
+        Root seed of the bootstrap; without it fresh entropy, stored in the table.
+    prior : Prior, optional
+        Its normal of mu1 is the penalty; the default is the paper's V_1 = 10^2 around 0.
+    workers : int, optional
+        Processes; by default one per processor. The numbers do not depend on it.
+    progress : callable, optional
+        Called with a subject's name when that subject is done.
+
+    Raises
+    ------
+    InputError
+        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole number from 0 to 2**63 - 1, or the
+        study has intervals (column isi).
+
+    Examples
+    --------
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fit(Study([one]), replicates=50, seed=1, workers=1)["S01"].at_edge
+    'q0=1'
+    """
+    require_level(level)
+    if replicates < 1:
+        raise InputError(f"replicates={replicates} must be at least 1")
+    refuse_intervals(study, "maximum-likelihood fit")
+    root, penalty = root_seed(seed), Prior() if prior is None else prior
+    jobs = [_Job(subject, penalty, replicates, root) for subject in study]
+    rows = run_in_order(_fit_one, jobs, workers, progress, lambda job: [job.subject.name])
+    return FitTable(tuple(rows), level, replicates, root, penalty)
+
+
+def _fit_one(job: _Job) -> SubjectFit:
+    return subject_fit(job.subject, job.prior, seed=job.seed, replicates=job.replicates)
+
+
+def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:
+    """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
+    fitted = fit_subject(subject, prior)
+    made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
+    notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
+    open_ = [name for name, value in zip(NATURAL, fitted.parameters[0], strict=True) if np.isnan(value)]
+    if open_:
+        notes.append(f"not determined by these answers: {', '.join(open_)}")
+    return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))

@@ -1,0 +1,323 @@
+"""Maximum-likelihood fit of the four parameters with the paper's penalty on mu1, for one count vector or thousands at once.
+
+Maximised is log likelihood - (mu1 - mean)^2 / (2 V_1) over 0 <= gamma <= 1, 0 <= q0 <= 1 and any width. The supremum often lies on an
+edge, sometimes where a parameter is infinite or 0 or does not matter: each of these is found and said. Source: Eq. mod:logp_grouped.
+(The paper calls it minimising the log-likelihood; it is maximising.)
+
+Edges and how they are found: gamma = 1 and q0 = 1 are bounds that the Newton ascent can rest on; gamma = 0 (mu1 at the penalty's mean,
+no order effect) is fitted on its own; an infinite width (the pair does not matter) and a vanishing one (only identical stimuli were ever
+called 'equal') are limits that have their own, smaller problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import xlogy
+
+from bayes_toe.classical.fits import Fits
+from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.inference.newton import Ascent, ascend
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.prior import Prior
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+#: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
+_FLAT = 1e-6
+#: A pull or a width may change this little along a flat direction and still count as determined.
+_STILL = 1e-3
+_ITERATIONS = 40  # after which only the best start of each row goes on
+_NO_PULL = 1e-6  # a pull below it is on its way to gamma = 0 where that edge is as good
+
+
+class Counts(NamedTuple):
+    """Answers of many rows in one design, each of shape (rows, pairs)."""
+
+    equal: FloatArray
+    different: FloatArray
+
+    @classmethod
+    def of(cls, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> Counts:
+        """From counts of 'equal', (rows, pairs), and of trials, (pairs,)."""
+        equal = np.atleast_2d(np.asarray(n_equal, np.float64))
+        return cls(equal, np.asarray(n_trials, np.float64) - equal)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The pairs that every row of a batch shares, and the penalty."""
+
+    s1: FloatArray
+    s2: FloatArray
+    sbar: float
+    mean: float
+    sd: float
+
+    @classmethod
+    def of(cls, subject: Subject, prior: Prior) -> Design:
+        """Pairs of a subject; of the prior only the normal of mu1 is used."""
+        refuse_intervals([subject], "maximum-likelihood fit")
+        sbar = float(np.average(subject.s1, weights=subject.n_trials))
+        return cls(subject.s1, subject.s2, sbar, prior.mu1_mean, prior.mu1_sd)
+
+    @property
+    def scale(self) -> float:
+        """Root mean square step between the stimuli of a pair, natural-log intensity."""
+        steps = np.abs(self.s2 - self.s1)
+        moved = steps[steps > 0] if np.any(steps > 0) else np.abs(self.s1 - self.sbar)
+        return float(np.sqrt(np.mean(np.square(moved)))) if np.any(moved > 0) else 0.3
+
+
+def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
+    """The maximum-likelihood fit of one subject, as a batch of one row.
+
+    Examples
+    --------
+    >>> found = fit_subject(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50]))
+    >>> found.at_edge, bool(found.arrived[0])
+    (('q0=1',), True)
+    """
+    design = Design.of(subject, Prior() if prior is None else prior)
+    return fit_counts(design, Counts.of(subject.n_equal, subject.n_trials), spread_starts(design))
+
+
+def spread_starts(design: Design) -> FloatArray:
+    """Starts that cover what a study can look like: (offset, log(p/p_max), log w) on a grid, shape (starts, 3).
+
+    log(p/p_max) = -inf stands for the edge gamma = 0.
+    """
+    scale = design.scale
+    offsets, pulls, widths = scale * np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), np.log([0.03, 0.3, 0.95]), np.log(scale) + np.arange(-2.0, 4.0)
+    inside = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, widths)], axis=-1)
+    return np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths], axis=-1)])
+
+
+def fit_counts(design: Design, counts: Counts, starts: FloatArray) -> Fits:
+    """Fit every row from every start (offset, log(p/p_max), log w), shape (starts, 3), all in one batch of Newton ascents."""
+    narrow = _only_identical(design, counts)
+    used = _without_other_pairs(design, counts, narrow)
+    best = _best_ascents(design, used, starts, narrow)
+    flat, flat_value = _flat_maximum(design, used, best, narrow)
+    return _describe(design, counts, _Found(best, narrow, flat, flat_value))
+
+
+class _Best(NamedTuple):
+    """The best ascent of every row: where, how high, its Hessian, which coordinates were free, whether it arrived, its penalty."""
+
+    y: FloatArray
+    value: FloatArray
+    hessian: FloatArray
+    free: BoolArray
+    arrived: BoolArray
+    penalty: FloatArray
+
+
+class _Found(NamedTuple):
+    best: _Best
+    narrow: BoolArray
+    flat: BoolArray
+    flat_value: FloatArray
+
+
+# --- the smaller problems -----------------------------------------------------------------------------------------------------------
+
+
+def _only_identical(design: Design, counts: Counts) -> BoolArray:
+    """Rows in which identical stimuli alone were called 'equal' and others were shown: the width falls to 0, (rows,)."""
+    apart = design.s1 != design.s2
+    asked = (counts.different[:, apart] > 0).any(axis=1)
+    return np.asarray(asked & ~(counts.equal[:, apart] > 0).any(axis=1) & (counts.equal > 0).any(axis=1))
+
+
+def _without_other_pairs(design: Design, counts: Counts, narrow: BoolArray) -> Counts:
+    """Where the width falls to 0 the other pairs have P(equal) = 0 and are out of play; identical ones still differ by p (mu1 - s1) / w."""
+    kept = ~narrow[:, None] | (design.s1 == design.s2)
+    return Counts(np.where(kept, counts.equal, 0.0), np.where(kept, counts.different, 0.0))
+
+
+def _pooled(counts: Counts) -> tuple[FloatArray, FloatArray]:
+    """All answers 'equal' and 'different' of every row, each of shape (rows,)."""
+    return counts.equal.sum(axis=1), counts.different.sum(axis=1)
+
+
+def _flat_maximum(design: Design, counts: Counts, best: _Best, narrow: BoolArray) -> tuple[BoolArray, FloatArray]:
+    """Rows whose supremum lies at infinite width, where every pair is answered alike, and the value there.
+
+    With v = 1/w^2 the objective is smooth at v = 0 (mu1 then rests at the penalty's mean). The edge is a maximum where the slope in v is
+    negative for every pull, or 0 with a negative curvature; where both are 0 the width does not matter at all.
+    """
+    k, d = _pooled(counts)
+    value = np.asarray(xlogy(k, k / (k + d)) + xlogy(d, d / (k + d)))
+    with np.errstate(divide="ignore", invalid="ignore"):  # d = 0: every answer is 'equal', and no term below is used
+        odds = np.where(d > 0, k / d, 0.0)[:, None]
+    score, curve = counts.equal - counts.different * odds, counts.different * odds * (1.0 + odds)
+    step, lever = design.s2 - design.s1, design.s1 - design.mean
+    squares = np.stack([np.square(step), 2.0 * step * lever, np.square(lever)], axis=-1)  # of s2 - mu_2, as a quadratic in the pull
+    rise = _largest_quadratic(-score @ squares, np.where(narrow, MAX_PULL, 0.0))
+    size = (counts.equal + counts.different) @ (np.square(step) + np.square(lever))
+    falls = (rise < -1e-9 * size) | ((rise <= 1e-9 * size) & (_least_spread(curve, squares, narrow) > 1e-9))
+    return np.asarray((k > 0) & falls & (value >= best.value - _same(value))), value
+
+
+def _least_spread(weight: FloatArray, squares: FloatArray, narrow: BoolArray) -> FloatArray:
+    """Smallest relative weighted variance of the squared displacement over three pulls, (rows,); 0 where the width cannot matter."""
+    pulls = np.array([0.0, 0.5 * MAX_PULL, MAX_PULL])
+    x = squares @ np.power(pulls, np.arange(3)[:, None])  # (pairs, pulls)
+    total = np.maximum(weight.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    mean, square = weight @ x / total, weight @ np.square(x) / total
+    spread = np.divide(square - mean**2, square, out=np.zeros_like(mean), where=square > 0.0)
+    return np.asarray(np.where(narrow, spread[:, -1], spread.min(axis=1)))
+
+
+def _largest_quadratic(coefficients: FloatArray, lowest: FloatArray) -> FloatArray:
+    """Largest value of a + b p + c p^2 for p in lowest..p_max, coefficients (rows, 3) -> (rows,)."""
+    a, b, c = coefficients.T
+    vertex = np.clip(np.divide(-b, 2.0 * c, out=np.zeros_like(b), where=c < 0), lowest, MAX_PULL)
+    return np.asarray(np.max([a + b * p + c * p**2 for p in (lowest, vertex, np.full_like(a, MAX_PULL))], axis=0))
+
+
+# --- the ascent ---------------------------------------------------------------------------------------------------------------------
+
+
+def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: BoolArray) -> _Best:
+    """Newton from every start of every row, and on the edge gamma = 0, in one batch; the best of each row."""
+    rows = len(counts.equal)
+    x = np.empty((4, rows, len(starts)))
+    x[:3], x[3] = starts.T[:, None, :], _log_top(counts)[:, None]
+    fixed = np.zeros(x.shape, bool)
+    fixed[:2] = np.isneginf(x[1])
+    # With identical stimuli alone only p/w matters: p rests at its largest value.
+    x[0, narrow], x[1, narrow] = np.where(np.isneginf(x[1, narrow]), design.scale, x[0, narrow]), 0.0
+    fixed[:, narrow] = np.array([False, True, False, False])[:, None, None]
+    upper = np.array([np.inf, 0.0, np.log(design.scale) + 20.0, 0.0])[:, None]
+    row, held = np.repeat(np.arange(rows), len(starts)), fixed.reshape(4, -1)
+    equal, different = (np.ascontiguousarray(part.T) for part in counts)
+    objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.mean, design.sd)
+    found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS)
+    return _finish(objective, found, _highest(found, rows), upper, held)
+
+
+def _log_top(counts: Counts) -> FloatArray:
+    """Log of a first guess at q0 for every row: the largest estimated frequency of a pair."""
+    return np.asarray(np.log(((counts.equal + 1.0) / (counts.equal + counts.different + 2.0)).max(axis=1)))
+
+
+def _highest(found: Ascent, rows: int) -> IndexArray:
+    """The start that led highest for every row; of equals one that arrived, and rather inside than on gamma = 0 than on its way there."""
+    value, pull = found.value.reshape(rows, -1), found.x[1].reshape(rows, -1)
+    most = value.max(axis=1, keepdims=True)
+    near = (value - most) / _same(most)
+    rank = np.where(pull > np.log(_NO_PULL), 2.0, np.isneginf(pull)) + 0.5 * near
+    rank = np.where((near >= -1.0) & found.arrived.reshape(rows, -1), rank, near - 9.0)
+    return np.asarray(rank.argmax(axis=1) + np.arange(rows) * value.shape[1])
+
+
+def _finish(objective: PenalisedLikelihood, found: Ascent, chosen: IndexArray, upper: FloatArray, held: BoolArray) -> _Best:
+    """The chosen ascents, those that were still on their way led to the end."""
+    best, held = found.take(chosen), held[:, chosen]
+    late = np.flatnonzero(~best.arrived)
+    if len(late):
+        rest = replace(objective, row=objective.row[chosen[late]])
+        last = ascend(rest, best.x[:, late], upper=upper, fixed=held[:, late], most=3.0, iterations=10 * _ITERATIONS)
+        for part, new in zip(best, last, strict=True):
+            part[..., late] = new
+    free = ~held & ~((best.x >= np.array([np.inf, 0.0, np.inf, 0.0])[:, None]) & (best.gradient > _FLAT))
+    return _Best(best.x.T, best.value, np.moveaxis(best.hessian, -1, 0), free.T, best.arrived, objective.penalty(best.x))
+
+
+def _same(value: FloatArray) -> FloatArray:
+    """Differences up to this are rounding, nats: two such values are one maximum, found twice."""
+    return np.asarray(1e-9 + 4e-15 * np.abs(value))
+
+
+# --- what was found -----------------------------------------------------------------------------------------------------------------
+
+
+def _describe(design: Design, counts: Counts, found: _Found) -> Fits:
+    """Natural parameters, edges and what stays open, all rows at once."""
+    best, narrow, flat = found.best, found.narrow, found.flat
+    never = np.asarray(~(counts.equal > 0).any(axis=1))  # q0 = 0: nothing else matters
+    where = _identified(design, _without_other_pairs(design, counts, narrow), found, never)
+    open_ = _left_open(best, narrow) & ~(flat | never)[:, None]
+    open_[never, 1:3] = True
+    return Fits(
+        parameters=np.where(open_, np.nan, _natural(design, where, found)),
+        log_likelihood=np.where(never, 0.0, np.where(flat, found.flat_value, best.value + best.penalty)),
+        objective=np.where(never, 0.0, np.where(flat, found.flat_value, best.value)),
+        edges=_edges(where, found, never, open_),
+        arrived=best.arrived | flat | never,
+        identified=where,
+        sbar=design.sbar,
+    )
+
+
+def _identified(design: Design, used: Counts, found: _Found, never: BoolArray) -> FloatArray:
+    """Offset, pull, width and q0, (rows, 4); a width that vanishes is stood for by one so small that only p / w still shows."""
+    where = np.exp(found.best.y)
+    where[:, 0], where[:, 1] = found.best.y[:, 0], MAX_PULL * where[:, 1]
+    steps = np.abs(design.s2 - design.s1)
+    least = 1e-3 * float(np.min(steps, where=steps > 0, initial=1.0))
+    where[found.narrow, :3] *= least / where[found.narrow, 1:3].sum(axis=1, keepdims=True)
+    k, d = _pooled(used)
+    where[found.flat, :2] = 0.0
+    where[found.flat, 2] = np.where(found.narrow, least, np.inf)[found.flat]
+    where[found.flat, 3] = (k / (k + d))[found.flat]
+    where[never] = 0.0, 0.0, 1.0, 0.0
+    return where
+
+
+def _natural(design: Design, where: FloatArray, found: _Found) -> FloatArray:
+    """Natural parameters, (rows, 4): without a pull mu1 is at the penalty's mean; sigma_p and sigma_l are 0 or infinite as the width is."""
+    c, p, w, q0 = where.T
+    mu1 = np.where(p > 0.0, design.sbar + np.divide(c, p, out=np.zeros_like(c), where=p > 0.0), design.mean)
+    wide = np.where(np.isinf(w), 1.0, w)
+    sigmas = (np.where(found.narrow, 0.0, np.where(np.isinf(w), w, wide * part)) for part in ((1.0 - p) ** 1.5, np.sqrt((1.0 - p) * p)))
+    return np.stack([mu1, *sigmas, q0], axis=-1)
+
+
+def _edges(where: FloatArray, found: _Found, never: BoolArray, open_: BoolArray) -> BoolArray:
+    """On which of EDGES every row lies, (rows, len(EDGES))."""
+    plain = ~(found.flat | found.narrow | never)
+    return np.stack(
+        [
+            (plain & (where[:, 1] == 0.0)) | found.narrow,
+            plain & (found.best.y[:, 1] == 0.0) & ~open_[:, 2],
+            never,
+            (where[:, 3] == 1.0) & ~open_[:, 3],
+            found.narrow,
+            found.flat & ~found.narrow,
+            open_.any(axis=1),
+        ],
+        axis=-1,
+    )
+
+
+def _left_open(best: _Best, narrow: BoolArray) -> BoolArray:
+    """Which natural parameters can change along a flat direction of the objective, (rows, 4).
+
+    Directions count in units of the width for the offset and logarithmically for the rest.
+    """
+    p, w = MAX_PULL * np.exp(best.y[:, 1]), np.exp(best.y[:, 2])
+    unit = np.stack([w, np.ones_like(w), np.ones_like(w), np.ones_like(w)], axis=-1)
+    free = best.free[:, :, None] & best.free[:, None, :]
+    values, vectors = np.linalg.eigh(np.where(free, -best.hessian * unit[:, :, None] * unit[:, None, :], np.eye(4)))
+    along = _natural_slopes(best.y, p, w) @ vectors  # (rows, parameters, directions)
+    along[narrow, 1:3] = 0.0
+    return np.asarray((np.where(values[:, None, :] < _FLAT, np.abs(along), 0.0) > _STILL).any(axis=2))
+
+
+def _natural_slopes(y: FloatArray, p: FloatArray, w: FloatArray) -> FloatArray:
+    """Derivatives of (mu1, log sigma_p, log sigma_l, q0) in (c / w, log p, log w, log q0), (rows, 4, 4); zero in p where p = 0."""
+    slopes = np.zeros((len(p), 4, 4))
+    inverse = np.divide(1.0, p, out=np.zeros_like(p), where=p > 0.0)
+    slopes[:, 0, 0], slopes[:, 0, 1] = w * inverse, -y[:, 0] * inverse
+    slopes[:, 1, 1], slopes[:, 1, 2] = -1.5 * p / (1.0 - p), 1.0
+    slopes[:, 2, 1], slopes[:, 2, 2] = 0.5 - 0.5 * p / (1.0 - p), 1.0
+    slopes[:, 3, 3] = np.exp(y[:, 3])
+    return slopes

@@ -1,0 +1,137 @@
+"""Penalised log likelihood of many count vectors over one design, with derivatives up to and on the edges of the model.
+
+log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1), in y = (c, log(p/p_max), log w, log q0). There gamma = 1 and q0 = 1
+are the bounds y_1 = 0 and y_3 = 0, where everything stays finite: an edge is reached, not approached. Source: Eq. mod:logp_grouped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.model.closed_form import LN2, MAX_PULL
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+#: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
+_BLOCK = 1 << 15
+_TWO_LN2 = 2.0 * LN2
+
+
+@dataclass(frozen=True, eq=False)
+class PenalisedLikelihood:
+    """What a fit maximises, for one or many count vectors; points and rows are on the last axis of every array.
+
+    Parameters
+    ----------
+    s1, s2 : array, shape (pairs,)
+        Stimuli, natural-log intensity.
+    sbar : float
+        Mean first stimulus, from which the offset c = p (mu1 - sbar) counts; natural-log intensity.
+    equal, different : array, shape (pairs, rows)
+        Answers of each row.
+    row : array of int, shape (starts,)
+        The row to which each start belongs.
+    mean, sd : float
+        Of the normal penalty on mu1; the paper's are 0 and 10 (V_1 = 10^2).
+    """
+
+    s1: FloatArray
+    s2: FloatArray
+    sbar: float
+    equal: FloatArray
+    different: FloatArray
+    row: IndexArray
+    mean: float = 0.0
+    sd: float = 10.0
+
+    def evaluate(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Value (points,), gradient (4, points) and Hessian (4, 4, points) at x (4, points), for the rows of the starts `index`.
+
+        At log(p/p_max) = -inf, the edge gamma = 0, the offset is 0 and mu1 rests at the penalty's mean.
+        """
+        size, row = max(1, _BLOCK // len(self.s1)), self.row[index]
+        value, gradient, hessian = np.empty(x.shape[1]), np.empty(x.shape), np.empty((4, *x.shape))
+        # Where q = 1 and 'different' was answered the value is -inf, which is the truth, and there are no derivatives.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for i in range(0, x.shape[1], size):
+                part = slice(i, i + size)
+                value[part] = self._block(x[:, part], row[part], gradient[:, part], hessian[:, :, part])
+        self._to_log_pull(x, gradient, hessian)
+        return value + self._penalise(x, gradient, hessian), gradient, hessian
+
+    def penalty(self, x: FloatArray) -> FloatArray:
+        """(mu1 - mean)^2 / (2 V_1), shape (4, points) -> (points,)."""
+        return np.asarray(0.5 * np.square(self._far(x)[1] / self.sd))
+
+    def _block(self, x: FloatArray, row: IndexArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
+        """Log likelihood (points,); its derivatives in (c, p, log w, log q0) go into `gradient` and `hessian`.
+
+        With L = log q = log q0 - ln2 z^2 and the odds r = q/(1 - q), an answer 'equal' has slope 1 and curvature 0 in L, an answer
+        'different' -r and -r (1 + r). What is left are sums over pairs of powers of z and of the lever s1 - sbar.
+        """
+        lever = self.s1 - self.sbar
+        powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
+        inverse = np.exp(-x[2])
+        z = ((self.s2 - self.s1)[:, None] + lever[:, None] * (MAX_PULL * np.exp(x[1])) - x[0]) * inverse
+        value, slope, curve = self._answers(z, x[3], row)
+        e, h = powers @ slope, curve.sum(axis=0)
+        slope *= z
+        ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)
+        curve *= z
+        hz = powers[:2] @ curve
+        curve *= z
+        hzz = powers @ curve
+        curve *= z
+        hz3, hz4 = powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)
+        k, bend = _TWO_LN2 * inverse, _TWO_LN2 * np.square(inverse)
+        gradient[:] = k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]
+        cc, cp, pp = (bend * sign * (e[i] + _TWO_LN2 * hzz[i]) for i, sign in enumerate((-1.0, 1.0, -1.0)))
+        cb, pb = (k * sign * (2.0 * ez[i] + _TWO_LN2 * hz3[i]) for i, sign in enumerate((-1.0, 1.0)))
+        bb, bu = -_TWO_LN2 * (2.0 * ezz + _TWO_LN2 * hz4), -_TWO_LN2 * hzz[0]
+        cu, pu = -k * hz[0], k * hz[1]
+        hessian[:] = (cc, cp, cb, cu), (cp, pp, pb, pu), (cb, pb, bb, bu), (cu, pu, bu, -h)
+        return value
+
+    def _answers(self, z: FloatArray, log_q0: FloatArray, row: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log likelihood (points,), and per pair its slope and the size of its curvature in log q, (pairs, points)."""
+        equal, different = self.equal[:, row], self.different[:, row]
+        t = LN2 * np.square(z)
+        fall = np.expm1(-t)
+        rest = -np.expm1(log_q0) - np.exp(log_q0) * fall  # 1 - q, positive terms only
+        rest[different == 0.0] = 1.0  # an answer never given contributes nothing, also where it is impossible
+        value = np.einsum("pn,pn->n", equal, log_q0 - t) + np.einsum("pn,pn->n", different, np.log(rest))
+        odds = different * (np.exp(log_q0) * (1.0 + fall)) / rest
+        return value, equal - odds, odds / rest
+
+    @staticmethod
+    def _to_log_pull(x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
+        """From p to log p, in place."""
+        p = MAX_PULL * np.exp(x[1])
+        gradient[1] *= p
+        hessian[1] *= p
+        hessian[:, 1] *= p
+        hessian[1, 1] += gradient[1]
+
+    def _far(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """1/p, mu1 - mean and mu1 - sbar = c/p; at p = 0 the first and the last are given as 0 and mu1 rests at the mean."""
+        some = np.isfinite(x[1])
+        with np.errstate(over="ignore"):
+            inverse = np.where(some, np.exp(-x[1]) / MAX_PULL, 0.0)
+        reach = x[0] * inverse
+        return inverse, np.where(some, self.sbar - self.mean + reach, 0.0), reach
+
+    def _penalise(self, x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
+        """The penalty as a gain, its derivatives added in place; mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p."""
+        inverse, far, reach = self._far(x)
+        weight = 1.0 / self.sd**2
+        gradient[0] -= weight * far * inverse
+        gradient[1] += weight * far * reach
+        hessian[0, 0] -= weight * np.square(inverse)
+        cross = weight * inverse * (reach + far)
+        hessian[0, 1] += cross
+        hessian[1, 0] += cross
+        hessian[1, 1] -= weight * reach * (reach + far)
+        return np.asarray(-0.5 * weight * np.square(far))

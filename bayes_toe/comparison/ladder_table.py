@@ -1,0 +1,234 @@
+"""Comparison of the ladder's models: subject by subject, and over the subjects of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import softmax
+
+from bayes_toe.comparison.model_row import ModelRow, compare_one
+from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.whole_files import write_table
+from bayes_toe.errors import InputError
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.model.ladder import prior_of, require_models
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import root_seed
+from bayes_toe.workers import Progress, run_in_order
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+#: Columns of compare.csv.
+COMPARE_COLUMNS = (
+    "subject",
+    "model",
+    "parameters",
+    "log_evidence",
+    "log_evidence_se",
+    "pareto_k",
+    "elpd_loo_trial",
+    "elpd_loo_trial_se",
+    "elpd_loo_pair",
+    "elpd_loo_pair_se",
+    "model_probability",
+    "p_predictive",
+    "p_worst_pair",
+    "note",
+    "prior",
+)
+_FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
+_SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """Every subject under every model, subjects in the study's order, models in the ladder's.
+
+    Attributes
+    ----------
+    rows : tuple of ModelRow
+    subjects, models : tuple of str
+    seed : int
+    prior : Prior
+    """
+
+    rows: tuple[ModelRow, ...]
+    subjects: tuple[str, ...]
+    models: tuple[str, ...]
+    seed: int
+    prior: Prior
+
+    def __iter__(self) -> Iterator[ModelRow]:
+        return iter(self.rows)
+
+    def __getitem__(self, key: tuple[str, str]) -> ModelRow:
+        """The row of (subject, model)."""
+        for row in self.rows:
+            if (row.subject, row.model) == tuple(key):
+                return row
+        raise InputError(f"no row {key!r} in the comparison; subjects: {', '.join(self.subjects)}; models: {', '.join(self.models)}")
+
+    @property
+    def log_evidence(self) -> FloatArray:
+        """Shape (subjects, models), nats; NaN where withheld."""
+        return self._matrix("log_evidence")
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
+        import pandas as pd
+
+        believed = {name: prior_of(name, self.prior) for name in self.models}
+        cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
+        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
+        return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+
+    def frequencies(self) -> ModelFrequencies | None:
+        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject.
+
+        The variational scheme that the field quotes. Its omnibus risk is too high where subjects say little.
+        """
+        if not self._has_frequencies:
+            return None
+        return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
+
+    def exact_frequencies(self) -> ExactFrequencies | None:
+        """The same without the approximation; None also where the sum is too long: from 21 subjects and 8 models."""
+        return self._exact
+
+    @cached_property
+    def _exact(self) -> ExactFrequencies | None:
+        if not self._has_frequencies or not is_affordable(len(_complete(self.log_evidence)), len(self.models)):
+            return None
+        return exact_random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
+
+    @property
+    def _has_frequencies(self) -> bool:
+        return len(self.models) >= 2 and len(_complete(self.log_evidence)) > 0
+
+    def study_frame(self) -> pd.DataFrame:
+        """One row per model over the whole study.
+
+        Columns: model; subjects, those with every evidence, which alone count in what follows; best, for how many of them the model has
+        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
+        scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
+        expected_exact to omnibus_risk_exact, the same four without the approximation, empty where :meth:`exact_frequencies` gives none;
+        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go.
+        """
+        import pandas as pd
+
+        complete = _complete(self.log_evidence)
+        best = np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else np.zeros(len(self.models), int)
+        frame = pd.DataFrame({"model": self.models, "subjects": len(complete), "best": best})
+        frame = _with_frequencies(frame, self.frequencies(), "")
+        frame["group_log_evidence"] = _sum(complete)
+        predicted = {name: _complete(self._matrix(name)) for name in _SUMMED}
+        for name, values in predicted.items():
+            frame[name] = _sum(values)
+        frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
+        return frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
+        written = write_table(self.frame(), path, overwrite=overwrite)
+        write_table(self.study_frame(), beside(path), overwrite=overwrite)
+        return written
+
+    def _matrix(self, name: str) -> FloatArray:
+        flat = np.array([row.cell(name) for row in self.rows], np.float64)  # None becomes NaN
+        return flat.reshape(len(self.subjects), len(self.models))
+
+
+def _complete(table: FloatArray) -> FloatArray:
+    """The subjects with a value under every model."""
+    return np.asarray(table[~np.isnan(table).any(axis=1)])
+
+
+def _sum(rows: FloatArray) -> FloatArray:
+    """Sum over subjects; no number where there is none of them."""
+    return np.asarray(rows.sum(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
+
+
+def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | ExactFrequencies | None, suffix: str) -> pd.DataFrame:
+    values = {f"{name}{suffix}": np.nan if found is None else getattr(found, name) for name in _FREQUENCY_COLUMNS}
+    return frame.assign(**values)
+
+
+def beside(path: str | Path) -> Path:
+    """Where the study's table goes: compare_models.csv beside compare.csv."""
+    return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    model: str
+    draws: int
+    seed: int
+    prior: Prior
+
+
+def compare(
+    study: Study,
+    models: Sequence[str] | None = None,
+    *,
+    draws: int = 1000,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> ModelComparison:
+    """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.
+
+    Parameters
+    ----------
+    study : Study
+        With intervals (column isi), models with a memory say how they act, and the others answer a pair alike at every one: the note of
+        their rows says so. Free frequencies have one for each pair at each interval.
+    models : sequence of str, optional
+        Names of :data:`bayes_toe.model.ladder.NAMES`; all of them by default.
+    draws : int
+        Effective draws to reach for every named quantity of every model.
+    seed, prior, workers, progress
+        As in :func:`bayes_toe.api.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
+
+    Raises
+    ------
+    InputError
+        If a model, the seed or a number is not allowed.
+
+    Examples
+    --------
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> table = compare(Study([one]), ["free frequencies", "symmetric"], seed=1, workers=1)
+    >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
+    (2, 1.0)
+    """
+    names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    SamplerSettings(draws=draws)  # refuses a bad number before any work
+    jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
+    rows = run_in_order(_compare_one, jobs, workers, progress, lambda job: [f"{job.subject.name}: {job.model}"])
+    groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
+    return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
+
+
+def _compare_one(job: _Job) -> ModelRow:
+    return compare_one(job.subject, job.model, draws=job.draws, seed=job.seed, prior=job.prior)
+
+
+def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:
+    """Model probabilities of one subject; none where an evidence is missing, because they would depend on it."""
+    missing = [row.model for row in rows if row.log_evidence is None]
+    if missing:
+        note = f"no model probability: no evidence of {', '.join(missing)}"
+        return [replace(row, notes=(*row.notes, note)) for row in rows]
+    shares = softmax(np.array([row.log_evidence for row in rows], np.float64))
+    return [replace(row, model_probability=float(share)) for row, share in zip(rows, shares, strict=True)]

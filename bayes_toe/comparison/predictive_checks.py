@@ -1,0 +1,306 @@
+"""Does the model describe the answers? Deviance, posterior predictive p-values, and the collapse of both orders on one curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import betainc, chdtrc, log_expit
+
+from bayes_toe.classical.frequencies import frequencies
+from bayes_toe.errors import NumericalError
+from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.target import Answering
+from bayes_toe.seeds import generator
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_BLOCK = 1 << 18  # values of one temporary array
+
+
+# --- Deviance ---------------------------------------------------------------------------------------
+
+
+def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: npt.ArrayLike, log_rest: npt.ArrayLike) -> FloatArray:
+    """Deviance of k 'equal' answers in n from P(equal) = q and P(different) = 1 - q, in nats times 2. Arguments broadcast.
+
+    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more. The logs of q and
+    of 1 - q are given apart: either probability may be below the smallest float. Infinite where an answer was given that has probability 0.
+
+    Examples
+    --------
+    >>> half = np.log(0.5)
+    >>> [round(float(binomial_deviance(k, 50, half, half)), 6) for k in (25, 0)]
+    [0.0, 69.314718]
+    """
+    k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
+    return np.asarray(2.0 * (_excess(k, n, np.asarray(log_q, np.float64)) + _excess(n - k, n, np.asarray(log_rest, np.float64))))
+
+
+def _excess(x: FloatArray, n: FloatArray, log_share: FloatArray) -> FloatArray:
+    """The term x ln(x/m) - x + m >= 0 with m = n e^log_share; near x = m by the series of the logarithm in v = (x - m)/(x + m)."""
+    x, m = np.broadcast_arrays(x, n * np.exp(log_share))
+    both = x + m
+    v = np.divide(x - m, both, out=np.zeros(both.shape), where=both > 0)
+    near = np.abs(v) < 0.1
+    square = np.where(near, v * v, 0.0)
+    series = np.zeros_like(square)
+    for j in range(10, 0, -1):  # 0.01^10 is far below rounding
+        series = (series + 1.0 / (2 * j + 1)) * square
+    with np.errstate(divide="ignore", invalid="ignore"):  # branches not taken
+        far = np.where(x > 0, x * (np.log(x / n) - log_share), 0.0) - x + m
+    return np.asarray(np.where(near, (x - m) * v + 2.0 * x * v * series, far))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Fit of one subject's answers at one point.
+
+    Attributes
+    ----------
+    q : array, shape (pairs,)
+        P(equal) by the model.
+    residual : array, shape (pairs,)
+        Signed root of each pair's deviance; positive where 'equal' was answered more often than the model has it.
+    deviance : float
+        Sum over pairs, against the saturated model.
+    degrees_of_freedom : int
+        Pairs less the free parameters; the chi-square reference holds for many trials a pair and an interior maximum.
+    """
+
+    q: FloatArray
+    residual: FloatArray
+    deviance: float
+    degrees_of_freedom: int
+
+    @property
+    def p_value(self) -> float:
+        """P(chi-square >= deviance) with these degrees of freedom; NaN where there are none."""
+        return float(chdtrc(self.degrees_of_freedom, self.deviance)) if self.degrees_of_freedom > 0 else float("nan")
+
+
+def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
+    """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> posterior = Posterior(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
+    >>> fit = fit_at(posterior, [0.0, 0.0, -1.0, 2.2])
+    >>> fit.residual.shape, fit.degrees_of_freedom
+    ((3,), -1)
+    """
+    point = np.asarray(x, np.float64).reshape(1, -1)
+    logs = posterior.log_answers(point)
+    pairs, q = _pair_deviance(posterior, *logs)[0], np.exp(logs[0][0])
+    subject = posterior.subject
+    sign = np.sign(subject.n_equal - subject.n_trials * q)
+    return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), subject.n_pairs - len(posterior.coordinates))
+
+
+def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
+    """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
+    return _pair_deviance(posterior, *posterior.log_answers(_require_points(x, posterior)))
+
+
+def _pair_deviance(posterior: Answering, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
+    return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
+
+
+def _require_points(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
+    points, k = np.asarray(x, np.float64), len(posterior.coordinates)
+    if points.ndim != 2 or points.shape[1] != k or not len(points) or np.isnan(points).any():
+        raise NumericalError(f"draws must have shape (draws, {k}) and no NaN, found shape {points.shape}")
+    return points
+
+
+# --- Posterior predictive check ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PredictiveCheck:
+    """Observed answers against what the posterior predicts for a repetition of the experiment.
+
+    Attributes
+    ----------
+    expected : array, shape (pairs,)
+        Posterior mean of P(equal).
+    p_fewer, p_more : array, shape (pairs,)
+        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated.
+    p_overall : float
+        P(deviance of replicated counts >= deviance of the observed ones), both at the same draw.
+    p_overall_se : float
+        Its Monte Carlo standard error, counting draws as independent.
+    """
+
+    expected: FloatArray
+    p_fewer: FloatArray
+    p_more: FloatArray
+    p_overall: float
+    p_overall_se: float
+
+    @property
+    def p_mid(self) -> FloatArray:
+        """P(n_rep < n_equal) + P(n_rep = n_equal)/2, shape (pairs,): near 0 too few 'equal' answers, near 1 too many."""
+        return np.asarray(0.5 * (self.p_fewer + (1.0 - self.p_more)))
+
+    @property
+    def p_value(self) -> FloatArray:
+        """Two-sided p-value of every pair, twice the smaller tail; conservative, since the same answers shaped the posterior."""
+        return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
+
+
+def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
+    """Posterior predictive p-values of one subject.
+
+    Parameters
+    ----------
+    posterior : Answering
+        A model of one subject, H1 or another one of the ladder.
+    x : array_like, shape (draws, k)
+        Posterior draws in unconstrained coordinates.
+    seed : int
+        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by the subject.
+
+    Raises
+    ------
+    NumericalError
+        If draws have another shape or hold a NaN.
+    """
+    points, subject = _require_points(x, posterior), posterior.subject
+    rng = generator(seed, subject.name, "predictive check")
+    expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
+    beyond = 0
+    rows = max(1, _BLOCK // subject.n_pairs)
+    for start in range(0, len(points), rows):
+        logs = posterior.log_answers(points[start : start + rows])
+        q, rest = (np.exp(values) for values in logs)
+        expected += q.sum(axis=0)
+        for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
+            total += tail.sum(axis=0)
+        again = rng.binomial(subject.n_trials, q)
+        replicated = binomial_deviance(again, subject.n_trials, *logs).sum(axis=1)
+        beyond += int(np.count_nonzero(replicated >= _pair_deviance(posterior, *logs).sum(axis=1)))
+    share = beyond / len(points)
+    error = float(np.sqrt(share * (1.0 - share) / len(points)))
+    return PredictiveCheck(expected / len(points), fewer / len(points), more / len(points), share, error)
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """Goodness of fit of one subject in a few numbers, for tables.
+
+    Attributes
+    ----------
+    deviance : float
+        Smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood.
+    degrees_of_freedom : int
+        Pairs less the free parameters.
+    p_overall, p_overall_se : float
+        Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
+    worst_p : float
+        Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
+    worst_pair : tuple of float
+        That pair, (s1, s2) in natural-log intensity.
+    worst_isi : float, optional
+        Its interval, seconds, where the subject has intervals.
+    """
+
+    deviance: float
+    degrees_of_freedom: int
+    p_overall: float
+    p_overall_se: float
+    worst_p: float
+    worst_pair: tuple[float, float]
+    worst_isi: float | None = None
+
+
+def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+    """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
+
+    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.
+
+    Raises
+    ------
+    NumericalError
+        If draws have another shape or hold a NaN.
+    """
+    points, subject = _require_points(x, posterior), posterior.subject
+    check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
+    best = int(np.argmax(posterior.log_likelihood(points)))
+    worst = int(np.argmin(check.p_value))
+    return FitSummary(
+        float(deviance(posterior, points[best : best + 1]).sum()),
+        subject.n_pairs - len(posterior.coordinates),
+        check.p_overall,
+        check.p_overall_se,
+        float(check.p_value[worst]),
+        (float(subject.s1[worst]), float(subject.s2[worst])),
+        None if subject.isi is None else float(subject.isi[worst]),
+    )
+
+
+def binomial_tails(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, q: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """P(N <= k) and P(N >= k) for N ~ Binomial(n, q); `rest` is 1 - q. Arguments broadcast.
+
+    Examples
+    --------
+    >>> [float(tail) for tail in binomial_tails(1, 2, np.array(0.5), np.array(0.5))]
+    [0.75, 0.75]
+    """
+    k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
+    fewer = np.where(k < n, betainc(np.maximum(n - k, 1.0), k + 1.0, rest), 1.0)
+    more = np.where(k > 0, betainc(np.maximum(k, 1.0), n - k + 1.0, q), 1.0)
+    return np.asarray(fewer), np.asarray(more)
+
+
+# --- Collapse ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Collapse:
+    """Model-free frequencies on the normalised distance, where both orders fall on q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
+
+    Arrays have shape (pairs,). Bands are quantiles over the draws that were given.
+
+    Attributes
+    ----------
+    order : array of int
+        -1 weaker stimulus first, 0 equal stimuli, 1 stronger first.
+    z, z_low, z_high : array
+        Normalised distance (s2 - mu_2)/w: median, lower and upper quantile; no unit.
+    ratio, error : array
+        qhat/q0 and sigmahat_q/q0 at the median q0. Source: Eq. e:2b.
+    """
+
+    order: IntArray
+    z: FloatArray
+    z_low: FloatArray
+    z_high: FloatArray
+    ratio: FloatArray
+    error: FloatArray
+
+
+def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
+    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, 4) or (4,); bands hold `mass` of the draws.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> posterior = Posterior(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
+    >>> collapse(posterior, [0.0, 0.0, -1.0, 2.2]).order.tolist()
+    [0, -1, 1]
+    """
+    points = _require_points(np.atleast_2d(np.asarray(x, np.float64)), posterior)
+    low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
+    top = float(np.exp(log_expit(np.median(points[:, 3]))))
+    free = frequencies(posterior.subject)
+    return Collapse(free.order, middle, low, high, free.q / top, free.error / top)
+
+
+def universal_curve(z: npt.ArrayLike) -> FloatArray:
+    """The curve on which the data collapse, q/q0 = 2^(-z^2). Source: Eq. mod:q."""
+    return np.asarray(np.exp(-LN2 * np.square(np.asarray(z, np.float64))))

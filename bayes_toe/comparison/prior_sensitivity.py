@@ -1,0 +1,370 @@
+"""How evidence and posteriors depend on the prior: one value of it varied at a time, the weighted draws of one proposal re-used.
+
+Draws x of a fitted proposal g carry log likelihood and log g; under another prior pi' their importance weights are L(x) pi'(x) / g(x),
+exactly, so nothing is sampled again. The largest weights are smoothed (PSIS, Vehtari et al. 2024). Where k-hat exceeds 0.7 or too few draws
+count, a proposal is fitted under that prior and fresh draws are made; the table says which was done.
+
+The prior of H0, one uniform frequency per pair, has no scale to vary: the log Bayes factor moves as the evidence of H1 does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from bayes_toe.comparison.evidence_table import frequency_evidence
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.whole_files import write_table
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import smoothed_unnormalised
+from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
+from bayes_toe.model.coordinates import quantities
+from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator, root_seed
+from bayes_toe.workers import Progress, run_in_order
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+
+#: What is varied: two scales by factors, and the location by shifts of up to one prior standard deviation.
+SCALES = ("mu1_sd", "sigma_p_scale")
+VARIED = (*SCALES, "mu1_mean")
+SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+REWEIGHTED, RESAMPLED = "reweighted", "resampled"
+#: A log Bayes factor at least this far from 0 is called clear.
+CLEAR = 3.0
+#: Effective draws below which re-weighted draws give way to fresh ones.
+_ENOUGH = 1000
+
+SENSITIVITY_COLUMNS = (
+    *("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method"),
+    *(f"{name}_{key}" for name in SUMMARISED for key in QUANTILES),
+    "prior",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivityRow:
+    """One subject under one prior.
+
+    Attributes
+    ----------
+    subject, varied : str
+        `varied` is the value of the prior that differs from the default: one of :data:`VARIED`.
+    factor : float or None
+        By which a scale is multiplied; None where the location is varied.
+    prior : Prior
+    log_bayes_factor, se : float or None
+        H1 minus H0, natural log, with its standard error; None where k-hat says that neither can be trusted.
+    pareto_k : float
+    method : str
+        "reweighted" or "resampled".
+    quantiles : array, shape (5, 3)
+        Of mu1, sigma_p, sigma_l (natural-log intensity), q0 and gain at 5, 50 and 95 %; NaN where there is no log Bayes factor.
+    """
+
+    subject: str
+    varied: str
+    factor: float | None
+    prior: Prior
+    log_bayes_factor: float | None
+    se: float | None
+    pareto_k: float
+    method: str
+    quantiles: FloatArray
+
+    @property
+    def value(self) -> float:
+        """The varied value itself."""
+        return float(getattr(self.prior, self.varied))
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivityTable:
+    """Rows of every subject of a study, in the study's order; within a subject one value of the prior after the other, ascending."""
+
+    rows: tuple[SensitivityRow, ...]
+    prior: Prior
+    seed: int
+
+    def __iter__(self) -> Iterator[SensitivityRow]:
+        return iter(self.rows)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Subjects."""
+        return tuple(dict.fromkeys(row.subject for row in self.rows))
+
+    def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
+        """Rows of one subject and one varied value.
+
+        Raises
+        ------
+        InputError
+            For an unknown subject or value.
+        """
+        found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
+        if not found:
+            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(VARIED)}")
+        return found
+
+    def default(self, subject: str) -> SensitivityRow:
+        """The row of the prior that was given, of one subject."""
+        return next(row for row in self.of(subject, VARIED[0]) if row.prior == self.prior)
+
+    def turns(self, subject: str, varied: str, level: float = 0.0) -> tuple[float, ...]:
+        """Values of the prior at which the log Bayes factor crosses a level, between neighbouring rows.
+
+        Interpolated linearly, in the logarithm of a scale; two rows without a value between them are not joined.
+        """
+        rows = self.of(subject, varied)
+        found = (_crossing(a, b, level) for a, b in pairwise(rows))
+        return tuple(value for value in found if value is not None)
+
+    def summary(self) -> tuple[str, ...]:
+        """One line a subject: where its conclusion turns, and where it stops being clear."""
+        return tuple(_line(self, name) for name in self.names)
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of sensitivity.csv; natural logs and natural-log intensity, empty where a value does not exist."""
+        import pandas as pd
+
+        return pd.DataFrame([_cells(row) for row in self.rows], columns=list(SENSITIVITY_COLUMNS))
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write sensitivity.csv, whole or not at all."""
+        return write_table(self.frame(), path, overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    prior: Prior
+    powers: tuple[float, ...]
+    reach: float
+    seed: int
+
+
+def sensitivity(
+    study: Study,
+    *,
+    prior: Prior | None = None,
+    reach: float = 4.0,
+    steps: int = 9,
+    seed: int | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> SensitivityTable:
+    """Evidence and posterior quantiles of every subject under priors around the one given.
+
+    Parameters
+    ----------
+    study : Study
+    prior : Prior, optional
+        The middle of the range.
+    reach : float
+        Scales are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. The mean of mu1 is shifted by up
+        to one prior standard deviation to both sides.
+    steps : int
+        Values of each, an odd number from 3, so that the prior itself is among them.
+    seed : int, optional
+        Root seed; with the same one the row of the prior itself uses the draws behind :func:`bayes_toe.api.evidence`.
+    workers, progress
+        As in :func:`bayes_toe.api.run`.
+
+    Raises
+    ------
+    InputError
+        If `reach` or `steps` is out of range.
+
+    Examples
+    --------
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> table = sensitivity(Study([one]), steps=3, seed=1, workers=1)
+    >>> [(row.varied, row.value) for row in table.of("S01", "mu1_sd")]
+    [('mu1_sd', 2.5), ('mu1_sd', 10.0), ('mu1_sd', 40.0)]
+    """
+    require_range(reach, steps)
+    root, middle = root_seed(seed), Prior() if prior is None else prior
+    powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
+    jobs = [_Job(subject, middle, powers, reach, root) for subject in study]
+    found = run_in_order(_one_subject, jobs, workers, progress, lambda job: [job.subject.name])
+    return SensitivityTable(tuple(row for rows in found for row in rows), middle, root)
+
+
+def require_range(reach: float, steps: int) -> None:
+    """Refuse a range that cannot be walked.
+
+    Raises
+    ------
+    InputError
+        If `reach` is not above 1 and up to 1e6, or `steps` not an odd number from 3 to 999.
+    """
+    if not 1.0 < reach <= 1e6:
+        raise InputError(f"reach={reach:g}: allowed is a number above 1, up to 1e6")
+    if not 3 <= steps < 1000 or steps % 2 == 0:
+        raise InputError(f"steps={steps}: allowed is an odd number from 3 to 999, so that the prior itself is among them")
+
+
+def _one_subject(job: _Job) -> list[SensitivityRow]:
+    fitted = fit_proposal(posterior_of(job.subject, job.prior), generator(job.seed, job.subject.name, "proposal"))
+    middle = _under(fitted, job.prior, job)
+    return [
+        _row(job, varied, power, prior, middle if prior == job.prior else _under(fitted, prior, job))
+        for varied in VARIED
+        for power, prior in ((power, _varied(job, varied, power)) for power in job.powers)
+    ]
+
+
+def _varied(job: _Job, varied: str, power: float) -> Prior:
+    if varied == "mu1_mean":
+        return replace(job.prior, mu1_mean=job.prior.mu1_mean + power * job.prior.mu1_sd)
+    return replace(job.prior, **{varied: getattr(job.prior, varied) * job.reach**power})
+
+
+class _Weighted(NamedTuple):
+    """Draws x, their log weights, k-hat and efficiency under some prior, and how they were made."""
+
+    x: FloatArray
+    log_weights: FloatArray
+    pareto_k: float
+    efficiency: float
+    method: str
+
+    @property
+    def trusted(self) -> bool:
+        return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
+
+
+def _under(fitted: FittedProposal, prior: Prior, job: _Job) -> _Weighted:
+    """The draws of a proposal under another prior; fresh ones where those do not do."""
+    old = _reweighted(fitted, job.prior, posterior_of(job.subject, prior))
+    if (old.trusted and old.efficiency * len(old.x) >= _ENOUGH) or prior == job.prior:
+        return old
+    rng = generator(job.seed, job.subject.name, "sensitivity", prior.describe())
+    wanted = posterior_of(job.subject, prior)
+    return _reweighted(fit_proposal(wanted, rng), prior, wanted)._replace(method=RESAMPLED)
+
+
+def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) -> _Weighted:
+    """The draws of a proposal that was fitted under one prior as draws of the posterior under another."""
+    draws = fitted.draws
+    log_weights = draws.log_weights.copy()
+    if wanted.prior != fitted_prior:
+        some = np.isfinite(log_weights)  # elsewhere the likelihood or the prior is 0, under any prior
+        log_weights[some] += wanted.log_prior(draws.x[some]) - draws.log_prior[some]
+    made, k = smoothed_unnormalised(log_weights)
+    return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
+
+
+def _row(job: _Job, varied: str, power: float, prior: Prior, found: _Weighted) -> SensitivityRow:
+    factor = job.reach**power if varied in SCALES else None
+    if not found.trusted:
+        nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
+        return SensitivityRow(job.subject.name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
+    n = len(found.x)
+    evidence = float(logsumexp(found.log_weights) - np.log(n))
+    error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
+    difference = evidence - frequency_evidence(job.subject)
+    quantiles = _quantiles(found, posterior_of(job.subject, prior))
+    return SensitivityRow(job.subject.name, varied, factor, prior, difference, error, found.pareto_k, found.method, quantiles)
+
+
+def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:
+    """Weighted quantiles, shape (5, 3)."""
+    some = np.isfinite(found.log_weights)
+    weights = np.exp(found.log_weights[some] - found.log_weights.max())
+    values = quantities(posterior.natural(found.x[some]), posterior.sbar)
+    return np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in SUMMARISED])
+
+
+def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike) -> FloatArray:
+    """Quantiles of weighted values, each of shape (draws,); linear between the middles of the steps of the distribution function.
+
+    Examples
+    --------
+    >>> weighted_quantiles(np.array([3.0, 1.0, 2.0]), np.ones(3), [0.5]).tolist()
+    [2.0]
+    """
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    middles = (share - 0.5 * weights[order]) / share[-1]
+    return np.asarray(np.interp(np.asarray(probabilities, np.float64), middles, values[order]))
+
+
+# --- words --------------------------------------------------------------------------------------------------------------------------
+
+
+def _cells(row: SensitivityRow) -> list[object]:
+    numbers = (row.factor, row.value, row.log_bayes_factor, row.se, row.pareto_k, row.method)
+    return [row.subject, row.varied, *numbers, *row.quantiles.ravel().tolist(), row.prior.describe()]
+
+
+def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> float | None:
+    """Where the log Bayes factor passes a level between two rows; None where it does not, or where one has no value."""
+    if first.log_bayes_factor is None or second.log_bayes_factor is None:
+        return None
+    below, above = first.log_bayes_factor - level, second.log_bayes_factor - level
+    if (below < 0) == (above < 0):
+        return None
+    share = below / (below - above)
+    if first.varied in SCALES:
+        return float(first.value * (second.value / first.value) ** share)
+    return first.value + share * (second.value - first.value)
+
+
+def conclusion(log_bayes_factor: float | None) -> str:
+    """What a log Bayes factor says, in words: clear from 3 nats on.
+
+    Examples
+    --------
+    >>> conclusion(4.0), conclusion(-0.5)
+    ('clear for H1', 'not clear, toward H0')
+    """
+    if log_bayes_factor is None:
+        return "no estimate"
+    side = "H1" if log_bayes_factor > 0 else "H0"
+    return f"clear for {side}" if abs(log_bayes_factor) >= CLEAR else f"not clear, toward {side}"
+
+
+def _line(table: SensitivityTable, name: str) -> str:
+    middle = table.default(name).log_bayes_factor
+    start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
+    parts = [part for varied in VARIED for part in _turning(table, name, varied)]
+    firm = [varied for varied in VARIED if not table.turns(name, varied)]
+    if firm:
+        parts.append("does not turn within " + ", ".join(_span(table.of(name, varied)) for varied in firm))
+    return "; ".join([start, *parts])
+
+
+def _turning(table: SensitivityTable, name: str, varied: str) -> list[str]:
+    """Where the sign turns, where +-3 is passed and where values are missing, along one value of the prior."""
+    rows, words = table.of(name, varied), []
+    if turns := table.turns(name, varied):
+        words.append(f"turns at {varied} = {_listed(turns)}")
+    for level in (CLEAR, -CLEAR):
+        if passes := table.turns(name, varied, level):
+            words.append(f"passes {level:+g} nats at {varied} = {_listed(passes)}")
+    if missing := [row.value for row in rows if row.log_bayes_factor is None]:
+        words.append(f"no reliable value at {varied} = {_listed(missing)}")
+    return words
+
+
+def _span(rows: tuple[SensitivityRow, ...]) -> str:
+    return f"{rows[0].varied} = {rows[0].value:.3g}..{rows[-1].value:.3g}"
+
+
+def _listed(values: tuple[float, ...] | list[float]) -> str:
+    return " and ".join(f"{value:.3g}" for value in values)

@@ -1,0 +1,307 @@
+"""Cells of a CSV file: the distinct texts of each column, the row that each record starts at, and problems by their place.
+
+Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA'; each distinct text of a
+column is converted once. What the columns mean is for :mod:`bayes_toe.data.read_study` to say.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.data.study import IntArray
+from bayes_toe.errors import InputError
+
+BoolArray = npt.NDArray[np.bool_]
+_Records = Iterator[tuple[int, list[str] | csv.Error]]
+
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
+_ENCODINGS = (
+    (codecs.BOM_UTF8, "utf-8", "UTF-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le", "UTF-16"),
+    (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
+    (b"", "utf-8", "UTF-8"),
+)
+_TEXT_ALLOWED = "text in UTF-8, or in UTF-16 that starts with its byte-order mark"
+# What the csv module says, and what we say.
+_SPLIT_ERRORS = {
+    "end of data": "a quote that is never closed",
+    "expected after": "text after a closing quote",
+    "field larger": "a cell of more than 131072 characters (a quote that is never closed?)",
+}
+_LINE_END = re.compile(r"\r\n|\r|\n")
+
+# Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+# '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it is not read at all.
+_COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
+LARGEST_COUNT = 2**53  # beyond it, whole numbers are no longer exact in the floating point of the likelihood
+MOST_SHOWN = 10
+_LONGEST_SHOWN = 40
+
+
+# --- Showing what was found -----------------------------------------------------------------------
+
+
+def quoted(text: str) -> str:
+    """A cell as messages show it: quoted, on one line, of bounded length."""
+    shown = repr(text)
+    return shown if len(shown) <= _LONGEST_SHOWN else f"{shown[: _LONGEST_SHOWN - 4]}...{shown[-1]}"
+
+
+def bare(text: str) -> str:
+    """A name as messages show it: bare where that is readable."""
+    return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
+
+
+def listed(items: Sequence[str]) -> str:
+    """The first items, and how many there are beyond them."""
+    more = [f"... and {len(items) - MOST_SHOWN} more"] if len(items) > MOST_SHOWN else []
+    return ", ".join([*items[:MOST_SHOWN], *more])
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun, '1 cell' or '2 cells'."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind of problem: how often it occurs, and its first occurrences as (row, what is said about it)."""
+
+    count: int
+    shown: tuple[tuple[int, str], ...]
+
+
+def refuse(source: str, faults: Sequence[Fault]) -> None:
+    """Raise all problems of a file at once, in the order of its rows."""
+    count = sum(fault.count for fault in faults)
+    if count == 0:
+        return
+    shown = sorted((line for fault in faults for line in fault.shown), key=itemgetter(0))[:MOST_SHOWN]
+    more = count - len(shown)
+    rest = [f"... and {more} more problem{'s' if more > 1 else ''}"] if more else []
+    raise InputError([*(f"{source}: {text}" for _, text in shown), *rest])
+
+
+# --- From bytes to cells --------------------------------------------------------------------------
+
+
+def read_text(path: str | Path) -> tuple[str, str, str]:
+    """The name of a file as messages show it, its text, and the name of its encoding.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is not text in UTF-8 or marked UTF-16.
+    """
+    source = bare(Path(path).name)
+    return source, *_decode(source, _bytes(path))
+
+
+def _bytes(path: str | Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        reason = error.strerror if error.strerror is not None else str(error)
+    except ValueError as error:  # a NUL character in the path
+        reason = str(error)
+    shown = str(path) if str(path).isprintable() else repr(str(path))
+    raise InputError(f"{shown}: cannot be read ({reason}), allowed: a CSV file that exists and may be read")
+
+
+def _decode(source: str, data: bytes) -> tuple[str, str]:
+    """The text of a file, and the name of its encoding."""
+    mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
+    try:
+        text = data[len(mark) :].decode(codec)
+    except UnicodeDecodeError as error:
+        offset = len(mark) + error.start
+        before = data[len(mark) : offset].decode(codec, errors="ignore")
+        what = f"byte 0x{data[offset]:02x} at offset {offset}, not {label}"
+        raise InputError(f"{source}: row {_row_after(before)}: found {what}, allowed: {_TEXT_ALLOWED}") from None
+    zero = text.find("\0")
+    if zero >= 0:
+        offset = len(mark) + len(text[:zero].encode(codec))
+        what = f"a NUL character at offset {offset}"
+        raise InputError(f"{source}: row {_row_after(text[:zero])}: found {what}, allowed: {_TEXT_ALLOWED}")
+    return text, label
+
+
+def _row_after(text: str) -> int:
+    return 1 + len(_LINE_END.findall(text))
+
+
+def _records(text: str, delimiter: str) -> _Records:
+    """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
+    # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
+    while True:
+        row = reader.line_num + 1
+        try:
+            cells = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            yield row, error
+            continue
+        if "".join(cells).strip():
+            yield row, cells
+
+
+def _first_cells(text: str, delimiter: str) -> list[str]:
+    _, cells = next(_records(text, delimiter), (0, csv.Error()))
+    return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
+
+
+def _delimiter(text: str, names: frozenset[str]) -> str:
+    """The delimiter under which the header has most of the names we look for, then most cells."""
+    cells = {delimiter: _first_cells(text, delimiter) for delimiter in DELIMITERS}
+    return max(cells, key=lambda delimiter: (len(names.intersection(cells[delimiter])), len(cells[delimiter])))
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the first record of a file tells, and its physical row."""
+
+    source: str
+    encoding: str
+    delimiter: str
+    names: list[str]
+    row: int
+
+    @property
+    def decimal_comma(self) -> bool:
+        """Whether the delimiter leaves the comma free to be a decimal sign."""
+        return self.delimiter != ","
+
+
+def read_header(source: str, text: str, encoding: str, names: frozenset[str]) -> Header:
+    """The header of a file in which columns of these names are looked for; they tell the delimiter.
+
+    Raises
+    ------
+    InputError
+        If the file is empty or its first record cannot be split.
+    """
+    delimiter = _delimiter(text, names)
+    row, cells = next(_records(text, delimiter), (0, None))
+    if cells is None:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    if isinstance(cells, csv.Error):
+        raise InputError(f"{source}: {_broken(row, cells, 0)[1]}")
+    return Header(source, encoding, delimiter, [cell.strip() for cell in cells], row)
+
+
+def _broken(row: int, record: list[str] | csv.Error, width: int) -> tuple[int, str]:
+    """What is said about a row that cannot be split, or not into as many cells as the header has."""
+    if not isinstance(record, csv.Error):
+        return row, f"row {row}: found {counted(len(record), 'cell')}, allowed: {width} cells as in the header"
+    found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
+    return row, f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
+
+
+# --- From cells to columns --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its name in the file, its distinct texts, and the place of each row's text among them."""
+
+    name: str
+    texts: list[str]
+    codes: IntArray
+
+    def spread(self, values: Sequence[float], dtype: type) -> npt.NDArray[Any]:
+        """One value per row, from one value per distinct text."""
+        array: npt.NDArray[Any] = np.array(values, dtype)[self.codes]
+        return array
+
+    def text(self, index: int) -> str:
+        """The text of one row."""
+        return self.texts[int(self.codes[index])]
+
+
+def _column(name: str, cells: Sequence[str]) -> Column:
+    seen: dict[str, int] = {}
+    codes = np.fromiter((seen.setdefault(cell.strip(), len(seen)) for cell in cells), np.int64, len(cells))
+    return Column(name, list(seen), codes)
+
+
+@dataclass(frozen=True)
+class Table:
+    """The needed columns by name, the physical row of each record, and the fault of records that do not fit."""
+
+    header: Header
+    columns: dict[str, Column]
+    rows: IntArray
+    fault: Fault
+
+
+def read_table(header: Header, text: str, places: Mapping[str, int], problems: Sequence[str]) -> Table:
+    """The columns at these places of the records, by name.
+
+    Raises
+    ------
+    InputError
+        Where the header has problems: they and the rows that cannot be split.
+    """
+    kept: dict[str, list[str]] = {name: [] for name in places}
+    wanted = [(kept[name], place) for name, place in places.items()]
+    rows, fault = _keep(itertools.islice(_records(text, header.delimiter), 1, None), len(header.names), wanted)
+    if problems:
+        refuse(header.source, [*(Fault(1, ((header.row, line),)) for line in problems), fault])
+    columns = {name: _column(header.names[place], kept[name]) for name, place in places.items()}
+    return Table(header, columns, np.array(rows, np.int64), fault)
+
+
+def _keep(records: _Records, width: int, wanted: Sequence[tuple[list[str], int]]) -> tuple[list[int], Fault]:
+    """Append the cells of the wanted columns only: files of experiments are much wider than what we read."""
+    rows: list[int] = []
+    broken: list[tuple[int, list[str] | csv.Error]] = []
+    for row, record in records:
+        if isinstance(record, csv.Error) or len(record) != width:
+            broken.append((row, record))
+            continue
+        rows.append(row)
+        for cells, place in wanted:
+            cells.append(record[place])
+    return rows, Fault(len(broken), tuple(_broken(*entry, width) for entry in broken[:MOST_SHOWN]))
+
+
+def fault_in(table: Table, column: Column, bad: BoolArray, allowed: Callable[[int], str]) -> Fault:
+    """The cells of a column that are bad; `allowed` says for the index of a record what would have been right."""
+    shown = []
+    for index in np.flatnonzero(bad)[:MOST_SHOWN].tolist():
+        row, found = int(table.rows[index]), quoted(column.text(index))
+        shown.append((row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {allowed(index)}"))
+    return Fault(int(np.count_nonzero(bad)), tuple(shown))
+
+
+# --- Numbers --------------------------------------------------------------------------------------
+
+
+def number(text: str, decimal_comma: bool) -> float:
+    """The finite number that a cell holds, NaN if it holds none."""
+    plain = text.replace(",", ".") if decimal_comma else text
+    value = float(plain) if _NUMBER.fullmatch(plain) is not None else math.nan
+    return value + 0.0 if math.isfinite(value) else math.nan  # + 0.0 turns -0.0 into 0.0
+
+
+def whole_number(text: str, decimal_comma: bool) -> int:
+    """The whole number that a cell holds, -1 if it holds none."""
+    match = _COUNT.fullmatch(text.replace(",", ".") if decimal_comma else text)
+    value = -1 if match is None else int(match[1])
+    return value if value <= LARGEST_COUNT else -1

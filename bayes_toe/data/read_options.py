@@ -1,0 +1,118 @@
+"""How to read a file whose layout is not the default: intensities, answer codes, column names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from bayes_toe.data.cells import quoted
+from bayes_toe.errors import InputError
+
+COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a file whose layout is not the default.
+
+    Parameters
+    ----------
+    intensity : float, optional
+        REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the unit of the columns.
+    equal_code, different_code : str, optional
+        The exact text that stands for this answer; other texts for it are then refused.
+    columns : mapping of str to str
+        Our column names to those of the file, for columns that the file names otherwise.
+
+    Raises
+    ------
+    InputError
+        If REF is not positive and finite, a code is empty, both codes are one text, or a column name is unknown or
+        repeated.
+
+    Examples
+    --------
+    >>> ReadOptions(equal_code=" f ", different_code="j").equal_code
+    'f'
+    """
+
+    intensity: float | None = None
+    equal_code: str | None = None
+    different_code: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key in ("equal_code", "different_code"):
+            code = getattr(self, key)
+            object.__setattr__(self, key, None if code is None else code.strip())
+        columns = {ours.strip(): theirs.strip() for ours, theirs in self.columns.items()}
+        object.__setattr__(self, "columns", columns)
+        problems = [*_reference_problems(self.intensity), *_code_problems(self), *_name_problems(self.columns.items())]
+        if problems:
+            raise InputError(problems)
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """Column names as given on the command line, ours=the file's.
+
+    Parameters
+    ----------
+    text : str
+        Comma-separated entries, e.g. ``subject=participant,s1=first``.
+
+    Returns
+    -------
+    dict of str to str
+        Our names to the file's names.
+
+    Raises
+    ------
+    InputError
+        One line per entry that is malformed, unknown or repeated.
+
+    Examples
+    --------
+    >>> parse_columns("subject=participant, s1=first")
+    {'subject': 'participant', 's1': 'first'}
+    """
+    entries = [entry.strip() for entry in text.split(",")]
+    problems = [_name_problem(entry, "OURS=NAME") for entry in entries if "=" not in entry]
+    split = (entry.partition("=") for entry in entries if "=" in entry)
+    pairs = [(ours.strip(), theirs.strip()) for ours, _, theirs in split]
+    problems += _name_problems(pairs)
+    if problems:
+        raise InputError(problems)
+    return dict(pairs)
+
+
+def _reference_problems(reference: float | None) -> list[str]:
+    if reference is None or (math.isfinite(reference) and reference > 0):
+        return []
+    return [f"--intensity: found {reference!r}, allowed: a positive finite number"]
+
+
+def _code_problems(options: ReadOptions) -> list[str]:
+    given = {"--equal-code": options.equal_code, "--different-code": options.different_code}
+    problems = [f"{name}: found '', allowed: a text that is not empty" for name, code in given.items() if code == ""]
+    if options.equal_code is not None and options.equal_code == options.different_code and not problems:
+        found = quoted(options.equal_code)
+        problems.append(f"--different-code: found {found} as --equal-code, allowed: two different texts")
+    return problems
+
+
+def _name_problem(found: str, allowed: str) -> str:
+    return f"--columns: found {quoted(found)}, allowed: {allowed} with OURS one of {', '.join(COLUMNS)}"
+
+
+def _name_problems(pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """Entries that name no column of ours or of the file, or that name one twice."""
+    problems, seen_ours, seen_theirs = [], set[str](), set[str]()
+    for ours, theirs in pairs:
+        if ours not in COLUMNS or not theirs:
+            problems.append(_name_problem(f"{ours}={theirs}", "OURS=NAME"))
+        elif ours in seen_ours or theirs in seen_theirs:
+            problems.append(_name_problem(f"{ours}={theirs}", "each name once, as OURS=NAME"))
+        seen_ours.add(ours)
+        seen_theirs.add(theirs)
+    return problems

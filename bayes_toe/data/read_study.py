@@ -1,0 +1,423 @@
+"""Studies as they come in: CSV files of trials or of counts, read strictly and reported by row.
+
+Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and what cannot be used is
+refused with all problems of the file at once.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_toe.data.cells import (
+    DELIMITERS,
+    LARGEST_COUNT,
+    MOST_SHOWN,
+    BoolArray,
+    Column,
+    Fault,
+    Header,
+    Table,
+    bare,
+    counted,
+    fault_in,
+    listed,
+    number,
+    quoted,
+    read_header,
+    read_table,
+    read_text,
+    refuse,
+    whole_number,
+)
+from bayes_toe.data.read_options import COLUMNS, ReadOptions
+from bayes_toe.data.study import FloatArray, IntArray, Study, Subject, said_intervals
+from bayes_toe.errors import InputError
+
+_SYNTHETIC, _ISI = "synthetic", "isi"
+_EQUAL_WORDS = frozenset({"equal", "same", "1"})
+_DIFFERENT_WORDS = frozenset({"different", "0"})
+_MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none"})
+_TRUE_WORDS = frozenset({"1", "true", "yes"})
+_EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
+_SWITCH = re.compile(r"([01])[.,]0*")
+
+
+def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
+    r"""The study in a CSV file of trials or of counts; the header tells which.
+
+    Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
+    ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
+    and makes the same stimuli at another interval another pair. Other columns are ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark.
+    options : ReadOptions, optional
+        For raw amplitudes, other answer codes or other column names.
+
+    Returns
+    -------
+    Study
+        Subjects in order of first appearance; its notes say what was detected, dropped and merged.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used: one line per problem of the file, ten at most, with row and column.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pilot = Path(folder, "pilot.csv")
+    ...     _ = pilot.write_text("subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n", encoding="utf-8")
+    ...     study = read_study(pilot)
+    >>> study.names, study.notes
+    (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
+    """
+    options = ReadOptions() if options is None else options
+    source, text, encoding = read_text(path)
+    header = read_header(source, text, encoding, frozenset(options.columns.get(ours, ours) for ours in COLUMNS))
+    table = read_table(header, text, *_places(header, options))
+    return _trial_study(table, options) if "response" in table.columns else _count_study(table, options)
+
+
+# --- Which columns --------------------------------------------------------------------------------
+
+
+def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[str]]:
+    """Where each column that we read is, and what is wrong with the header."""
+    named = {ours: options.columns.get(ours, ours) for ours in COLUMNS}
+    needed = _needed(header.names, named, options)
+    lines = [*_conflict(named, needed), *_read_twice(named, needed)]
+    for ours in COLUMNS:
+        count = header.names.count(named[ours])
+        if count == 0 and (ours in needed or ours in options.columns):
+            lines.append(_missing(header.names, named, ours))
+        elif count > 1 and ours in needed:
+            lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
+    places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
+    marked = {_SYNTHETIC: header.names.index(_SYNTHETIC)} if _SYNTHETIC in header.names else {}
+    return places | marked, [f"row {header.row}, {line}" for line in lines]
+
+
+def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
+    """Our names of the columns that this header calls for, and of those that it may have."""
+    extra = [_ISI] if named[_ISI] in names else []
+    counts = [ours for ours in ("n_equal", "n_trials") if named[ours] in names]
+    if named["response"] in names:
+        return ["subject", *_stimuli(options), "response", *counts, *extra]
+    return ["subject", *_stimuli(options), *(("n_equal", "n_trials") if counts else ("response",)), *extra]
+
+
+def _stimuli(options: ReadOptions) -> tuple[str, str]:
+    return ("s1", "s2") if options.intensity is None else ("i1", "i2")
+
+
+def _conflict(named: Mapping[str, str], needed: Sequence[str]) -> list[str]:
+    counts = [bare(named[ours]) for ours in needed if ours in ("n_equal", "n_trials")]
+    if "response" not in needed or not counts:
+        return []
+    response, both = bare(named["response"]), f"{bare(named['n_equal'])} and {bare(named['n_trials'])}"
+    allowed = f"{response} alone (one row per trial) or {both} alone (one row per pair)"
+    return [f"column {response}: found together with {' and '.join(counts)}, allowed: {allowed}"]
+
+
+def _missing(names: Sequence[str], named: Mapping[str, str], ours: str) -> str:
+    """What is said about a column that the header lacks, with the way out that fits."""
+    found = listed([quoted(name) for name in names])
+    hint = f"a column of this name, or --columns {ours}=NAME"
+    if ours in ("s1", "s2") and any(named[other] in names for other in ("i1", "i2")):
+        hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need --intensity REF"
+    if ours in ("i1", "i2") and any(named[other] in names for other in ("s1", "s2")):
+        hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without --intensity"
+    if ours == "response":
+        hint += f"; or counts in {bare(named['n_equal'])} and {bare(named['n_trials'])}"
+    return f"column {bare(named[ours])}: missing, found {found}, allowed: {hint}"
+
+
+def _read_twice(named: Mapping[str, str], needed: Sequence[str]) -> list[str]:
+    """Columns of the file that --columns would have stand for two of ours."""
+    lines = []
+    for theirs in dict.fromkeys(named[ours] for ours in needed):
+        roles = [ours for ours in needed if named[ours] == theirs]
+        if len(roles) > 1:
+            lines.append(f"column {bare(theirs)}: found as {' and as '.join(roles)}, allowed: one meaning per column")
+    return lines
+
+
+# --- Pairs ----------------------------------------------------------------------------------------
+
+
+def _log_ratio(value: float, reference: float) -> float:
+    # The difference of logs, because the ratio itself may overflow.
+    return math.log(value) - math.log(reference) if value > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Who met which stimuli, row by row; s1 and s2 are natural-log intensities, isi seconds, NaN where a cell cannot be read."""
+
+    subject: Column
+    first: Column
+    second: Column
+    s1: FloatArray
+    s2: FloatArray
+    interval: Column | None = None
+    isi: FloatArray | None = None
+
+
+def _pairs(table: Table, options: ReadOptions) -> _Pairs:
+    first, second = (table.columns[ours] for ours in _stimuli(options))
+    s1, s2 = (_log_intensity(table, column, options) for column in (first, second))
+    interval = table.columns.get(_ISI)
+    isi = None if interval is None else _seconds(table, interval)
+    return _Pairs(table.columns["subject"], first, second, s1, s2, interval, isi)
+
+
+def _seconds(table: Table, column: Column) -> FloatArray:
+    values = [number(text, table.header.decimal_comma) for text in column.texts]
+    return column.spread([value if value > 0 else math.nan for value in values], np.float64)
+
+
+def _log_intensity(table: Table, column: Column, options: ReadOptions) -> FloatArray:
+    values = [number(text, table.header.decimal_comma) for text in column.texts]
+    if options.intensity is not None:
+        values = [_log_ratio(value, options.intensity) for value in values]
+    return column.spread(values, np.float64)
+
+
+def _pair_faults(table: Table, pairs: _Pairs, asked: BoolArray, options: ReadOptions) -> list[Fault]:
+    """Subjects without a name, stimuli and intervals without a number, in the rows that have an answer."""
+    empty = pairs.subject.spread([text == "" for text in pairs.subject.texts], np.bool_)
+    return [
+        fault_in(table, pairs.subject, asked & empty, lambda _: "a text that is not empty"),
+        _stimulus_fault(table, pairs.first, asked & np.isnan(pairs.s1), options),
+        _stimulus_fault(table, pairs.second, asked & np.isnan(pairs.s2), options),
+        *([] if pairs.interval is None or pairs.isi is None else [_interval_fault(table, pairs.interval, asked & np.isnan(pairs.isi))]),
+    ]
+
+
+def _interval_fault(table: Table, column: Column, bad: BoolArray) -> Fault:
+    return fault_in(table, column, bad, lambda _: "a positive finite number of seconds, in every row or no such column")
+
+
+def _stimulus_fault(table: Table, column: Column, bad: BoolArray, options: ReadOptions) -> Fault:
+    kind = "a finite number" if options.intensity is None else "a positive finite number"
+
+    def allowed(index: int) -> str:
+        text = column.text(index)
+        if not table.header.decimal_comma and "," in text and not math.isnan(number(text, True)):
+            return f"{kind}; decimal commas need ';' or tab between cells"
+        if "," in text or text.count(".") > 1:
+            return f"{kind}, without thousands separators"
+        return kind
+
+    return fault_in(table, column, bad, allowed)
+
+
+# --- Trials ---------------------------------------------------------------------------------------
+
+
+def _word(text: str) -> str:
+    """A cell without what spreadsheets do to it: case, and the decimals of 1.0 and 0.0."""
+    whole = _SWITCH.fullmatch(text)
+    return text.lower() if whole is None else whole[1]
+
+
+def _answer(text: str, options: ReadOptions) -> int:
+    """The answer that a cell stands for."""
+    codes = {options.equal_code: _EQUAL, options.different_code: _DIFFERENT}
+    if text in codes:
+        return codes[text]
+    word = _word(text)
+    if word in _MISSING_WORDS:
+        return _MISSING
+    # Where '0' was declared to mean equal, '0.0' must not count as different by default.
+    if any(word == _word(code) for code in codes if code is not None):
+        return _UNKNOWN
+    if word in _EQUAL_WORDS and options.equal_code is None:
+        return _EQUAL
+    return _DIFFERENT if word in _DIFFERENT_WORDS and options.different_code is None else _UNKNOWN
+
+
+def _allowed_answers(options: ReadOptions) -> str:
+    equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
+    different = "different, 0" if options.different_code is None else quoted(options.different_code)
+    return f"{equal} (equal) or {different} (different), or empty; other codes by --equal-code, --different-code"
+
+
+def _trial_study(table: Table, options: ReadOptions) -> Study:
+    pairs, response = _pairs(table, options), table.columns["response"]
+    answer = response.spread([_answer(text, options) for text in response.texts], np.int64)
+    asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
+    unknown = fault_in(table, response, answer == _UNKNOWN, lambda _: _allowed_answers(options))
+    refuse(table.header.source, [table.fault, *_pair_faults(table, pairs, asked, options), unknown])
+    _require_rows(table, asked)
+    notes = [
+        f"trial rows, {_format(table, _numbers_of(pairs))}, responses {_answers_note(response, answer)}",
+        *_layout_notes(pairs, options),
+        *_dropped_notes(pairs.subject, ~asked),
+    ]
+    # A trial is a count of one, a trial without an answer a count of none.
+    subjects = _subjects(pairs, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
+    return _study(table, subjects, [*notes, *_interval_notes(pairs, subjects)])
+
+
+def _require_rows(table: Table, asked: BoolArray) -> None:
+    if len(asked) == 0:
+        what = f"row {table.header.row}: found a header only, allowed: at least one row below it"
+    elif not asked.any():
+        what = f"found no response in any of {len(asked)} rows, allowed: at least one answered trial"
+    else:
+        return
+    raise InputError(f"{table.header.source}: {what}")
+
+
+# --- Counts ---------------------------------------------------------------------------------------
+
+
+def _count_study(table: Table, options: ReadOptions) -> Study:
+    pairs, equal, trials = _pairs(table, options), table.columns["n_equal"], table.columns["n_trials"]
+    k, n = (_whole_numbers(table, column) for column in (equal, trials))
+    every = np.ones(len(n), np.bool_)
+    faults = [*_count_faults(table, equal, trials, k, n), _total_fault(table, pairs.subject, trials, n)]
+    refuse(table.header.source, [table.fault, *_pair_faults(table, pairs, every, options), *faults])
+    _require_rows(table, every)
+    subjects = _subjects(pairs, k, n)
+    notes = [
+        f"grouped rows, {_format(table, _numbers_of(pairs))}, {k.sum()} of {n.sum()} trials answered 'equal'",
+        *_layout_notes(pairs, options),
+        *_grouping_notes(pairs.subject, subjects, n),
+        *_interval_notes(pairs, subjects),
+    ]
+    return _study(table, subjects, notes)
+
+
+def _whole_numbers(table: Table, column: Column) -> IntArray:
+    return column.spread([whole_number(text, table.header.decimal_comma) for text in column.texts], np.int64)
+
+
+def _count_faults(table: Table, equal: Column, trials: Column, k: IntArray, n: IntArray) -> list[Fault]:
+    return [
+        fault_in(table, equal, k < 0, _allowed_count),
+        fault_in(table, trials, n < 0, _allowed_count),
+        fault_in(table, equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}"),
+    ]
+
+
+def _allowed_count(_: int) -> str:
+    return "a whole number from 0 to 2**53, without thousands separators"
+
+
+def _total_fault(table: Table, subject: Column, trials: Column, n: IntArray) -> Fault:
+    """Subjects whose trials add up to nothing, or to more than can be counted exactly."""
+    # A bad count makes the sum NaN, for which both comparisons are false.
+    total = np.bincount(subject.codes, np.where(n < 0, np.nan, n), minlength=len(subject.texts))
+    named = np.array([text != "" for text in subject.texts], np.bool_)
+    bad = np.flatnonzero(named & ((total == 0) | (total > LARGEST_COUNT)))
+    shown = []
+    for code in bad[:MOST_SHOWN].tolist():
+        row, name = int(table.rows[np.argmax(subject.codes == code)]), quoted(subject.texts[code])
+        what = "0 in all rows" if total[code] == 0 else f"a sum of {total[code]:.0f} over the rows"
+        where = f"row {row}, column {bare(trials.name)}"
+        shown.append((row, f"{where}: found {what} of subject {name}, allowed: 1 to 2**53 trials per subject"))
+    return Fault(len(bad), tuple(shown))
+
+
+# --- Notes ----------------------------------------------------------------------------------------
+
+
+def _format(table: Table, numbers: Sequence[Column]) -> str:
+    header = table.header
+    comma = header.decimal_comma and any("," in text for column in numbers for text in column.texts)
+    return f"{DELIMITERS[header.delimiter]}-separated, {header.encoding}{', decimal comma' if comma else ''}"
+
+
+def _numbers_of(pairs: _Pairs) -> list[Column]:
+    return [pairs.first, pairs.second, *([] if pairs.interval is None else [pairs.interval])]
+
+
+def _interval_notes(pairs: _Pairs, subjects: Sequence[Subject]) -> list[str]:
+    """Which intervals were read: a column that has a meaning is never read in silence."""
+    if pairs.interval is None:
+        return []
+    distinct = sorted({isi for subject in subjects for isi in subject.intervals})
+    return [f"{counted(len(distinct), 'interval')} in column {bare(pairs.interval.name)}: {said_intervals(distinct)}"]
+
+
+def _answers_note(response: Column, answer: IntArray) -> str:
+    return " / ".join(_side_note(response, answer, *side) for side in ((_EQUAL, "equal"), (_DIFFERENT, "different")))
+
+
+def _side_note(response: Column, answer: IntArray, value: int, word: str) -> str:
+    """Which texts were read as this answer, and how often it was given."""
+    chosen = answer == value
+    texts = [response.texts[code] for code in np.unique(response.codes[chosen]).tolist()]
+    meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
+    shown = listed([quoted(text) for text in texts]) if texts else f"'{word}'"
+    return f"{shown}{meaning} ({np.count_nonzero(chosen)})"
+
+
+def _layout_notes(pairs: _Pairs, options: ReadOptions) -> list[str]:
+    notes = [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+    if options.intensity is None:
+        return notes
+    names = [bare(column.name) for column in (pairs.first, pairs.second)]
+    return notes + [f"column {name} read as amplitude in units of {float(options.intensity)!r}" for name in names]
+
+
+def _dropped_notes(subject: Column, dropped: BoolArray) -> list[str]:
+    """How many trials without a response each subject has, and who has no other."""
+    count = np.bincount(subject.codes[dropped], minlength=len(subject.texts))
+    total = np.bincount(subject.codes, minlength=len(subject.texts))
+    names = ["(no subject)" if text == "" else bare(text) for text in subject.texts]
+    each = [f"{names[code]} {count[code]}" for code in np.flatnonzero(count).tolist()]
+    gone = [names[code] for code in np.flatnonzero(count == total).tolist() if subject.texts[code]]
+    notes = [f"{counted(int(count.sum()), 'trial')} without a response dropped: {listed(each)}"] if each else []
+    return notes + ([f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else [])
+
+
+def _grouping_notes(subject: Column, subjects: Sequence[Subject], n: IntArray) -> list[str]:
+    """How many rows of counts were empty, and how many repeated a pair of the same subject."""
+    zero = int(np.count_nonzero(n == 0))
+    rows = np.bincount(subject.codes[n > 0], minlength=len(subject.texts)).tolist()
+    merged = {one.name: count - one.n_pairs for one, count in zip(subjects, rows, strict=True)}
+    each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
+    notes = [f"{counted(zero, 'row')} with n_trials = 0 left out"] if zero else []
+    return notes + ([f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"] if each else [])
+
+
+# --- The study ------------------------------------------------------------------------------------
+
+
+def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> list[Subject]:
+    """Subjects with an answered trial, in order of first appearance."""
+    rows = np.flatnonzero(n_trials > 0)
+    rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
+    ends = 1 + np.flatnonzero(np.diff(pairs.subject.codes[rows]))
+    columns = (pairs.s1, pairs.s2, n_equal, n_trials, *([] if pairs.isi is None else [pairs.isi]))
+    parts = np.split(rows, ends)
+    return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in parts]
+
+
+def _study(table: Table, subjects: Sequence[Subject], notes: Sequence[str]) -> Study:
+    synthetic, note = _synthetic(table)
+    return Study(tuple(subjects), table.header.source, synthetic, (*notes, *note))
+
+
+def _synthetic(table: Table) -> tuple[bool, list[str]]:
+    """Whether the file says that its data were simulated, and the note about it."""
+    if _SYNTHETIC not in table.columns:
+        return False, []
+    marks = [_word(text) in _TRUE_WORDS for text in table.columns[_SYNTHETIC].texts]
+    if all(marks):
+        return True, ["synthetic data: column synthetic says so in every row"]
+    return False, ["column synthetic says so in some rows only: not marked synthetic"] if any(marks) else []

@@ -1,0 +1,249 @@
+"""What a study can and cannot tell, known from its pairs and counts before any sampling.
+
+The model is q = q0 2^(-z^2), z = ((s2 - s1) - c + p (s1 - sbar)) / w with offset c, pull p, width w and peak q0. A
+parameter that drops out of z, or that only enters together with another one, is not identified: its posterior exists
+because the prior is proper, and reflects that prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bayes_toe.data.study import Study, Subject, said_intervals
+from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
+
+_MOST_PAIRS_SHOWN = 3
+_LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that the data of a subject cannot tell.
+
+    Parameters
+    ----------
+    subject : str
+        Whom it concerns; empty for the whole study.
+    code : str
+        What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals" or "names_differ_in_case".
+    message : str
+        One sentence that says what to conclude.
+
+    Examples
+    --------
+    >>> Finding("S01", "few_pairs", "Too little was asked.").code
+    'few_pairs'
+    """
+
+    subject: str
+    code: str
+    message: str
+
+
+def check_subject(subject: Subject) -> tuple[Finding, ...]:
+    """What the counts of one subject leave open.
+
+    Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are.
+
+    Parameters
+    ----------
+    subject : Subject
+        Its stimuli are natural-log intensities.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty if nothing is left open.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0, 0, 0, 0], [0, 0.1, 0.2, 0.3], [9, 8, 5, 2], [9, 9, 9, 9])
+    >>> [finding.code for finding in check_subject(subject)]
+    ['one_first_stimulus', 'one_order', 'design_rank']
+    """
+    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders, _intervals, _design)
+    return tuple(Finding(subject.name, code, message) for rule in rules for code, message in rule(subject))
+
+
+def check_study(study: Study) -> tuple[Finding, ...]:
+    """What a study leaves open: findings about its names first, then those of each subject.
+
+    Parameters
+    ----------
+    study : Study
+        Any study.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty if nothing is left open.
+
+    Examples
+    --------
+    >>> counts = ([0, 0, 0.3, 0.3], [0, 0.3, 0, 0.3], [9, 2, 5, 8], [9, 9, 9, 9])
+    >>> [finding.message for finding in check_study(Study((Subject("a", *counts), Subject("A", *counts))))]
+    ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
+    """
+    return (*_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
+
+
+def describe(study: Study) -> pd.DataFrame:
+    """One row per subject: how much was asked, and how balanced.
+
+    Parameters
+    ----------
+    study : Study
+        Any study.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject; n_pairs, distinct ordered pairs (with a column isi, pairs at an interval); n_intervals, only with such a column; n_trials;
+        n_both_orders and n_one_order, pairs of different stimuli (order aside) that were presented in both orders and in one;
+        n_equal_pairs, pairs of equal stimuli;
+        fraction_equal, share of trials answered 'equal', in 0..1.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0, 0, 0.3], [0, 0.3, 0], [9, 2, 5], [10, 10, 10])
+    >>> describe(Study((subject,))).to_dict("records")[0]["n_both_orders"]
+    1
+    """
+    return pd.DataFrame([_row(subject) for subject in study])
+
+
+def _row(subject: Subject) -> dict[str, str | int | float]:
+    one = len(_one_order(subject))
+    equal = int(np.count_nonzero(subject.s1 == subject.s2))
+    return {
+        "subject": subject.name,
+        "n_pairs": subject.n_pairs,
+        **({} if subject.isi is None else {"n_intervals": len(subject.intervals)}),
+        "n_trials": subject.total_trials,
+        "n_both_orders": (subject.n_pairs - equal - one) // 2,
+        "n_one_order": one,
+        "n_equal_pairs": equal,
+        "fraction_equal": subject.fraction_equal,
+    }
+
+
+def _one_order(subject: Subject) -> list[str]:
+    """Pairs of different stimuli that were presented in this order only, at one interval where there are intervals."""
+    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
+    pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
+    present = set(pairs)
+    lone = [(first, second, at) for first, second, at in pairs if first != second and (second, first, at) not in present]
+    return [f"({first:.4g}, {second:.4g})" + (f" at {at:g} s" if subject.isi is not None else "") for first, second, at in lone]
+
+
+_Rule = Iterable[tuple[str, str]]
+
+
+def _few_pairs(subject: Subject) -> _Rule:
+    if subject.n_pairs < PARAMETERS:
+        few = f"{subject.n_pairs} distinct pair{'' if subject.n_pairs == 1 else 's'}"
+        yield (
+            "few_pairs",
+            f"Only {few} for {PARAMETERS} parameters: at least {PARAMETERS - subject.n_pairs} of them cannot be told "
+            "from the data, and the posterior will reflect the prior there.",
+        )
+
+
+def _answers(subject: Subject) -> _Rule:
+    if (subject.n_equal == subject.n_trials).all():
+        yield (
+            "all_equal",
+            "Every trial was answered 'equal': the data give the width no upper bound and show no order effect, so the "
+            "posterior of the width, and of offset and pull with it, will reflect the prior.",
+        )
+    if (subject.n_equal == 0).all():
+        yield (
+            "all_different",
+            "No trial was answered 'equal': a low peak q0, a small width and a large offset explain that alike, so "
+            "their posterior will reflect the prior.",
+        )
+
+
+def _equal_pairs(subject: Subject) -> _Rule:
+    equal = subject.s1 == subject.s2
+    if equal.all():
+        yield (
+            "only_equal_pairs",
+            "Only pairs of equal stimuli were presented: offset, pull and width enter as |offset - pull (s1 - mean s1)|"
+            " / width alone, so neither their scale nor the sign of the offset at a small pull can be told, and their "
+            "posterior will reflect the prior.",
+        )
+    elif not equal.any():
+        yield (
+            "no_equal_pairs",
+            "No pair of equal stimuli was presented: the peak q0 and the offset rest on the assumed shape of the curve "
+            "between the pairs presented, so compare their posterior with the prior.",
+        )
+
+
+def _first_stimuli(subject: Subject) -> _Rule:
+    # With several intervals offsets and widths tell the pull apart even so.
+    if (subject.s1 == subject.s1[0]).all() and len(subject.intervals) <= 1:
+        yield (
+            "one_first_stimulus",
+            f"All pairs have the first stimulus {subject.s1[0]:.4g}: the pull does not enter the likelihood, so the "
+            "posterior of the pull will reflect the prior, and with it that of gamma and mu1; the offset can be told.",
+        )
+
+
+def _orders(subject: Subject) -> _Rule:
+    one = _one_order(subject)
+    if one:
+        shown = ", ".join(one[:_MOST_PAIRS_SHOWN])
+        more = f" and {len(one) - _MOST_PAIRS_SHOWN} more" if len(one) > _MOST_PAIRS_SHOWN else ""
+        what = "pair was" if len(one) == 1 else "pairs were"
+        yield (
+            "one_order",
+            f"{len(one)} {what} presented in one order only, {shown}{more}: the order effect there is not observed but "
+            "predicted by the model.",
+        )
+
+
+def _intervals(subject: Subject) -> _Rule:
+    if len(subject.intervals) == 1:
+        yield (
+            "one_interval",
+            f"All pairs have the interval {said_intervals(subject.intervals)}: what is said of other intervals rests on the assumed random "
+            "walk of the memory alone.",
+        )
+
+
+def _units(study: Study) -> list[Finding]:
+    """Intervals that were probably meant in milliseconds."""
+    longest = max(study.intervals, default=0.0)
+    if longest < _LONG:
+        return []
+    message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
+    return [Finding("", "long_intervals", message)]
+
+
+def _design(subject: Subject) -> _Rule:
+    found = identifiability(subject)
+    if found.rank < PARAMETERS:
+        told = f"{', '.join(found.told)} can be told" if found.told else "none can be told by itself"
+        enough = "no smaller model of the ladder carries" if found.model == FULL else f"the smaller model '{found.model}' carries"
+        yield (
+            "design_rank",
+            f"The pairs can tell {found.rank} of {PARAMETERS} combinations of the parameters, whatever the answers: {told}, "
+            f"{', '.join(found.open)} depend on the prior however many trials there are; {enough} all the information ({found.reason}).",
+        )
+
+
+def _names(names: Iterable[str]) -> list[Finding]:
+    """Names that are probably one person's."""
+    alike: dict[str, list[str]] = {}
+    for name in names:
+        alike.setdefault(name.casefold(), []).append(name)
+    message = "Subjects {} differ in case only: if they are one person, join them under one name."
+    clashes = [", ".join(map(repr, same)) for same in alike.values() if len(same) > 1]
+    return [Finding("", "names_differ_in_case", message.format(same)) for same in clashes]

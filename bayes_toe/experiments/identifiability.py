@@ -1,0 +1,183 @@
+"""What a design can tell, whatever the answers: the rank of the model's Jacobian on the pairs presented.
+
+With d = s2 - s1 and l = s1 - sbar, a pair has z = (d + p l - c)/w and log q = log q0 - ln2 z^2. The rows of the Jacobian with respect to
+(c, p, log w, logit q0) are, up to factors, (z, z l, z^2, 1); since z^2 = z (d + p l - c)/w, they span the same directions as
+(z, z l, z d, 1), that is, after division by z, as (1, l, d, 1/z). So everything hangs on the points (l, d): with n pairs that span a point,
+a line or a plane (0, 1, 2 dimensions), min(n, dimensions + 2) combinations of the four parameters can be told at their generic values:
+
+    one pair                     1    one frequency: a symmetric observer produces any
+    two pairs                    2    two frequencies: with different d an offset produces any, with equal d a pull
+    a line of constant l         3    p does not enter: a constant bias
+    a line of constant d         3    only (d - c)/w, p/w and q0: the scale is open
+    any other line d = a + b l   3    only (a - c)/w, (b + p)/w and q0: an offset and a width produce every such curve with no pull
+    three pairs in a plane       3    three frequencies: with different d an offset, a width and q0 produce them
+    four or more in a plane      4    everything
+
+With intervals a pair counts at each of its intervals, and the parameters are those at one second; several intervals tell more.
+The code finds the rank and what remains open from singular values; the list above tells which model of the ladder is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.data.study import Subject
+from bayes_toe.model.closed_form import LN2, MAX_PULL, pull
+from bayes_toe.model.coordinates import IDENTIFIED, NATURAL
+
+FloatArray = npt.NDArray[np.float64]
+
+PARAMETERS = 4
+#: The model with all four.
+FULL = "predictive update"
+#: Relative singular value below which a direction counts as absent; stimuli that are equal up to rounding stay well below it.
+_TOLERANCE = 1e-7
+#: Generic parameter values on the scale of the design: offset, pull as a share of the largest, width. No two are special.
+_GENERIC = ((0.37, 0.31, 0.83), (-0.59, 0.67, 1.13), (0.13, 0.89, 1.71))
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the pairs of one subject can tell.
+
+    Attributes
+    ----------
+    rank : int
+        Combinations of the four parameters that the answers can tell, 1..4.
+    told : tuple of str
+        Identified and natural parameters that can be told.
+    open : tuple of str
+        Those that cannot: their posterior reflects the prior, alone or in combination with others.
+    model : str
+        The smallest model of the ladder that carries all the information; "predictive update" where none smaller does.
+    reason : str
+        Why, in words; empty where everything can be told.
+    """
+
+    rank: int
+    told: tuple[str, ...]
+    open: tuple[str, ...]
+    model: str
+    reason: str
+
+
+def identifiability(subject: Subject) -> Identifiability:
+    """Rank, open parameters and the smallest sufficient model for the pairs of one subject; the answers are not looked at.
+
+    Examples
+    --------
+    >>> found = identifiability(Subject("S01", [0, 0, 0, 0], [0, 0.1, 0.2, 0.3], [9, 8, 5, 2], [9, 9, 9, 9]))
+    >>> found.rank, found.model, found.open
+    (3, 'constant bias', ('pull', 'mu1', 'sigma_p', 'sigma_l'))
+    """
+    lever, step = _points(subject)
+    isi = np.ones(len(step)) if len(subject.intervals) <= 1 or subject.isi is None else subject.isi
+    told = np.ones(len(_NAMES), np.bool_)
+    rank = 0
+    for c, share, w in _GENERIC:
+        here, open_directions = _split(_jacobian_at(lever, step, isi, (c, MAX_PULL * share, w)))
+        told &= np.abs(_gradients(c, MAX_PULL * share) @ open_directions).max(axis=1, initial=0.0) < 1e-5
+        rank = max(rank, here)
+    several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one second"
+    model, reason = _smallest(lever, step, rank) if len(subject.intervals) <= 1 else several
+    of = dict(zip(_NAMES, told.tolist(), strict=True))
+    return Identifiability(rank, tuple(k for k in _NAMES if of[k]), tuple(k for k in _NAMES if not of[k]), model, reason)
+
+
+_NAMES = tuple(dict.fromkeys([*IDENTIFIED, *NATURAL]))
+
+
+def _points(subject: Subject) -> tuple[FloatArray, FloatArray]:
+    """(l, d) of every pair in units of the design's largest extent, so that nothing depends on the units."""
+    lever = subject.s1 - np.average(subject.s1, weights=subject.n_trials)
+    step = subject.s2 - subject.s1
+    extent = max(float(np.abs(lever).max()), float(np.abs(step).max()))
+    return (lever / extent, step / extent) if extent > 0 else (lever, step)
+
+
+def _jacobian_at(lever: FloatArray, step: FloatArray, isi: FloatArray, at_one: tuple[float, float, float]) -> FloatArray:
+    """Derivatives in offset, pull, log width and log q0 at one second, of pairs at intervals of isi seconds, shape (pairs, 4).
+
+    gamma_t = gamma/t gives p_t; c_t = c p_t/p and w_t = w t^(1/2) (G_t/G_1)^(3/2). With d log p/d log gamma = (1 - p)/(1 + p) and
+    d log G/d log gamma = p/(1 + p) these have closed derivatives in p, for which d log gamma/dp = (1 + p)/(p (1 - p)).
+    """
+    c, p, w = at_one
+    gamma = p / (1.0 - p) ** 2
+    rows = np.empty((len(step), PARAMETERS))
+    for t in np.unique(isi):
+        pt = float(pull(np.asarray(gamma / t)))
+        wt = w * np.sqrt(t) * ((1.0 - p) / (1.0 - pt)) ** 1.5
+        by_p = (1.0 + p) / (p * (1.0 - p))
+        p_slope = by_p * pt * (1.0 - pt) / (1.0 + pt)
+        chain = np.eye(PARAMETERS)
+        chain[0, :2] = pt / p, c * (p_slope - pt / p) / p
+        chain[1, 1], chain[2, 1] = p_slope, 1.5 * by_p * (pt / (1.0 + pt) - p / (1.0 + p))
+        here = isi == t
+        rows[here] = _jacobian(lever[here], step[here], c * pt / p, pt, wt) @ chain
+    return rows
+
+
+def _jacobian(lever: FloatArray, step: FloatArray, c: float, p: float, w: float) -> FloatArray:
+    """Derivatives of log q in (c, p, log w, log q0), shape (pairs, 4): the rank of those of q itself, which differ by factors q > 0."""
+    z = (step + p * lever - c) / w
+    return np.asarray(np.stack([2.0 * z / w, -2.0 * z * lever / w, 2.0 * z * z, np.full_like(z, 1.0 / LN2)], axis=1) * LN2)
+
+
+def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:
+    """Rank, and an orthonormal basis of the directions that change nothing, shape (4, 4 - rank)."""
+    rows_needed = max(0, PARAMETERS - len(jacobian))
+    _, values, rows = np.linalg.svd(np.pad(jacobian, ((0, rows_needed), (0, 0))), full_matrices=False)
+    rank = int(np.count_nonzero(values > _TOLERANCE * values[0]))
+    return rank, rows[rank:].T
+
+
+def _gradients(c: float, p: float) -> FloatArray:
+    """Gradients of c, p, log w, q0, mu1, log sigma_p and log sigma_l in (c, p, log w, log q0), shape (7, 4)."""
+    of_sigma_p = -1.5 / (1.0 - p)
+    of_sigma_l = of_sigma_p + 0.5 / p + 1.0 / (1.0 - p)
+    return np.vstack([np.eye(4), [1.0 / p, -c / p**2, 0.0, 0.0], [0.0, of_sigma_p, 1.0, 0.0], [0.0, of_sigma_l, 1.0, 0.0]])
+
+
+def _smallest(lever: FloatArray, step: FloatArray, rank: int) -> tuple[str, str]:
+    """The smallest sufficient model and why, by the table of the module."""
+    flat, level = _constant(step), _constant(lever)
+    if rank == PARAMETERS:
+        return FULL, ""
+    if len(step) == 1:
+        return "symmetric", "one pair gives one frequency, which a symmetric observer can produce"
+    if len(step) == 2:
+        same = "no lapses", "two pairs with the same difference s2 - s1 differ by the pull alone, and q0 = 1 loses nothing"
+        return same if flat else ("constant bias", "two pairs give two frequencies, which an offset, a width and q0 can produce")
+    if level:
+        return "constant bias", "with one first stimulus the pull only adds to the offset and does not enter"
+    if flat:
+        return FULL, _same_difference(step)
+    if len(step) == 3 and _dimensions(lever, step) == 2:
+        return _three_pairs(step)
+    return "constant bias", "along one line of pairs the pull only rescales offset and width"
+
+
+def _three_pairs(step: FloatArray) -> tuple[str, str]:
+    """Different d: log q is a parabola in them, of any offset, width and peak; only a peak above 1 has no such observer."""
+    if np.diff(np.sort(step)).min() < _TOLERANCE:
+        return FULL, "three pairs give three frequencies, and free frequencies (H0) say as much"
+    return "constant bias", "three pairs give three frequencies, which an offset, a width and q0 produce unless their curve peaks above 1"
+
+
+def _same_difference(step: FloatArray) -> str:
+    what = "offset/width, pull/width and q0" if step[0] == 0 else "(s2 - s1 - offset)/width, pull/width and q0"
+    return f"with one difference s2 - s1 only {what} enter, so the width may be held fixed"
+
+
+def _constant(values: FloatArray) -> bool:
+    return bool(np.ptp(values) < _TOLERANCE)
+
+
+def _dimensions(lever: FloatArray, step: FloatArray) -> int:
+    """Dimensions that the points (l, d) span: 0, 1 or 2."""
+    points = np.stack([lever - lever[0], step - step[0]], axis=1)
+    values = np.linalg.svd(points, compute_uv=False)
+    return int(np.count_nonzero(values > _TOLERANCE))

@@ -1,0 +1,103 @@
+"""What `simulate` was asked for in words or files, turned into a design and a population, and its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_toe.data.number_table import read_numbers
+from bayes_toe.errors import InputError
+from bayes_toe.experiments.simulate import Design, Trials, at_intervals, full_design, paper_population, prior_population, reference_design
+from bayes_toe.model.closed_form import require_natural
+from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_DESIGNS = {"reference": reference_design, "full": full_design}
+_POPULATIONS = {"paper": paper_population, "prior": prior_population}
+
+
+def design_from(design: str, amplitudes: str, batches: int, isi: str | None = None) -> Design:
+    """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi).
+
+    Examples
+    --------
+    >>> len(design_from("full", "1,1.2,1.5", 2).s1)
+    9
+    """
+    if design in _DESIGNS:
+        chosen = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+    else:
+        _require_file(design, "--design", _DESIGNS)
+        columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
+        chosen = Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
+
+
+def population_from(population: str, size: int, seed: int, *, prior: Prior | None = None) -> tuple[list[str], Natural]:
+    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
+
+    A prior may be given with the population 'prior' only, which is drawn from it.
+    """
+    if prior is not None and population != "prior":
+        raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
+    if population in _POPULATIONS:
+        width = max(2, len(str(size)))
+        names = [f"S{i + 1:0{width}d}" for i in range(size)]
+        rng = generator(seed, "population")
+        return names, prior_population(size, rng, prior) if population == "prior" else _POPULATIONS[population](size, rng)
+    _require_file(population, "--population", _POPULATIONS)
+    names, columns = read_numbers(population, NATURAL, key="subject")
+    observers = Natural(*(columns[name] for name in NATURAL))
+    try:
+        require_natural(*observers)
+    except ArithmeticError as error:
+        raise InputError(f"{population}: {error}") from error
+    return names, observers
+
+
+def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
+    """Trials as a table that `bayes-toe` reads; the column `synthetic` marks them for good."""
+    import pandas as pd
+
+    parts = [
+        pd.DataFrame(
+            {
+                "subject": one.subject,
+                "batch": one.batch,
+                "trial": np.arange(1, len(one.equal) + 1),
+                "s1": one.s1,
+                "s2": one.s2,
+                **({} if one.isi is None else {"isi": one.isi}),
+                "response": np.where(one.equal, "equal", "different"),
+                "synthetic": 1,
+            }
+        )
+        for one in trials
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def truth_frame(names: Sequence[str], observers: Natural) -> pd.DataFrame:
+    """True natural parameters, one row a subject."""
+    import pandas as pd
+
+    return pd.DataFrame({"subject": list(names), **observers._asdict()})
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option}: found {text!r}, allowed: positive numbers separated by commas") from None
+
+
+def _require_file(text: str, option: str, words: Mapping[str, object]) -> None:
+    if not Path(text).is_file():
+        raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

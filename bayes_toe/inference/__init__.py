@@ -1,0 +1,1 @@
+"""From a posterior to draws and evidence; names no model."""

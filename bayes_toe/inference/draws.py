@@ -1,0 +1,338 @@
+"""Posterior draws of a study: an xarray.DataTree with ArviZ's groups, its summary, saving and loading.
+
+Groups: posterior (chain, draw, subject), sample_stats, and in long form over `obs` (one entry per subject and pair) observed_data,
+constant_data, log_likelihood and posterior_predictive. A chain is an independent ensemble; draws are walker-major within it.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.analysis import Settings, SubjectResult
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
+from bayes_toe.inference.sampling import Chains
+from bayes_toe.model.contraction import contraction
+from bayes_toe.model.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
+from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.prior import Prior
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+PARAMETERS = (*NATURAL, *DERIVED)
+QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
+SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction")
+_UNITS = {"q0": "1", "gamma": "1", "gain": "1"}
+_INTERVAL_UNITS = {
+    "sigma_p": "ln intensity / s^(1/2)",
+    "gamma": "1, at 1 s",
+    "gain": "1, at 1 s",
+    "sigma1": "ln intensity, at 1 s",
+    "width": "ln intensity, at 1 s",
+}
+_WITH_INTERVALS = "; intervals isi in seconds, memory variance sigma_p^2 isi, a self-consistent prior for each interval"
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Posterior draws of every subject of a study.
+
+    Attributes
+    ----------
+    tree : xarray.DataTree
+        All groups; ArviZ reads the saved file as it is.
+    """
+
+    tree: xr.DataTree
+
+    def group(self, name: str) -> xr.Dataset:
+        """One group of the tree as a Dataset, as ArviZ functions and xarray take it."""
+        return self.tree[name].to_dataset()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Subject identifiers, in the order of the study."""
+        return tuple(str(name) for name in self.group("posterior")["subject"].values)
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """Seed, prior, settings, versions and what was left out, as stored in the file."""
+        return {str(key): value for key, value in self.tree.attrs.items()}
+
+    @property
+    def seed(self) -> int:
+        """The root seed; with it, the same study and the same settings the same draws come again."""
+        return int(self.tree.attrs["seed"])
+
+    @property
+    def prior(self) -> Prior:
+        """The prior that these draws were made under; its :meth:`Prior.describe` is the line for a Methods section."""
+        return Prior(**json.loads(self.tree.attrs["settings"])["prior"])
+
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """Distinct inter-stimulus intervals of the study, seconds, shortest first; empty where it has no column isi."""
+        observed = self.group("observed_data")
+        return tuple(np.unique(observed["isi"].values).tolist()) if "isi" in observed.coords else ()
+
+    @property
+    def synthetic(self) -> bool:
+        """True where the data were simulated."""
+        return bool(self.tree.attrs["synthetic"])
+
+    @property
+    def not_converged(self) -> dict[str, str]:
+        """Subjects whose draws missed the convergence criteria, with what was missed."""
+        stats = self.group("sample_stats")
+        return {
+            name: str(reason)
+            for name, good, reason in zip(self.names, stats["converged"].values, stats["shortfall"].values, strict=True)
+            if not good
+        }
+
+    def select(self, name: str) -> Draws:
+        """Draws of one subject alone, without the pointwise groups."""
+        import xarray as xr
+
+        self._require(name)
+        groups = {f"/{key}": self.group(key).sel(subject=[name]) for key in ("posterior", "sample_stats")}
+        for key in ("observed_data", "constant_data"):
+            group = self.group(key)
+            groups[f"/{key}"] = group.isel(obs=group["subject"].values == name)
+        tree = xr.DataTree.from_dict(groups)
+        tree.attrs.update(self.tree.attrs)
+        return Draws(tree)
+
+    def subject(self, name: str) -> Subject:
+        """The counts behind one subject's draws."""
+        self._require(name)
+        observed, constant = self.group("observed_data"), self.group("constant_data")
+        at = observed["subject"].values == name
+        columns = (observed["s1"], observed["s2"], observed["n_equal"], constant["n_trials"])
+        s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
+        return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
+
+    def natural(self, name: str) -> Natural:
+        """Draws of the natural parameters of one subject, each of shape (chains, draws)."""
+        return Natural(*(self.values(name, key) for key in NATURAL))
+
+    def values(self, name: str, parameter: str) -> FloatArray:
+        """Draws of one quantity of one subject, shape (chains, draws).
+
+        Parameters
+        ----------
+        name : str
+            Subject.
+        parameter : str
+            One of the posterior's variables, or `offset` or `pull` of the identified coordinates.
+
+        Raises
+        ------
+        InputError
+            For an unknown subject or parameter.
+        """
+        self._require(name)
+        if parameter not in QUANTITIES:
+            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(QUANTITIES)}")
+        if parameter not in PARAMETERS:
+            return quantities(self.natural(name), posterior_of(self.subject(name)).sbar)[parameter]
+        return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+
+    def summary(self) -> pd.DataFrame:
+        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction.
+
+        Contraction is 1 - (posterior width / prior width)^2 of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the
+        posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
+        read its quantiles.
+        """
+        import pandas as pd
+
+        prior = self.prior
+        rows = [(name, key, *_summary_row(self.values(name, key), prior, key)) for name in self.names for key in PARAMETERS]
+        return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write a NetCDF file, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        with whole_file(path, overwrite=overwrite) as target:
+            self.tree.to_netcdf(target, engine="h5netcdf", encoding=_encoding(self.tree))
+        return Path(path)
+
+    def _require(self, name: str) -> None:
+        if name not in self.names:
+            raise InputError(f"no subject {name!r} among the draws; there are: {', '.join(map(repr, self.names))}")
+
+
+def load(path: str | Path) -> Draws:
+    """Read draws that :meth:`Draws.save` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is not such a file.
+    """
+    import xarray as xr
+
+    try:
+        # Loaded and closed: an open tree is lazy and keeps the file locked.
+        with xr.open_datatree(path, engine="h5netcdf") as lazy:
+            tree = lazy.load()
+    except (OSError, ValueError, TypeError) as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else "not a NetCDF file that can be read"
+        raise InputError(f"{path}: {reason}; allowed: a posterior.nc written by bayes-toe") from error
+    if "posterior" not in tree.children or not set(PARAMETERS) <= set(tree["posterior"].data_vars):
+        raise InputError(f"{path}: no posterior group with {', '.join(PARAMETERS)}; allowed: a posterior.nc written by bayes-toe")
+    return Draws(tree)
+
+
+def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings) -> Draws:
+    """Assemble the container from the results of :func:`bayes_toe.analysis.analyse` with chains."""
+    import xarray as xr
+
+    groups = {
+        "posterior": _posterior_group(results, settings),
+        "sample_stats": _stats_group(results),
+        "observed_data": _long_group(study, "n_equal"),
+        "constant_data": _long_group(study, "n_trials"),
+    }
+    left_out = ""
+    if all(result.pointwise is not None for result in results):
+        groups.update(_pointwise_groups(results, groups["observed_data"]))
+    else:
+        left_out = (
+            f"log_likelihood and posterior_predictive left out: {values_needed(study, settings.sampler):,} values each, more than "
+            f"{POINTWISE_LIMIT:,}; sample fewer draws or fewer subjects at a time to have them"
+        )
+    tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
+    tree.attrs.update(_attributes(study, settings, left_out))
+    return Draws(tree)
+
+
+def chains_of(result: SubjectResult) -> Chains:
+    """The chains of a result that must have them."""
+    if result.chains is None:
+        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
+    return result.chains
+
+
+def _names(results: Sequence[SubjectResult]) -> list[str]:
+    return [result.subject.name for result in results]
+
+
+def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr.Dataset:
+    import xarray as xr
+
+    columns: dict[str, list[FloatArray]] = {key: [] for key in PARAMETERS}
+    for result in results:
+        theta = posterior_of(result.subject, settings.prior).natural(chains_of(result).x)
+        for key, values in {**theta._asdict(), **derived(theta)}.items():
+            columns[key].append(values)
+    dims = ("chain", "draw", "subject")
+    units = _UNITS if results[0].subject.isi is None else _UNITS | _INTERVAL_UNITS
+    data = {key: (dims, np.stack(values, -1), {"units": units.get(key, "ln intensity")}) for key, values in columns.items()}
+    chains, draws = columns["mu1"][0].shape
+    walkers = settings.sampler.walkers
+    coords: dict[str, Any] = {
+        "chain": np.arange(chains),
+        "draw": np.arange(draws),
+        "subject": _names(results),
+        "walker": ("draw", np.repeat(np.arange(walkers), draws // walkers)),
+    }
+    return xr.Dataset(data, coords)
+
+
+def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:
+    import xarray as xr
+
+    chains = [chains_of(result) for result in results]
+    about = "log density of the unconstrained identified coordinates (offset, logit pull/p_max, log width, logit q0), unnormalised"
+    data: dict[str, Any] = {
+        "lp": (("chain", "draw", "subject"), np.stack([c.log_posterior for c in chains], -1), {"description": about}),
+        "acceptance_rate": (("chain", "subject"), np.stack([c.acceptance for c in chains], -1)),
+        "converged": ("subject", np.array([c.converged for c in chains], np.int8)),
+        "shortfall": ("subject", np.array([c.reason for c in chains], object)),
+        "min_ess": ("subject", [min(min(d[:2]) for d in c.diagnostics.values()) for c in chains]),
+        "max_r_hat": ("subject", [max(d.r_hat for d in c.diagnostics.values()) for c in chains]),
+        "thin": ("subject", [c.thin for c in chains]),
+        "steps": ("subject", [c.steps for c in chains]),
+        "proposal_efficiency": ("subject", [result.efficiency for result in results]),
+        "pareto_k": ("subject", [result.pareto_k for result in results]),
+    }
+    size = chains[0].log_posterior.shape
+    return xr.Dataset(data, {"chain": np.arange(size[0]), "draw": np.arange(size[1]), "subject": _names(results)})
+
+
+def _long_group(study: Study, key: str) -> xr.Dataset:
+    """One count per subject and pair, with the pair as coordinates."""
+    import xarray as xr
+
+    pairs = ("s1", "s2", "isi") if study.intervals else ("s1", "s2")
+    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in (*pairs, key)}
+    owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
+    coords = {"subject": ("obs", owner), **{name: ("obs", columns[name]) for name in pairs}}
+    return xr.Dataset({key: ("obs", columns[key])}, {"obs": np.arange(len(owner)), **coords})
+
+
+def _pointwise_groups(results: Sequence[SubjectResult], observed: xr.Dataset) -> dict[str, xr.Dataset]:
+    import xarray as xr
+
+    dims = ("chain", "draw", "obs")
+    found = [result.pointwise for result in results if result.pointwise is not None]
+    log_likelihood = np.concatenate([values.log_likelihood for values in found], axis=2)
+    predicted = np.concatenate([values.predicted for values in found], axis=2)
+    return {
+        "log_likelihood": xr.Dataset({"n_equal": (dims, log_likelihood)}, observed.coords),
+        "posterior_predictive": xr.Dataset({"n_equal": (dims, predicted)}, observed.coords),
+    }
+
+
+def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, Any]:
+    packages = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "xarray")
+    versions = {name: importlib.metadata.version(name) for name in packages} | {"python": platform.python_version()}
+    return {
+        "source": study.source,
+        "synthetic": int(study.synthetic),
+        "notes": "\n".join(study.notes),
+        "model": "predictive update (H1), arXiv 2604.19662" + (_WITH_INTERVALS if study.intervals else ""),
+        "seed": settings.seed,
+        "prior": settings.prior.describe(),
+        "settings": json.dumps({"prior": asdict(settings.prior), "sampler": asdict(settings.sampler)}),
+        "versions": json.dumps(versions),
+        "inference_library": "emcee",
+        "inference_library_version": versions["emcee"],
+        "left_out": left_out,
+    }
+
+
+def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
+    """Light compression for the predicted counts, which shrink to a third; what is random to the last bit hardly shrinks."""
+    if "posterior_predictive" not in tree.children:
+        return {}
+    return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
+
+
+def _summary_row(values: FloatArray, prior: Prior, parameter: str) -> tuple[float, ...]:
+    quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
+    narrowed = contraction(prior, parameter, quantiles[0], quantiles[-1])
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)

@@ -1,0 +1,80 @@
+"""The maxima of a log density in unconstrained coordinates, all starts in one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.inference.newton import ascend
+from bayes_toe.model.target import Target
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Maxima:
+    """Distinct local maxima, best first.
+
+    Attributes
+    ----------
+    x : array, shape (modes, k)
+        Unconstrained coordinates.
+    value : array, shape (modes,)
+        Log posterior density there.
+    curvature : array, shape (modes, k, k)
+        Negative Hessian; positive definite at a proper maximum.
+    arrived : bool
+        False where no start met the convergence criterion; the points are then the best found.
+    """
+
+    x: FloatArray
+    value: FloatArray
+    curvature: FloatArray
+    arrived: bool
+
+
+def find_maxima(target: Target) -> Maxima:
+    """Maxima of the log density from several starts that the data suggest.
+
+    Examples
+    --------
+    >>> from bayes_toe.model.posterior import Posterior
+    >>> from bayes_toe.data.study import Subject
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> find_maxima(Posterior(subject)).arrived
+    True
+    """
+    found = ascend(_LogDensity(target), target.starts().T)
+    kept = found.arrived if found.arrived.any() else np.ones_like(found.arrived)
+    x, value = found.x.T[kept], found.value[kept]
+    chosen = _distinct(x, value)
+    curvature = -target.derivatives(x[chosen])[1]
+    return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()))
+
+
+@dataclass(frozen=True, eq=False)
+class _LogDensity:
+    """The log density as the ascent wants it, points on the last axis."""
+
+    target: Target
+
+    def evaluate(self, x: FloatArray, _: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Value, gradient and Hessian; where the density is 0 there are no derivatives, and no step leads there."""
+        value = self.target.log_density(x.T)
+        some = np.isfinite(value)
+        gradient, hessian = np.zeros(x.shape), np.zeros((len(x), *x.shape))
+        first, second = self.target.derivatives(x.T[some])
+        gradient[:, some], hessian[:, :, some] = first.T, np.moveaxis(second, 0, -1)
+        return value, gradient, hessian
+
+
+def _distinct(x: FloatArray, value: FloatArray) -> npt.NDArray[np.intp]:
+    """Indices of maxima that differ visibly and are not hopeless (30 nats below the best), best first."""
+    chosen: list[int] = []
+    for i in np.argsort(-value):
+        far = all(np.abs(x[i] - x[j]).max() > 1e-3 for j in chosen)
+        if far and value[i] > value.max() - 30.0:
+            chosen.append(int(i))
+    return np.array(chosen)

@@ -1,0 +1,51 @@
+"""What is stored for every draw and every pair: the log likelihood, and an answer that the model predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.data.study import Study
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.seeds import generator
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Values of one of the two beyond which both are left out of the file: 20 million log likelihoods are 80 MB.
+POINTWISE_LIMIT = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Pointwise:
+    """Per draw and pair of one subject.
+
+    Attributes
+    ----------
+    log_likelihood : array of float32, shape (chains, draws, pairs)
+    predicted : array of int32, shape (chains, draws, pairs)
+        'Equal' answers of a repeated experiment.
+    """
+
+    log_likelihood: npt.NDArray[np.float32]
+    predicted: npt.NDArray[np.int32]
+
+
+def values_needed(study: Study, sampler: SamplerSettings) -> int:
+    """Values of one of the two for a whole study."""
+    draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
+    return draws * sum(subject.n_pairs for subject in study)
+
+
+def pointwise(posterior: Posterior, x: FloatArray, seed: int) -> Pointwise:
+    """Both for unconstrained draws x, shape (chains, draws, 4), with a random stream of the subject's own."""
+    subject = posterior.subject
+    rng = generator(seed, subject.name, "posterior_predictive")
+    shape = (*x.shape[:2], subject.n_pairs)
+    log_likelihood, predicted = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
+        log_likelihood[chain] = posterior.pair_log_likelihood(points)
+        predicted[chain] = rng.binomial(subject.n_trials, posterior.equal_probability(points))
+    return Pointwise(log_likelihood, predicted)

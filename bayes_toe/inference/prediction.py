@@ -1,0 +1,135 @@
+"""Predictions from posterior draws, for pairs and intervals that were tested and for those that were not yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.data.number_table import read_numbers
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import QUANTILES, Draws
+from bayes_toe.model.closed_form import equal_probability
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.intervals import equal_probability_at, gain_at, require_intervals
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = npt.NDArray[np.float64]
+_BLOCK = 1 << 20  # values of one temporary array
+
+
+def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
+    """Posterior of P(equal) for pairs at intervals, one row each: mean and quantiles over the draws.
+
+    The bands hold what the parameters leave open, not the scatter of a finite number of answers. An interval far from those that were
+    tested rests on the random walk of :mod:`bayes_toe.model.intervals`, which the data there may contradict.
+
+    Parameters
+    ----------
+    draws : Draws
+    subject : str
+    s1, s2 : array_like
+        Natural-log intensities; broadcast with isi.
+    isi : array_like, optional
+        Intervals, seconds, tested or not. Needed for a study with intervals; not known to one without.
+
+    Returns
+    -------
+    pandas.DataFrame
+        s1, s2, isi (only with intervals), mean, q05, q25, q50, q75, q95.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject, an interval that is not positive and finite, or isi given to draws without intervals or missing with them.
+
+    Examples
+    --------
+    >>> from bayes_toe.api import sample
+    >>> from bayes_toe.data.study import Study, Subject
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50], isi=[1.0, 0.5, 2.0])
+    >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
+    >>> predict_equal(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
+    ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
+    """
+    theta = _flat(draws, subject)
+    if isi is None:
+        _require_no_intervals(draws)
+        first, second = _broadcast(s1, s2)
+        return _table({"s1": first, "s2": second}, theta, lambda part, i: equal_probability(first[i], second[i], *part))
+    _require_intervals(draws)
+    first, second, seconds = _broadcast(s1, s2, require_intervals(isi))
+    return _table(
+        {"s1": first, "s2": second, "isi": seconds}, theta, lambda part, i: equal_probability_at(first[i], second[i], seconds[i], part)
+    )
+
+
+def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
+    """:func:`predict_equal` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject.
+
+    Raises
+    ------
+    InputError
+        As :func:`predict_equal`, or if the file cannot be used: one line per problem.
+    """
+    import pandas as pd
+
+    pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
+    tables = [predict_equal(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
+    frame = pd.concat(tables, ignore_index=True)
+    frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
+    return frame
+
+
+def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame:
+    """Posterior of the Kalman gain, the weight of the first stimulus, at intervals (seconds), one row each.
+
+    Returns
+    -------
+    pandas.DataFrame
+        isi, mean, q05, q25, q50, q75, q95.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject, an interval that is not positive and finite, or draws without intervals.
+    """
+    _require_intervals(draws)
+    (seconds,) = _broadcast(require_intervals(isi))
+    return _table({"isi": seconds}, _flat(draws, subject), lambda part, i: gain_at(part, seconds[i]))
+
+
+def _table(columns: Mapping[str, FloatArray], theta: Natural, predicted: Callable[[Natural, slice], FloatArray]) -> pd.DataFrame:
+    """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
+    import pandas as pd
+
+    rows = len(next(iter(columns.values())))
+    size = max(1, _BLOCK // theta.mu1.size)
+    values = [np.broadcast_to(predicted(theta, slice(i, i + size)), (theta.mu1.size, min(size, rows - i))) for i in range(0, rows, size)]
+    mean = np.concatenate([part.mean(axis=0) for part in values])
+    quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
+    return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
+
+
+def _flat(draws: Draws, subject: str) -> Natural:
+    """All draws of a subject as columns, each value of shape (draws, 1)."""
+    return Natural(*(values.reshape(-1, 1) for values in draws.natural(subject)))
+
+
+def _broadcast(*arrays: npt.ArrayLike) -> list[FloatArray]:
+    return [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(array, np.float64)) for array in arrays))]
+
+
+def _require_intervals(draws: Draws) -> None:
+    if not draws.intervals:
+        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
+
+
+def _require_no_intervals(draws: Draws) -> None:
+    if draws.intervals:
+        raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")

@@ -1,0 +1,287 @@
+"""Posterior draws of one subject with emcee: independent ensembles, a global move, and a stated rule for stopping.
+
+The only module that imports emcee.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import Convergence, convergence
+from bayes_toe.inference.proposal import FittedProposal, Proposal
+from bayes_toe.model.target import Target, require_defined
+from bayes_toe.seeds import stream
+
+if TYPE_CHECKING:
+    import emcee
+
+FloatArray = npt.NDArray[np.float64]
+
+_DISPERSION = 4.0  # starting points have this many times the posterior's variance
+
+
+@dataclass(frozen=True)
+class SamplerSettings:
+    """How draws are made and when sampling stops.
+
+    Parameters
+    ----------
+    draws : int
+        Bulk and tail effective draws to reach for every judged quantity.
+    ensembles : int
+        Independent ensembles (chains), at least 4.
+    walkers : int
+        Walkers of an ensemble, even and at least 8. 0, the default, stands for one for every forty draws, 64 to 256: many short walks
+        cost less than few long ones, because a step of an ensemble costs much the same however many walkers it has.
+    max_r_hat : float
+        Largest rank-normalised split R-hat.
+    max_thin : int
+        Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    draws: int = 4000
+    ensembles: int = 4
+    walkers: int = 0
+    max_r_hat: float = 1.01
+    max_thin: int = 64
+
+    def __post_init__(self) -> None:
+        if self.walkers == 0:
+            object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
+        rules = {
+            f"draws={self.draws} must be in 1..1000000": 1 <= self.draws <= 10**6,
+            f"ensembles={self.ensembles} must be at least 4": self.ensembles >= 4,
+            f"walkers={self.walkers} must be even and at least 8": self.walkers >= 8 and self.walkers % 2 == 0,
+            f"max_r_hat={self.max_r_hat} must be above 1": self.max_r_hat > 1.0,
+            f"max_thin={self.max_thin} must be at least 1": self.max_thin >= 1,
+        }
+        problems = [rule for rule, holds in rules.items() if not holds]
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def kept_steps(self) -> int:
+        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16."""
+        return max(16, -(-5 * self.draws // (2 * self.ensembles * self.walkers)))
+
+    @property
+    def required(self) -> int:
+        """Effective draws to reach: those asked for, but at least four a walker.
+
+        With fewer, walkers that never moved from dispersed starts would pass for a converged sample.
+        """
+        return max(self.draws, 4 * self.ensembles * self.walkers)
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Draws of one subject.
+
+    Attributes
+    ----------
+    x : array, shape (ensembles, draws, k)
+        Unconstrained coordinates, walker-major within an ensemble.
+    log_posterior : array, shape (ensembles, draws)
+    acceptance : array, shape (ensembles,)
+        Share of accepted proposals.
+    diagnostics : dict of str to Convergence
+        Per judged quantity.
+    thin : int
+        Every thin-th step of the final pass was kept.
+    steps : int
+        Steps of each walker over all passes; what came before the final pass was burn-in.
+    converged : bool
+    reason : str
+        What was not reached; empty where converged.
+    """
+
+    x: FloatArray
+    log_posterior: FloatArray
+    acceptance: FloatArray
+    diagnostics: dict[str, Convergence]
+    thin: int
+    steps: int
+    converged: bool
+    reason: str
+
+
+def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
+    """Run the ensembles until every judged quantity meets the settings, or up to their limit.
+
+    Each pass goes on from where the last one ended, throws away what was before, and keeps the same number of draws over twice as
+    many steps: from the second pass on burn-in is about half of everything, and the file has the size that was asked for.
+    """
+    posterior = fitted.proposal.posterior
+    ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
+    steps = burn_in(fitted)
+    thin = 1
+    while True:
+        passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
+        steps += thin * settings.kept_steps
+        x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
+        diagnostics = _judge(posterior, x)
+        reason = _shortfall(diagnostics, settings)
+        if not reason or thin >= settings.max_thin:
+            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
+        thin *= 2
+
+
+def burn_in(fitted: FittedProposal) -> int:
+    """Steps before the first pass: as many as leave one walker in a thousand where it started, at most 8.
+
+    About the efficiency of the proposal is also the share of steps at which a walker moves.
+    """
+    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
+
+
+class _Ensemble:
+    """One emcee ensemble with a random stream of its own; `advance` returns one pass, walker-major."""
+
+    def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
+        posterior = fitted.proposal.posterior
+        name = posterior.subject.name
+        random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
+        self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
+        # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
+        self._sampler.random_state = random.get_state()
+        start = _dispersed(fitted, random, settings.walkers)
+        self._state = self._run(start, burn_in(fitted), store=False)
+
+    def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
+        self._sampler.reset()
+        self._state = self._run(self._state, kept, thin_by=thin)
+        chain, log_posterior = self._sampler.get_chain(), self._sampler.get_log_prob()
+        x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
+        return x, log_posterior.T.ravel(), float(np.mean(self._sampler.acceptance_fraction))
+
+    def _run(self, state: Any, steps: int, **how: Any) -> Any:
+        # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may be so thin (100 million trials), and
+        # global moves leave the plane.
+        return self._sampler.run_mcmc(state, steps, skip_initial_state_check=True, **how)
+
+
+def _sampler(posterior: Target, walkers: int, moves: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
+    """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
+    import emcee
+
+    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
+        def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
+            log_density = posterior.log_density(coords)
+            require_defined(log_density, posterior)
+            return log_density, None
+
+    return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves)
+
+
+def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
+    """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
+
+    emcee's snooker move is never used: in release 3.1.6 it is biased.
+    """
+    from emcee.moves import DEMove, StretchMove
+
+    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
+    return [(GlobalMove(fitted.proposal), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
+
+
+def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named like emcee's own moves)
+    """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
+    from emcee.moves import MHMove
+
+    stock, known = _Stock(proposal), _Known()
+
+    def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        fresh, log_fresh = stock.take(len(x), random)
+        log_old = known.values(x, stock.log_density)
+        known.keep((x.copy(), log_old), (fresh, log_fresh))
+        return fresh, log_old - log_fresh
+
+    return MHMove(propose, ndim=proposal.mixture.means.shape[1])
+
+
+class _Known:
+    """Log proposal densities of the last step: most walkers stand where they stood then or where it sent them, few were moved since."""
+
+    def __init__(self) -> None:
+        self._pairs: tuple[tuple[FloatArray, FloatArray], ...] = ()
+
+    def values(self, x: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Log density at x, shape (walkers, k); evaluated only where it is not known."""
+        result, unknown = np.empty(len(x)), np.ones(len(x), bool)
+        for points, values in self._pairs:
+            same = (points == x).all(axis=1)
+            result[same] = values[same]
+            unknown &= ~same
+        if unknown.any():
+            result[unknown] = log_density(x[unknown])
+        return result
+
+    def keep(self, *pairs: tuple[FloatArray, FloatArray]) -> None:
+        self._pairs = pairs
+
+
+class _Stock:
+    """Draws from a proposal with their log densities, made in large batches: for a few walkers at a time, overhead would be most of it."""
+
+    _BATCH = 2048
+
+    def __init__(self, proposal: Proposal) -> None:
+        self._proposal = proposal
+        self._x, self._log_density = np.empty((0, proposal.mixture.means.shape[1])), np.empty(0)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        return self._proposal.log_density(x, self._proposal.posterior.log_prior(x))
+
+    def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """The next draws, shape (size, k), and their log densities, shape (size,)."""
+        if len(self._x) < size:
+            self._x, _, self._log_density = self._proposal.sample(random, max(size, self._BATCH))
+        taken = self._x[:size], self._log_density[:size]
+        self._x, self._log_density = self._x[size:], self._log_density[size:]
+        return taken
+
+
+def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:
+    """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
+
+    Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
+    """
+    posterior, draws = fitted.proposal.posterior, fitted.draws
+    weights = np.exp(draws.log_weights - draws.log_weights.max())
+    weights /= weights.sum()
+    mean = weights @ draws.x
+    start = np.empty((0, draws.x.shape[1]))
+    while len(start) < walkers:
+        chosen = draws.x[random.choice(len(draws.x), walkers, p=weights)]
+        jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
+        points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
+        start = np.concatenate([start, points[np.isfinite(posterior.log_density(points))]])
+    return start[:walkers]
+
+
+def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:
+    return {name: convergence(values) for name, values in posterior.judged(x).items()}
+
+
+def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
+    """What was not reached, in words; empty where everything was. A NaN diagnostic counts as not reached."""
+    lowest = min(diagnostics, key=lambda name: np.nan_to_num(min(diagnostics[name][:2])))
+    highest = max(diagnostics, key=lambda name: np.nan_to_num(diagnostics[name].r_hat, nan=np.inf))
+    ess, r_hat = min(diagnostics[lowest][:2]), diagnostics[highest].r_hat
+    problems = []
+    if not ess >= settings.required:
+        problems.append(f"{ess:.0f} effective draws of {lowest}, {settings.required} required")
+    if not r_hat < settings.max_r_hat:
+        problems.append(f"R-hat {r_hat:.3f} of {highest}, below {settings.max_r_hat:g} required")
+    return "; ".join(problems)

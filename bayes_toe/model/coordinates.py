@@ -1,0 +1,149 @@
+"""Natural, identified and unconstrained coordinates of one observer, and the Jacobian between them.
+
+natural        (mu1, sigma_p, sigma_l, q0)      what the paper reports
+identified     (offset c, pull p, width w, q0)  what the data see: z = ((s2 - s1) - c + p (s1 - sbar)) / w
+unconstrained  (c, logit(p / p_max), log w, logit q0)  where samplers and optimisers work; arrays have it on their last axis
+
+c = p (mu1 - sbar), and sbar is the trial-weighted mean first stimulus of the subject. The map is a bijection for
+0 < gamma < 1; in natural coordinates only p (mu1 - s1) enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, log_expit, logit
+
+from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio, width
+
+FloatArray = npt.NDArray[np.float64]
+
+NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
+IDENTIFIED = ("offset", "pull", "width", "q0")
+UNCONSTRAINED = ("offset", "logit_pull", "log_width", "logit_q0")
+DERIVED = ("gamma", "sigma1", "gain", "width")
+#: Every quantity that has a name.
+QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
+
+
+class Identified(NamedTuple):
+    """Offset c (natural-log units), pull p, width w (natural-log units) and q0."""
+
+    offset: FloatArray
+    pull: FloatArray
+    width: FloatArray
+    q0: FloatArray
+
+
+class Natural(NamedTuple):
+    """Prior mean mu1, memory diffusion sigma_p, measurement noise sigma_l (natural-log units) and q0."""
+
+    mu1: FloatArray
+    sigma_p: FloatArray
+    sigma_l: FloatArray
+    q0: FloatArray
+
+    @property
+    def gamma(self) -> FloatArray:
+        """Noise ratio sigma_l^2 / sigma_p^2."""
+        return noise_ratio(self.sigma_p, self.sigma_l)
+
+
+def identified(x: npt.ArrayLike) -> Identified:
+    """Unconstrained coordinates, shape (..., 4), to identified ones, each of shape (...).
+
+    Examples
+    --------
+    >>> [round(float(v), 6) for v in identified([0.1, 0.0, 0.0, 0.0])]
+    [0.1, 0.190983, 1.0, 0.5]
+    """
+    c, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
+    return Identified(c, MAX_PULL * expit(a), np.exp(b), expit(top))
+
+
+def natural(x: npt.ArrayLike, sbar: float) -> Natural:
+    """Unconstrained coordinates, shape (..., 4), to natural ones; sbar is the mean first stimulus, natural-log units.
+
+    K = 1 - p, gamma = p / K^2, sigma_p = w K^(3/2), mu1 = sbar + c / p.
+
+    Examples
+    --------
+    >>> x = unconstrained(Natural(*map(np.asarray, (-0.5, 0.2, 0.1, 0.9))), sbar=0.1)
+    >>> [round(float(v), 12) for v in natural(x, sbar=0.1)]
+    [-0.5, 0.2, 0.1, 0.9]
+    """
+    _, p, w, q0 = identified(x)
+    gain = 1.0 - p
+    sigma_p = w * gain**1.5
+    return Natural(sbar + reach(x), sigma_p, sigma_p * np.sqrt(p) / gain, q0)
+
+
+def reach(x: npt.ArrayLike) -> FloatArray:
+    """Distance of the prior mean from the mean first stimulus, mu1 - sbar = c / p, natural-log units; infinite past the largest float."""
+    points = np.asarray(x, np.float64)
+    c, a = points[..., 0], points[..., 1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.where(c == 0.0, 0.0, c * inverse_pull(a))
+
+
+def inverse_pull(a: npt.ArrayLike) -> FloatArray:
+    """1/p at a = logit(p/p_max); infinite past the largest float."""
+    with np.errstate(over="ignore"):
+        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL)
+
+
+def unconstrained(theta: Natural, sbar: float) -> FloatArray:
+    """Natural coordinates, each of shape (...), to unconstrained ones of shape (..., 4); needs 0 < gamma < 1, 0 < q0 < 1.
+
+    Notes
+    -----
+    Half a unit in the last place below gamma = 1 the logit is infinite: such a point is on the edge, outside the open support.
+    """
+    gamma = theta.gamma
+    p = pull(gamma)
+    with np.errstate(divide="ignore"):
+        columns = (p * (theta.mu1 - sbar), logit(p / MAX_PULL), np.log(width(theta.sigma_p, gamma)), logit(theta.q0))
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def log_jacobian(x: npt.ArrayLike) -> FloatArray:
+    """Log |d(mu1, sigma_p, gamma, q0) / dx| at unconstrained x, shape (..., 4) -> (...).
+
+    |d(mu1, sigma_p, gamma) / d(c, w, p)| = (1 + p) / (p (1 - p)^(3/2)); with dp/da = p expit(-a) the factor p cancels, so the
+    result stays finite however small the pull.
+    """
+    _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
+    p = MAX_PULL * expit(a)
+    of_pull = np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a)
+    return np.asarray(of_pull + b + log_expit(top) + log_expit(-top))
+
+
+def derived(theta: Natural) -> dict[str, FloatArray]:
+    """What follows from natural coordinates: gamma, sigma1 and width (natural-log units) and the Kalman gain.
+
+    Examples
+    --------
+    >>> theta = Natural(*map(np.asarray, (0.0, 1.0, 2.0**0.5, 0.9)))
+    >>> {name: round(float(value), 6) for name, value in derived(theta).items()}
+    {'gamma': 2.0, 'sigma1': 1.414214, 'gain': 0.5, 'width': 2.828427}
+    """
+    gamma = theta.gamma
+    ratio = variance_ratio(gamma)
+    values = (gamma, np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma))
+    return dict(zip(DERIVED, map(np.asarray, values), strict=True))
+
+
+def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
+    """Every named quantity that follows from natural coordinates: they themselves, the derived ones, offset and pull.
+
+    Examples
+    --------
+    >>> theta = Natural(*map(np.asarray, (0.5, 1.0, 2.0**0.5, 0.9)))
+    >>> found = quantities(theta, sbar=0.1)
+    >>> tuple(found) == QUANTITIES, round(float(found["pull"]), 6), round(float(found["offset"]), 6)
+    (True, 0.5, 0.2)
+    """
+    p = pull(theta.gamma)
+    return {**theta._asdict(), **derived(theta), "offset": np.asarray(p * (theta.mu1 - sbar)), "pull": p}

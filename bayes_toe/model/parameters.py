@@ -1,0 +1,269 @@
+"""Free parameters of the ladder's models: blocks of unconstrained coordinates with a proper, normalised prior.
+
+A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` sets, it sets
+for every model: `sigma_p_scale` is the scale of every width-like standard deviation, `mu1_mean` and `mu1_sd` belong to every prior mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, log_expit, logit
+
+from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.coordinates import derived, natural
+from bayes_toe.model.prior import LOG_2PI, Prior
+
+FloatArray = npt.NDArray[np.float64]
+Random = np.random.Generator | np.random.RandomState
+
+
+class Block(Protocol):
+    """Some coordinates with a joint prior, independent of the other blocks'; x has this block's columns only."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the unconstrained coordinates; those that begin with logit_ are logits of a number in 0..1."""
+        ...
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        ...
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density with respect to x, (points, k) -> (points,)."""
+        ...
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, k)."""
+        ...
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """The quantities that a reader knows, (..., k) -> (...) each."""
+        ...
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Starting values of each coordinate, for stimuli `scale` apart and a logit of the largest frequency of 'equal'."""
+        ...
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Offset c ~ Normal(0, sd), natural-log intensity: the constant error at the mean first stimulus."""
+
+    sd: float
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The offset itself."""
+        return ("offset",)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"offset ~ Normal(0, {self.sd:g})"
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density with respect to the offset."""
+        return np.asarray(-0.5 * (LOG_2PI + np.square(x[:, 0] / self.sd)) - np.log(self.sd))
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 1)."""
+        return np.asarray(rng.normal(0.0, self.sd, (size, 1)))
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """The offset."""
+        return {"offset": x[..., 0]}
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Three, off the round numbers at which a distance may be exactly 0."""
+        return ((-0.93 * scale, 0.07 * scale, 1.01 * scale),)
+
+
+@dataclass(frozen=True)
+class Width:
+    """Width w ~ HalfNormal(sigma_p_scale), natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The log of the width."""
+        return ("log_width",)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"width ~ HalfNormal({prior.sigma_p_scale:g})"
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density with respect to log w."""
+        return log_half_normal(x[:, 0], prior.sigma_p_scale)
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 1)."""
+        return np.asarray(np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, (size, 1)))))
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """The width."""
+        return {"width": np.exp(x[..., 0])}
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Three about the scale of the stimuli."""
+        return (tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()),)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A quantity with prior Uniform(0, top), by its logit."""
+
+    name: str
+    top: float = 1.0
+    starts: tuple[float, ...] = ()  # logits; none means the largest frequency of 'equal'
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The logit of the quantity over its top."""
+        return (f"logit_{self.name}",)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"{self.name} ~ Uniform(0, {self.top:g})"
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density with respect to the logit; the top cancels."""
+        return np.asarray(log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 1)."""
+        return np.asarray(logit(rng.uniform(size=(size, 1))))
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """The quantity."""
+        return {self.name: self.top * expit(x[..., 0])}
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """The starts given, or the largest frequency."""
+        return (self.starts if self.starts else (peak,),)
+
+
+@dataclass(frozen=True)
+class Update:
+    """The predictive update's (mu1, sigma_p, gamma) in identified coordinates, with H1's prior; see :mod:`bayes_toe.model.coordinates`."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Offset, logit of pull over p_max, log width."""
+        return ("offset", "logit_pull", "log_width")
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return prior.describe().removesuffix(", q0 ~ Uniform(0, 1)")
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """H1's log density without the part of q0, which is ln(1/4) at q0 = 1/2."""
+        return np.asarray(prior.log_density_unconstrained(_with_half(x), sbar) + 2.0 * LN2)
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 3)."""
+        return prior.sample_unconstrained(rng, size, sbar)[:, :3]
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """Natural and derived parameters, and the offset."""
+        theta = natural(_with_half(x), sbar)
+        found = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
+        return {name: found[name] for name in ("mu1", "sigma_p", "sigma_l", "gamma", "sigma1", "width", "offset")}
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
+        return (*Shift(1.0).grid(scale, peak), (-2.0, 2.0), *Width().grid(scale, peak))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Mean-reverting memory: (mu1, sigma1, sigma_l, rho) as (c, logit p, log w, logit v).
+
+    A measurement with gain K = sigma1^2/(sigma1^2 + sigma_l^2) is followed by an Ornstein-Uhlenbeck propagator, rho = exp(-dt/tau), that
+    draws mean and variance back to those of the prior:
+
+        mu_2 = mu1 + rho K (s1 - mu1),    sigma_2^2 = sigma1^2 (1 - rho^2 K),    w = sigma_2 + sigma_l^2/sigma_2,
+
+    so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p. One interval tells rho K, not rho and K.
+    The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
+    everything that depends on it is that at one second, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
+
+    Priors: mu1 as in H1; sigma1, the spread of expected intensities, has the HalfNormal of the other widths; gain and rho are
+    Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density -ln(1 - p), independent.
+    """
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Offset, logit of pull, log width, logit of v."""
+        return ("offset", "logit_pull", "log_width", "logit_split")
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return (
+            f"mu1 ~ Normal({prior.mu1_mean:g}, {prior.mu1_sd:g}), sigma1 ~ HalfNormal({prior.sigma_p_scale:g}), "
+            "sigma1^2/(sigma1^2 + sigma_l^2) ~ Uniform(0, 1), rho ~ Uniform(0, 1)"
+        )
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density; d mu1/dc = 1/p cancels against dp/d(logit p) = p (1 - p)."""
+        c, a, b, v = x.T
+        with np.errstate(over="ignore", invalid="ignore"):  # mu1 beyond the largest float: its density is 0
+            far = np.where(c == 0.0, 0.0, c * _inverse_share(a))
+            of_mu1 = -0.5 * (LOG_2PI + np.square((sbar + far - prior.mu1_mean) / prior.mu1_sd)) - np.log(prior.mu1_sd)
+        log_lost = np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))  # log(-log(1 - p))
+        of_pull = log_lost + log_expit(-a)
+        of_split = log_expit(v) + log_expit(-v)
+        return np.asarray(of_mu1 + log_half_normal(b - self._log_stretch(x), prior.sigma_p_scale) + of_pull + of_split)
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 4)."""
+        mu1 = rng.normal(prior.mu1_mean, prior.mu1_sd, size)
+        log_sigma1 = np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, size)))
+        log_rho, log_gain = (np.log1p(-rng.uniform(size=size)) for _ in range(2))
+        lost = -(log_rho + log_gain)
+        pull = -np.expm1(-lost)
+        x = np.stack([pull * (mu1 - sbar), np.log(pull) + lost, np.zeros(size), np.log(log_rho / log_gain)], axis=-1)
+        x[:, 2] = log_sigma1 + self._log_stretch(x)
+        return x
+
+    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+        """The five natural parameters but q0, and the identified ones."""
+        lost = np.logaddexp(0.0, x[..., 1])
+        sigma1 = np.exp(x[..., 2] - self._log_stretch(x))
+        rho, log_gain = np.exp(-expit(x[..., 3]) * lost), -expit(-x[..., 3]) * lost
+        with np.errstate(over="ignore", invalid="ignore"):
+            mu1 = sbar + np.where(x[..., 0] == 0.0, 0.0, x[..., 0] * _inverse_share(x[..., 1]))
+        # sigma_l^2/sigma1^2 = 1/K - 1
+        sigma_l = sigma1 * np.sqrt(np.expm1(-log_gain))
+        found = {"mu1": mu1, "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho}
+        return {**found, "offset": x[..., 0], "pull": expit(x[..., 1]), "width": np.exp(x[..., 2])}
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Those of the predictive update, half way between all gain and all memory."""
+        return (*Update().grid(scale, peak), (0.0,))
+
+    @staticmethod
+    def _log_stretch(x: FloatArray) -> FloatArray:
+        """Log of w/sigma1 = (1 - g^2)/(K (1 - g rho)^(1/2)) with g = exp(-l), rho = exp(-l v), K = exp(-l (1 - v)), l = -ln(1 - p)."""
+        lost, v = np.logaddexp(0.0, x[..., 1]), x[..., 3]
+        return np.asarray(np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v) - 0.5 * np.log(-np.expm1(-lost * (1.0 + expit(v)))))
+
+
+def log_half_normal(b: FloatArray, scale: float) -> FloatArray:
+    """Log density of b = log of a HalfNormal(scale) quantity."""
+    with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
+        return np.asarray(-0.5 * (np.log(np.pi / 2.0) + np.square(np.exp(b - np.log(scale)))) - np.log(scale) + b)
+
+
+def _inverse_share(a: FloatArray) -> FloatArray:
+    """1/expit(a)."""
+    return np.asarray(1.0 + np.exp(-a))
+
+
+def _with_half(x: FloatArray) -> FloatArray:
+    """The coordinates with logit q0 = 0 after them."""
+    return np.concatenate([x, np.zeros((*x.shape[:-1], 1))], axis=-1)

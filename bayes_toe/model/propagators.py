@@ -1,0 +1,161 @@
+"""How pull and width depend on the inter-stimulus interval: one propagator, one pair of scales.
+
+A model's coordinates (offset c, pull p, width w) refer to one second. The prior mean mu1 is the same at every interval and the offset at
+t seconds is p_t (mu1 - sbar), so with r = p_t/p_1 and v = w_t/w_1
+
+    z = ((s2 - s1) + r [p_1 (s1 - sbar) - c]) / (w_1 v).
+
+Both scales are 1 at one second. They follow from the same filtering equations as the model at one interval: a stimulus is measured, the
+belief evolves for t seconds, the next stimulus meets it.
+
+**Random walk** (predictive update). The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and
+v = sqrt(t) (G_t/G_1)^(3/2): the longer the interval, the nearer the weight of the first stimulus comes to 1, and the width grows without
+end. Assumed is a self-consistent prior of each interval; see :mod:`bayes_toe.model.intervals`.
+
+**Mean-reverting memory** (Ornstein-Uhlenbeck). Drift -(s - mu1)/tau and diffusion 2 sigma1^2/tau have the prior as their stationary state,
+as at one interval, where the record ties both to (mu1, sigma1). Two such steps make one, rho_(t+u) = rho_t rho_u with rho_t = exp(-t/tau),
+so with rho = rho_1 the memory kept over t seconds is rho^t. The measurement does not know how long the pause will be: its gain
+K = sigma1^2/(sigma1^2 + sigma_l^2) has no interval. Therefore
+
+    mu_2 = mu1 + rho^t K (s1 - mu1),    sigma_2^2 = sigma1^2 (1 - rho^(2t) K),
+    g_t = 1 - p_t = rho^t K,            w_t = sigma_2 + sigma_l^2/sigma_2 = sigma1 (1 - g_t^2) / (K (1 - g_t rho^t)^(1/2)).
+
+Only the decay is a power of the interval, not the weight: g_t goes from K, right after the stimulus, to 0, and the width saturates at
+sigma1/K, that of a comparison with the prior alone. Nothing else is open: a stationary variance other than sigma1^2 would be a
+parameter that the model at one interval does not have. One prior serves all intervals, mixed or in blocks; assumed is, as at one interval,
+that the pause before a pair is long enough for the memory to be the prior again. One interval tells rho K only; several tell rho and K.
+
+The two disagree on what an interval does to the order effect: under the random walk it shrinks as the interval grows, under the
+mean-reverting memory it grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, exprel
+
+from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Scales(NamedTuple):
+    """Pull and width at an interval over those at one second, r and v, each of shape (points, intervals)."""
+
+    pull: FloatArray
+    width: FloatArray
+
+    def of_pairs(self, which: npt.NDArray[np.intp]) -> Scales:
+        """The scales of pairs, shape (points, pairs), given the place of each pair's interval."""
+        return Scales(self.pull[:, which], self.width[:, which])
+
+    def to_one_second(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
+        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at one second."""
+        moved = points.copy()
+        moved[:, offset] /= self.pull[:, 0]
+        moved[:, log_width] -= np.log(self.width[:, 0])
+        return moved
+
+
+#: At one interval, and of a model that does not mention the interval: exactly 1.
+UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
+
+
+def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Distinct intervals, seconds, and the place of each pair's among them.
+
+    Examples
+    --------
+    >>> [part.tolist() for part in grouped_intervals(np.array([2.0, 0.5, 2.0]))]
+    [[0.5, 2.0], [1, 0, 1]]
+    """
+    seconds, which = np.unique(isi, return_inverse=True)
+    return seconds, which.ravel()
+
+
+def typical_interval(isi: FloatArray, n_trials: npt.NDArray[np.int64]) -> FloatArray:
+    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli.
+
+    Examples
+    --------
+    >>> typical_interval(np.array([1.0, 4.0]), np.array([10, 10])).tolist()
+    [2.0]
+    """
+    return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
+
+
+def random_walk_scales(logit_pull: FloatArray, seconds: FloatArray) -> Scales:
+    """Scales of a memory that diffuses by sigma_p^2 a second, shapes (points,) and (intervals,).
+
+    As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
+
+    Examples
+    --------
+    >>> [part.round(6).tolist() for part in random_walk_scales(np.array([-40.0]), np.array([1.0, 4.0]))]
+    [[[1.0, 0.25]], [[1.0, 2.0]]]
+    """
+    gamma = noise_ratio_at(logit_pull)
+    ratio = variance_ratio(gamma / seconds) / variance_ratio(gamma)  # one second by the same formula: exactly 1
+    return Scales(1.0 / (np.square(ratio) * seconds), np.sqrt(seconds) * ratio**1.5)
+
+
+def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
+    """Noise ratio at one second, gamma = p/(1 - p)^2 with p = p_max expit(logit_pull), shape (points,) -> (points, 1)."""
+    p = MAX_PULL * expit(logit_pull[:, None])
+    return np.asarray(p / np.square(1.0 - p))
+
+
+def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, seconds: FloatArray) -> Scales:
+    """Scales of a memory that decays to the prior by rho^t, shapes (points,), (points,) and (intervals,).
+
+    With l = -ln g_1 and rho = g_1^s, 0 < s < 1, the exponents are linear in the interval: g_t = exp(-l m) and g_t rho^t = exp(-l n) with
+    m = 1 - s + s t and n = m + s t, so
+
+        r = (1 - exp(-l m)) / (1 - exp(-l)),    v = f_t/f_1,    f_t = (1 - exp(-2 l m)) / (1 - exp(-l n))^(1/2).
+
+    As l -> 0, r -> m and v -> m ((1 + s)/n)^(1/2), which the quotients (1 - e^-x)/x keep to all digits.
+
+    Examples
+    --------
+    >>> scales = mean_reverting_scales(np.array([0.0]), np.array([0.0]), np.array([1.0, 3.0]))  # g_1 = 1/2, so g_3 = 1/4
+    >>> scales.pull.round(12).tolist()
+    [[1.0, 1.5]]
+    """
+    lost = np.logaddexp(0.0, logit_pull[:, None])
+    kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
+
+    def forms(t: FloatArray) -> Scales:
+        """(1 - g_t)/l and f_t/(4 l)^(1/2)."""
+        m, n = kept + decayed * t, kept + 2.0 * decayed * t
+        return Scales(m * exprel(-lost * m), m * exprel(-2.0 * lost * m) / np.sqrt(n * exprel(-lost * n)))
+
+    at, one = forms(seconds), forms(np.ones(1))  # one second by the same formula: exactly 1
+    return Scales(at.pull / one.pull, at.width / one.width)
+
+
+@dataclass(frozen=True)
+class Propagator:
+    """How a memory evolves over an interval, as its scales.
+
+    Parameters
+    ----------
+    about : str
+        In a few words.
+    coordinates : tuple of str
+        Unconstrained coordinates that the scales depend on.
+    scales : callable
+        From these coordinates, each of shape (points,), and the seconds, shape (intervals,), to :class:`Scales`.
+    """
+
+    about: str
+    coordinates: tuple[str, ...]
+    scales: Callable[..., Scales]
+
+
+RANDOM_WALK = Propagator("memory's variance grows by sigma_p^2 a second", ("logit_pull",), random_walk_scales)
+MEAN_REVERSION = Propagator("memory keeps rho over one second, rho^t over t", ("logit_pull", "logit_split"), mean_reverting_scales)

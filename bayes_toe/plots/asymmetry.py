@@ -1,0 +1,166 @@
+"""Figures of the time-order asymmetry: one comparison in both orders (Fig. 1C), and q(c, r) - q(r, c) of all subjects and comparisons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison, SubjectAsymmetry
+from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, panel, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = npt.NDArray[np.float64]
+
+# Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
+_ROW, _MARGIN = 0.22, 1.05
+#: Comparisons of one subject beyond which the row shows them without error bars.
+_CROWDED = 12
+
+
+def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
+    """P('equal') of one comparison in its two orders with the p-value of their difference. Source: Fig. 1C, with its colours.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Laplace estimators and their errors are drawn (Eq. e:2b), and the exact test's plain p-value is written.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    """
+    ax = panel(ax, wide=1.8, high=2.2)
+    q = (comparison.q_weak_first, comparison.q_strong_first)
+    errors = (comparison.q_weak_first_se, comparison.q_strong_first_se)
+    for x, (value, error, colour) in enumerate(zip(q, errors, (WEAKER_FIRST, STRONGER_FIRST), strict=True)):
+        ax.bar(x, value, width=0.62, color=colour, alpha=0.35, lw=0)
+        ax.errorbar(x, value, error, fmt="os"[x], ms=4.5, color=colour, elinewidth=1.0, capsize=2.5)
+    top = max(value + error for value, error in zip(q, errors, strict=True)) + 0.05
+    ax.plot([0, 0, 1, 1], [top, top + 0.02, top + 0.02, top], color="black", lw=0.8)
+    ax.text(0.5, top + 0.03, _said(comparison.p_value), ha="center", va="bottom", fontsize=SMALL)
+    ax.set_xticks([0, 1], ["weaker\nfirst\n$q(r, c)$", "stronger\nfirst\n$q(c, r)$"])
+    ax.set(ylabel="P('equal')", xlim=(-0.55, 1.55), ylim=(0.0, max(1.0, top + 0.14)), yticks=[0.0, 0.5, 1.0])
+    ax.set_title(f"{plain(comparison.subject, 20)}\n$r$ = {comparison.s_weak:.3g}, $c$ = {comparison.s_strong:.3g}".replace("-", "−"))
+    dress(ax)
+    ax.title.set_fontsize(SMALL)
+    return ax
+
+
+def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: float = LEVEL) -> Axes:
+    """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its standard deviation.
+
+    Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ at `level` by the
+    exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source: Fig. 1C and
+    Results, response asymmetries.
+
+    Parameters
+    ----------
+    table : AsymmetryTable
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    level : float
+        Level of significance.
+    """
+    rows = table.rows
+    ax = panel(ax, high=asymmetry_height(table))
+    ax.axvline(0.0, color="black", lw=0.8)
+    for i, row in enumerate(rows):
+        if i % 2:
+            ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
+        _draw_row(ax, i, row, level)
+    ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in rows])
+    reach = _reach(rows)
+    ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
+    ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
+    dress(ax).tick_params(axis="y", length=0)
+    _draw_key(ax, level)
+    return ax
+
+
+def asymmetry_height(table: AsymmetryTable) -> float:
+    """Inches that a figure of :func:`asymmetry_axes` needs: rows are higher where most subjects have many comparisons."""
+    usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0
+    return _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0)
+
+
+def _draw_row(ax: Axes, i: int, row: SubjectAsymmetry, level: float) -> None:
+    count = len(row.comparisons)
+    if not count:
+        ax.text(0.99, i, "no pair in both orders", transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=SMALL, color=EQUAL)
+    for j, one in enumerate(row.comparisons):
+        y = i + 0.7 * ((j + 0.5) / count - 0.5)
+        colour, marker = _mark_of(one.asymmetry)
+        shown = count <= _CROWDED or one.is_maximal
+        ax.errorbar(
+            one.asymmetry,
+            y,
+            xerr=one.asymmetry_se if shown else None,
+            fmt=marker,
+            ms=4.2 if one.is_maximal else 2.4,
+            mfc=colour if one.p_adjusted < level else "white",
+            mec=colour,
+            mew=0.7,
+            ecolor=colour,
+            elinewidth=0.7 if one.is_maximal else 0.4,
+            zorder=3 if one.is_maximal else 2,
+        )
+
+
+def _mark_of(asymmetry: float) -> tuple[str, str]:
+    """Colour and marker of the order in which 'equal' is likelier; grey where neither is."""
+    if asymmetry == 0:
+        return EQUAL, "D"
+    return (STRONGER_FIRST, "s") if asymmetry > 0 else (WEAKER_FIRST, "o")
+
+
+def _draw_key(ax: Axes, level: float) -> None:
+    """What colour, filling and size mean; above the panel, where no point can be."""
+    from matplotlib.lines import Line2D
+
+    def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
+        return Line2D([], [], ls="", marker=marker, ms=size, mec=colour, mfc=colour if filled else "white", mew=0.7)
+
+    key = {
+        "'equal' likelier weaker first": mark("o", WEAKER_FIRST, filled=True),
+        "'equal' likelier stronger first": mark("s", STRONGER_FIRST, filled=True),
+        f"filled: p < {level:g} (Holm)": mark("o", "#333333", filled=True),
+        "large: largest of the subject": mark("o", "#333333", filled=False),
+    }
+    ax.legend(
+        key.values(),
+        key.keys(),
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=2,
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.1,
+        columnspacing=0.8,
+        borderaxespad=0.2,
+        labelspacing=0.25,
+    )
+
+
+def _reach(rows: Sequence[SubjectAsymmetry]) -> float:
+    """Limits that are the same to both sides, so that the sign is seen at a glance."""
+    found = [abs(one.asymmetry) + one.asymmetry_se for row in rows for one in row.comparisons]
+    return min(1.05, 1.08 * max(found, default=0.9))
+
+
+def _said(p_value: float) -> str:
+    r"""A p-value as text with mathematics.
+
+    Examples
+    --------
+    >>> _said(0.0004), _said(0.2)
+    ('$p$ = $4\\cdot10^{-4}$', '$p$ = 0.20')
+    """
+    if p_value >= 0.001:
+        return f"$p$ = {p_value:.2g}" if p_value < 0.095 else f"$p$ = {p_value:.2f}"
+    if p_value < 1e-99:
+        return "$p < 10^{-99}$"
+    digits, power = f"{p_value:.0e}".split("e")
+    return rf"$p$ = ${digits}\cdot10^{{{int(power)}}}$"

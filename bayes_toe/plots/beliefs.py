@@ -1,0 +1,179 @@
+"""Figures of the observer's beliefs in one trial (Fig. 2) and of what is noticed along a sequence of stimuli."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.model.beliefs import Gaussian, TrialView, noticed, trial_view
+from bayes_toe.model.closed_form import equal_probability
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.plots.style import EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, dress, panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = npt.NDArray[np.float64]
+
+BELIEF = "#4B3B8F"
+#: Height of the tallest curve in units of the distance between rows.
+_TALL = 0.78
+#: Least distance of the labels of two stimuli in units of the panel's width.
+_LABEL = 0.105
+
+
+def filter_axes(
+    s1: float, s2: float, mu1: float, sigma_p: float, sigma_l: float, q0: float | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """Beliefs of one trial from top to bottom, with the likelihood of each stimulus and the shift that decides. Source: Fig. 2.
+
+    Violet: the belief; dotted: the belief of the row above; dashed in the colour of the order: likelihood of the stimulus (triangle).
+    Heights are not to scale: they go with the root of the precision.
+
+    Parameters
+    ----------
+    s1, s2 : float
+        First and second stimulus, natural-log intensity.
+    mu1, sigma_p, sigma_l : float
+        Parameters of the observer, natural-log intensity.
+    q0 : float, optional
+        Where given, P('equal') is written too.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+
+    Raises
+    ------
+    NumericalError
+        If a parameter is outside its range.
+    """
+    view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
+    ax = panel(ax, high=3.4)
+    colour = WEAKER_FIRST if s1 < s2 else STRONGER_FIRST if s1 > s2 else EQUAL
+    rows = (
+        ("prior", view.prior, None, None),
+        ("posterior\nafter $s_1$", view.after_first, view.prior, s1),
+        ("evolved,\nbefore $s_2$", view.evolved, view.after_first, None),
+        ("posterior\nafter $s_2$", view.after_second, view.evolved, s2),
+    )
+    grid = _grid(view, s1, s2, sigma_l)
+    narrowest = min(float(sd) for sd in (view.after_first.sd, view.after_second.sd))
+    for base, (_, belief, before, stimulus) in zip(range(3, -1, -1), rows, strict=True):
+        _draw_row(ax, base, grid, narrowest, belief, before)
+        if stimulus is not None:
+            noise = Gaussian(np.asarray(stimulus), np.square(np.asarray(sigma_l, np.float64)))
+            _draw_stimulus(ax, base, grid, narrowest, noise, (f"$s_{1 if base else 2}$", colour))
+    _draw_shift(ax, view)
+    ax.set_yticks([3.2, 2.2, 1.2, 0.2], [label for label, *_ in rows])
+    ax.set(xlim=(grid[0], grid[-1]), ylim=(-0.16, 3.2 + _height(float(view.prior.sd), narrowest)), xlabel="stimulus (ln intensity)")
+    order = "weaker first" if s1 < s2 else "stronger first" if s1 > s2 else "equal stimuli"
+    chance = "" if q0 is None else f", P('equal') = {float(equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)):.2f}"
+    ax.set_title(f"{order}: $z$ = {float(view.distance):.2f}".replace("-", "−") + chance)
+    ax.locator_params(axis="x", nbins=6)
+    dress(ax).tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.title.set_color(colour)
+    return ax
+
+
+def noticed_axes(
+    stimuli: npt.ArrayLike, theta: Natural, *, intervals: npt.ArrayLike | None = None, share: float = 0.9, ax: Axes | None = None
+) -> Axes:
+    """Probability that each stimulus of a sequence is noticed as different from what was expected, with a band over posterior draws.
+
+    Circles: median over draws; bars: central interval that holds a share of them; dotted: 1 - q0, the least that is possible. Under each
+    stimulus its time and value.
+
+    Parameters
+    ----------
+    stimuli : array_like, shape (times,)
+        At least two natural-log intensities.
+    theta : Natural
+        Parameters, numbers or draws of shape (draws,), such as ``draws.natural("S01")``.
+    intervals : array_like, shape (times - 1,), optional
+        As in :func:`bayes_toe.model.beliefs.noticed`.
+    share : float
+        Of draws inside the bars.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two stimuli, or intervals do not fit.
+    """
+    draws = Natural(*(np.ravel(np.asarray(v, np.float64)) for v in theta))
+    low, middle, high = np.quantile(noticed(stimuli, *draws, intervals=intervals), [0.5 - share / 2, 0.5, 0.5 + share / 2], axis=0)
+    shown = np.asarray(stimuli, np.float64)
+    times = np.cumsum(np.r_[0.0, np.ones(len(shown) - 1) if intervals is None else np.asarray(intervals, np.float64)])
+    ax = panel(ax)
+    ax.axhline(1.0 - float(np.median(draws.q0)), ls=":", lw=0.9, color=BELIEF)
+    ax.errorbar(
+        times[1:], middle, [middle - low, high - middle], fmt="o-", ms=4.0, lw=0.8, elinewidth=1.3, color=BELIEF, mec="white", mew=0.5
+    )
+    at = _apart(times)
+    ax.set_xticks(times[at], [f"{times[i]:.3g}\n{shown[i]:.2f}".replace("-", "−") for i in at])
+    ax.set(ylim=(0.0, 1.0), xlim=(times[0] - 0.03 * times[-1], times[-1] * 1.03), xlabel="time (intervals), stimulus (ln intensity)")
+    ax.set_ylabel("P(noticed as different)")
+    return dress(ax)
+
+
+def _apart(times: FloatArray) -> list[int]:
+    """Stimuli that are far enough apart for their labels, from the first on."""
+    chosen = [0]
+    for i, time in enumerate(times):
+        if time - times[chosen[-1]] >= _LABEL * (times[-1] - times[0]) and i > 0:
+            chosen.append(i)
+    return chosen
+
+
+def _grid(view: TrialView, s1: float, s2: float, sigma_l: float) -> FloatArray:
+    beliefs = (view.prior, view.after_first, view.evolved, view.after_second)
+    low = min(*(float(b.mean - 2.6 * b.sd) for b in beliefs), s1 - 2.8 * sigma_l, s2 - 2.8 * sigma_l)
+    high = max(*(float(b.mean + 2.6 * b.sd) for b in beliefs), s1 + 2.8 * sigma_l, s2 + 2.8 * sigma_l)
+    return np.unique(np.concatenate([np.linspace(low, high, 400), *_fine(view, s1, s2, sigma_l)]))
+
+
+def _fine(view: TrialView, s1: float, s2: float, sigma_l: float) -> list[FloatArray]:
+    """More points where a curve may be narrow."""
+    steps = np.linspace(-3.0, 3.0, 61)
+    narrow = [(float(b.mean), float(b.sd)) for b in (view.after_first, view.after_second)]
+    return [mean + sd * steps for mean, sd in (*narrow, (s1, sigma_l), (s2, sigma_l))]
+
+
+def _height(sd: float, narrowest: float) -> float:
+    """Peak of a curve: the narrowest is the tallest, others go with the root of the precision, so that all can be seen."""
+    return _TALL * float(np.sqrt(narrowest / sd))
+
+
+def _draw_row(ax: Axes, base: float, x: FloatArray, narrowest: float, belief: Gaussian, before: Gaussian | None) -> None:
+    ax.axhline(base, color="#BBBBBB", lw=0.6, zorder=0)
+    y = base + _curve(x, belief, narrowest)
+    ax.fill_between(x, base, y, color=BELIEF, alpha=0.18, lw=0)
+    ax.plot(x, y, color=BELIEF, lw=1.3)
+    ax.plot([float(belief.mean)] * 2, [base, base + _height(float(belief.sd), narrowest)], color=BELIEF, lw=0.8)
+    if before is not None:
+        ax.plot(x, base + _curve(x, before, narrowest), ":", color=BELIEF, lw=0.9)
+
+
+def _curve(x: FloatArray, belief: Gaussian, narrowest: float) -> FloatArray:
+    return np.asarray(belief.density(x) / belief.density(belief.mean) * _height(float(belief.sd), narrowest))
+
+
+def _draw_stimulus(ax: Axes, base: float, x: FloatArray, narrowest: float, noise: Gaussian, mark: tuple[str, str]) -> None:
+    """Likelihood of a stimulus and the stimulus itself; `mark` is its name and colour."""
+    name, colour = mark
+    seen = float(noise.variance) > 0
+    top = base + (_height(float(noise.sd), narrowest) if seen else _TALL)
+    ax.annotate(name, (float(noise.mean), top), (0.0, 2.5), textcoords="offset points", fontsize=LETTERS, color=colour, ha="center")
+    if seen:
+        ax.plot(x, base + _curve(x, noise, narrowest), "--", color=colour, lw=0.9)
+    ax.plot(float(noise.mean), base, "^", ms=5.5, color=colour, mec="white", mew=0.5, zorder=4, clip_on=False)
+
+
+def _draw_shift(ax: Axes, view: TrialView) -> None:
+    """The displacement of the mean by the second stimulus, mu_f - mu_2, on the last row's base line."""
+    start, end = float(view.evolved.mean), float(view.after_second.mean)
+    style = {"arrowstyle": "->", "lw": 1.1, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 7.0}
+    ax.annotate("", (end, 0.1), (start, 0.1), arrowprops=style, zorder=5)

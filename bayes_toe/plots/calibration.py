@@ -1,0 +1,176 @@
+"""Figures of a calibration run: ranks against their bands, reliability of probabilities, and how far estimators are off."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.experiments.calibration import DESIGNS, RANKED
+from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, EvidenceRow, log_odds, rank_columns
+from bayes_toe.experiments.rank_bands import POINTS, band, ecdf_difference
+from bayes_toe.experiments.reliability import reliability_bins
+from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+#: Colour, line and marker of each design: two that colour-blind readers can tell apart.
+STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
+_SAID = {"mu1": r"$\mu_1$", "sigma_p": r"$\sigma_p$", "sigma_l": r"$\sigma_l$", "q0": "$q_0$", "gamma": r"$\gamma$"}
+_SAID["log_likelihood"] = "log likelihood"
+_BAND = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
+_FADE = 0.45
+_TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
+
+
+def ranks_figure(table: CalibrationTable) -> Figure:
+    """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
+    figure = new_figure(PAGE, 3.7)
+    panels = figure.subplots(2, 4, sharex=True, sharey=True)
+    for ax, quantity in zip(panels.ravel(), RANKED, strict=True):
+        ranks_axes(table, quantity, ax)
+    for ax in panels[1]:
+        ax.set_xlabel("rank of the true value", fontsize=LETTERS)
+    for ax in panels[:, 0]:
+        ax.set_ylabel("ECDF difference", fontsize=LETTERS)
+    _legend(figure, panels[0, 0])
+    return figure
+
+
+def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
+    """One quantity of all designs; a design's band is that of its number of studies."""
+    drawn: set[int] = set()
+    for design in DESIGNS:
+        found = [one for one in table.outcome.ranks if one.design == design]
+        rows = [row for row in table.ranks if row.design == design and row.quantity == quantity]
+        if not found:
+            continue
+        if len(found) not in drawn:
+            drawn.add(len(found))
+            lower, upper = band(len(found), 1.0 - rows[0].threshold).differences()
+            ax.fill_between(_ends(), np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
+        colour, line, _ = STYLE[design]
+        difference = np.pad(ecdf_difference(rank_columns(found)[quantity]), 1)
+        label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
+        ax.plot(_ends(), difference, color=colour, ls=line, lw=1.1, label=label)
+    ax.axhline(0.0, color="black", lw=0.5)
+    ax.set_title(_SAID.get(quantity, quantity), fontsize=LETTERS)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    return dress(ax)
+
+
+def reliability_figure(table: CalibrationTable) -> Figure:
+    """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
+    figure = new_figure(PAGE, 5.7)
+    panels = figure.subplots(2, 3, sharex=True, sharey=True)
+    for ax, estimator in zip(panels.ravel(), ESTIMATORS, strict=True):
+        reliability_axes(table, estimator, ax)
+    for ax in panels[1]:
+        ax.set_xlabel("stated P(H1 | data)", fontsize=LETTERS)
+    for ax in panels[:, 0]:
+        ax.set_ylabel("share that came from H1", fontsize=LETTERS)
+    _legend(figure, panels[0, 0])
+    return figure
+
+
+def reliability_axes(table: CalibrationTable, estimator: str, ax: Axes) -> Axes:
+    """One estimator: bins of the stated probability with exact 95 % intervals; the area of a mark grows with the data sets in it."""
+    ax.plot([0, 1], [0, 1], color="black", lw=0.5)
+    said = []
+    for design in DESIGNS:
+        rows = [row for row in table.evidence if row.design == design and row.estimator == estimator]
+        found = [one for one in table.outcome.evidence if one.design == design]
+        if not rows:
+            continue
+        said.append((_score(rows[0]), STYLE[design][0]))
+        odds, from_h1, _ = log_odds(found, estimator)
+        if len(odds):
+            _draw_bins(ax, odds, from_h1, design, len(found))
+    for line, (text, colour) in enumerate(said):
+        ax.text(0.0, 1.25 - 0.11 * line, text, color=colour, fontsize=SMALL, va="center")
+    ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
+    ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
+    ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    return dress(ax)
+
+
+def differences_figure(table: CalibrationTable) -> Figure:
+    """How far the log Bayes factor of every estimator lies from the default's, and how often there is none."""
+    figure = new_figure(PAGE, 2.7)
+    ax = figure.subplots()
+    others = [name for name in ESTIMATORS if name != DEFAULT]
+    designs = [design for design in DESIGNS if any(one.design == design for one in table.outcome.evidence)]
+    for line, estimator in enumerate(others):
+        for step, design in enumerate(designs):
+            _draw_shifts(ax, table, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
+    ax.axvline(0.0, color="black", lw=0.5)
+    ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
+    low, high = ax.get_xlim()
+    shown = [tick for tick in _TICKS if low <= tick <= high]
+    ax.set_xticks(shown, [f"{tick:+d}" if tick else "0" for tick in shown])
+    ax.set_xticks([], minor=True)
+    ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)", fontsize=LETTERS)
+    ax.set_yticks([-float(i) for i in range(len(others))], others)
+    dress(ax)
+    ax.tick_params(axis="y", labelsize=LETTERS)
+    _legend(figure, ax)
+    return figure
+
+
+def _draw_bins(ax: Axes, odds: FloatArray, from_h1: npt.NDArray[np.bool_], design: str, total: int) -> None:
+    bins = reliability_bins(odds, from_h1)
+    colour, _, marker = STYLE[design]
+    shift = 0.012 * (1 if design == "sparse" else -1)  # so that the two designs do not hide each other
+    ax.vlines(bins.stated + shift, bins.lower, bins.upper, color=colour, lw=0.9)
+    label = f"{design} design: {DESIGNS[design]} batches, {total} data sets"
+    size = 6.0 + 60.0 * bins.count / total
+    ax.scatter(bins.stated + shift, bins.observed, s=size, color=colour, marker=marker, lw=0, zorder=3, label=label)
+
+
+def _draw_shifts(ax: Axes, table: CalibrationTable, estimator: str, design: str, height: float) -> None:
+    """Median, and the ranges that hold half, 90 % and all of the data sets."""
+    found = [one.evidence for one in table.outcome.evidence if one.design == design]
+    pairs = [(ESTIMATORS[estimator](row), ESTIMATORS[DEFAULT](row)) for row in found]
+    shifts = np.array([value - default for value, default in pairs if value is not None and default is not None])
+    colour, _, marker = STYLE[design]
+    note = _none(sum(value is None for value, _ in pairs), len(pairs))
+    ax.annotate(note, (1.01, height), xycoords=("axes fraction", "data"), fontsize=SMALL, color=colour, va="center", annotation_clip=False)
+    if not len(shifts):
+        return
+    least, low, lower, middle, upper, high, most = np.quantile(shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0])
+    ax.plot([least, most], [height, height], color=colour, lw=0.5)
+    ax.plot([low, high], [height, height], color=colour, lw=1.6, solid_capstyle="butt")
+    ax.plot([lower, upper], [height, height], color=colour, lw=4.5, alpha=_FADE, solid_capstyle="butt")
+    label = f"{design} design: {DESIGNS[design]} batches, {len(found)} data sets"
+    ax.plot([middle], [height], color=colour, marker=marker, ms=4.0, ls="", label=label)
+
+
+def _score(row: EvidenceRow) -> str:
+    if row.judged is None:
+        return "none exists"
+    note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
+    return f"ECE {row.judged.error:.3f}" + (f", {note}" if note else "")
+
+
+def _none(missing: int, total: int) -> str:
+    """The share of data sets for which there is no number; empty where there is one for each."""
+    share = 100 * missing / total
+    return "" if missing == 0 else "none: < 1 %" if share < 1 else f"none: {share:.0f} %"
+
+
+def _ends() -> FloatArray:
+    """The points with 0 and 1, where every difference is 0."""
+    return np.concatenate([[0.0], POINTS, [1.0]])
+
+
+def _legend(figure: Figure, ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    first = [labels.index(label) for label in dict.fromkeys(labels)]
+    chosen = [handles[i] for i in first], [labels[i] for i in first]
+    figure.legend(*chosen, loc="outside lower center", ncols=len(first), frameon=False, fontsize=SMALL)

@@ -1,0 +1,188 @@
+"""Figures of the plane of stimulus pairs: q with symmetry axis and tested pairs (Fig. 5), and the axis as a function of gamma (Fig. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.geometry import axis_band, axis_properties, plane
+from bayes_toe.plots.style import (
+    EQUAL,
+    LETTERS,
+    PAGE,
+    SMALL,
+    STRONGER_FIRST,
+    WEAKER_FIRST,
+    dress,
+    even_columns,
+    legend_below,
+    new_figure,
+    panel,
+    plain,
+    thinned,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+Quantity = Literal["prior_uncertainty", "slope", "prefactor"]
+QUANTITIES: tuple[Quantity, ...] = ("prior_uncertainty", "slope", "prefactor")
+
+_CELLS = 120
+_ACROSS = 3
+_WIDTHS, _HEIGHTS = {1: 3.6, 2: 5.6, 3: PAGE}, {1: 3.2, 2: 2.5, 3: 2.15}  # inches of figures and rows with so many columns
+AXIS = "#111111"
+_LABELS = {
+    "prior_uncertainty": r"prior uncertainty $\sigma_1^2/\sigma_p^2$",
+    "slope": r"slope of the axis $K$",
+    "prefactor": r"prefactor of the intercept $p$",
+}
+_KINDS = ((-1, WEAKER_FIRST, "o", "weaker first"), (1, STRONGER_FIRST, "s", "stronger first"), (0, EQUAL, "D", "equal stimuli"))
+
+
+def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band: float = 0.6) -> Axes:
+    """P('equal') of any pair in grey, the symmetry axis with its band, and the pairs that were presented. Source: Fig. 5.
+
+    Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its levels 0.25, 0.5 and 0.75. Dashed: the diagonal, which
+    would be the axis without an order effect.
+
+    Parameters
+    ----------
+    counts : Subject
+        Its pairs are the open marks, in the colour of their order.
+    theta : Natural
+        Draws of any one shape; a few hundred are taken.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    band : float
+        Share of the draws of the axis within its dotted band, at each first stimulus.
+    """
+    ax = panel(ax, high=3.3)
+    low, high = _square(counts)
+    side = np.linspace(low, high, _CELLS)
+    some = Natural(*(values.ravel() for values in thinned(theta)))
+    grid = plane(side, side, some)
+    ax.imshow(grid.q, origin="lower", extent=_extent(side), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
+    ax.contour(side, side, grid.q, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
+    ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
+    line = axis_band(some, side, levels=(0.5 - band / 2.0, 0.5, 0.5 + band / 2.0))
+    ax.plot(side, line.s2[1], color=AXIS, lw=1.5, label="symmetry axis")
+    for edge in (line.s2[0], line.s2[2]):
+        ax.plot(side, edge, ":", color=AXIS, lw=0.9)
+    refuse_intervals([counts], "plane of pairs")
+    order, crowded = np.sign(counts.s1 - counts.s2), counts.n_pairs > 60
+    for kind, colour, marker, label in _KINDS:
+        at = order == kind
+        if at.any():
+            mark: dict[str, Any] = {"ms": 2.0, "mew": 0.6} if crowded else {"ms": 4.6, "mew": 1.2}
+            ax.plot(counts.s1[at], counts.s2[at], marker, mfc="white", mec=colour, label=label, zorder=4, **mark)
+    ax.set(xlim=(low, high), ylim=(low, high), xlabel="first stimulus $s_1$ (ln intensity)", ylabel="second stimulus $s_2$ (ln intensity)")
+    ax.set_aspect("equal")
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
+    ax.set(xticks=ticks, yticks=ticks)
+    return dress(ax)
+
+
+def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
+    """One :func:`plane_axes` a subject, at most three in a row, with the scale of grey.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject.
+    """
+    from matplotlib.cm import ScalarMappable
+
+    across = even_columns(len(subjects), _ACROSS)
+    down = -(-len(subjects) // across)
+    figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
+    panels = figure.subplots(down, across, squeeze=False)
+    for i, ax in enumerate(panels.ravel()):
+        if i >= len(subjects):
+            ax.remove()
+            continue
+        plane_axes(draws.subject(subjects[i]), draws.natural(subjects[i]), ax)
+        ax.set_title(plain(subjects[i], 20) + (" (synthetic)" if draws.synthetic else ""), fontsize=LETTERS)
+        if i % across:
+            ax.set_ylabel("")
+    bar = figure.colorbar(
+        ScalarMappable(cmap=_greys()), ax=panels.ravel()[: len(subjects)].tolist(), fraction=0.02, pad=0.01, aspect=30, shrink=0.85
+    )
+    bar.set_label("P('equal')", fontsize=LETTERS)
+    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
+    bar.outline.set_linewidth(0.6)
+    legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
+    return figure
+
+
+def gamma_axes(quantity: Quantity, ax: Axes | None = None, *, subjects: Mapping[str, npt.ArrayLike] | None = None) -> Axes:
+    """Prior uncertainty, slope or intercept prefactor of the symmetry axis as a function of gamma. Source: Fig. 6, Eqs. axis1 and axis2.
+
+    Parameters
+    ----------
+    quantity : {"prior_uncertainty", "slope", "prefactor"}
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    subjects : mapping of str to array_like, optional
+        Draws of gamma by subject: their medians are marked on the curve.
+
+    Raises
+    ------
+    InputError
+        For another quantity.
+    """
+    if quantity not in QUANTITIES:
+        raise InputError(f"quantity {quantity!r}: allowed: {', '.join(QUANTITIES)}")
+    ax = panel(ax, wide=2.4, high=2.2)
+    x = np.linspace(0.0, 1.0, 300)
+    ax.plot(x, getattr(axis_properties(x), quantity), color=AXIS, lw=1.4)
+    if subjects:
+        medians = np.array([np.median(np.asarray(values, np.float64)) for values in subjects.values()])
+        at = getattr(axis_properties(medians), quantity)
+        ax.plot(medians, at, "o", ms=4.0, mfc="white", mec=STRONGER_FIRST, mew=1.0, label="subjects: median of $\\gamma$")
+    ax.set(xlabel=r"$\gamma = \sigma_\ell^2/\sigma_p^2$", ylabel=_LABELS[quantity], xlim=(-0.03, 1.03))
+    return dress(ax)
+
+
+def gamma_figure(draws: Draws | None = None) -> Figure:
+    """The three panels of Fig. 6; with draws, the medians of its subjects are marked."""
+    subjects = None if draws is None else {name: draws.values(name, "gamma") for name in draws.names}
+    figure = new_figure(PAGE, 2.4)
+    for ax, quantity in zip(figure.subplots(1, 3), QUANTITIES, strict=True):
+        gamma_axes(quantity, ax, subjects=subjects)
+    if draws is not None:
+        legend_below(figure, size=SMALL)
+        if draws.synthetic:
+            figure.suptitle("synthetic data", fontsize=SMALL)
+    return figure
+
+
+def _square(counts: Subject) -> tuple[float, float]:
+    both = np.concatenate([counts.s1, counts.s2])
+    low, high = float(both.min()), float(both.max())
+    pad = max(0.18 * (high - low), 0.1)
+    return low - pad, high + pad
+
+
+def _extent(side: FloatArray) -> tuple[float, float, float, float]:
+    """Edges of an image whose outermost pixels are centred on the ends of the grid."""
+    half = 0.5 * float(side[1] - side[0])
+    low, high = float(side[0]) - half, float(side[-1]) + half
+    return low, high, low, high
+
+
+def _greys() -> Any:
+    """Greys without the darkest, on which a black axis would be lost."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))

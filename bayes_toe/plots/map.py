@@ -1,0 +1,297 @@
+"""Map of the subjects of a study: prior mean and memory diffusion with ellipses, likelihood noise in colour, curves beside it (Fig. 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws
+from bayes_toe.plots.style import COLUMN, EQUAL, LETTERS, PAGE, SMALL, any_characters, dress, legend_below, new_figure, panel, plain
+from bayes_toe.plots.subject import answers_axes, central
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+#: Draws or replicates of (mu_1, sigma_p), each of shape (R,), by subject.
+Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
+
+COLOURS = "viridis"
+MOST_INSETS = 8
+_ACROSS = 2
+#: How many times the range of the stimuli the map reaches beyond them at most; what lies farther out is named at its edge.
+_FARTHEST = 4.0
+#: Points from its subject beyond which a name is joined to it by a line.
+_LEADER = 9.0
+
+
+def map_axes(
+    clouds: Clouds,
+    ax: Axes | None = None,
+    *,
+    sigma_l: Mapping[str, float] | None = None,
+    stimuli: npt.ArrayLike | None = None,
+    names: Mapping[str, str] | None = None,
+    mass: float = 0.2,
+) -> Axes:
+    """Ellipses of (mu_1, sigma_p), one a subject, each holding `mass` of its points around where they are densest. Source: Fig. 4.
+
+    Parameters
+    ----------
+    clouds : mapping of str to pair of array_like, shape (R,)
+        Posterior draws or bootstrap replicates of mu_1 and sigma_p, natural-log intensity. A subject whose points fix no ellipse gets a
+        cross at their medians; one whose ellipse is centred too far from the stimuli is named at the edge.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    sigma_l : mapping of str to float, optional
+        Likelihood noise by subject, shown by colour with a bar beside the map.
+    stimuli : array_like, optional
+        Natural-log intensities of the stimuli, shown as a grey range with lines.
+    names : mapping of str to str, optional
+        What to write at each subject; by default its name.
+    mass : float
+        Share of the points in each ellipse.
+
+    Raises
+    ------
+    InputError
+        If there is no subject, or `mass` is not between 0 and 1.
+    """
+    if not clouds:
+        raise InputError("a map needs at least one subject")
+    ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
+    labels = {name: plain(name, 12) for name in clouds} if names is None else dict(names)
+    found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
+    centres = {name: _centre(found[name], *clouds[name]) for name in clouds}
+    _set_limits(ax, centres, found, None if stimuli is None else np.asarray(stimuli, np.float64))
+    colours = _colours(ax, clouds, sigma_l)
+    for name in clouds:
+        _draw_subject(ax, found[name], centres[name], colours[name])
+    ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
+    dress(ax)
+    with any_characters():
+        _write_names(ax, centres, labels)
+    return ax
+
+
+def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None) -> Figure:
+    """Map of all subjects of a study, and the answers of up to eight beside it: those whose prior means lie farthest out.
+
+    Parameters
+    ----------
+    draws : Draws
+    mass : float
+        Share of the points in each ellipse.
+    clouds : mapping, optional
+        As in :func:`map_axes`, for example bootstrap replicates; by default the posterior draws.
+    """
+    middle = {name: central(draws, name) for name in draws.names}
+    chosen = farthest([float(middle[name].mu1) for name in draws.names], MOST_INSETS)
+    letters = {draws.names[i]: "ABCDEFGH"[rank] for rank, i in enumerate(chosen)}
+    names = {name: f"{letters[name]}: {plain(name, 12)}" if name in letters else plain(name, 12) for name in draws.names}
+    figure = new_figure(PAGE, 4.4)
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
+    _draw_insets(figure, grid[1], draws, letters)
+    study_map_axes(draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds)
+    return figure
+
+
+def study_map_axes(
+    draws: Draws,
+    ax: Axes | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    mass: float = 0.2,
+    clouds: Clouds | None = None,
+) -> Axes:
+    """The panel :func:`map_axes` of all subjects of a study: likelihood noise at the medians of the identified coordinates.
+
+    Parameters
+    ----------
+    draws : Draws
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    names, mass : optional
+        As in :func:`map_axes`.
+    clouds : mapping, optional
+        Replicates in the place of the posterior draws.
+    """
+    subjects = [draws.subject(name) for name in draws.names]
+    ax = map_axes(
+        posterior_clouds(draws) if clouds is None else clouds,
+        ax,
+        sigma_l={name: float(central(draws, name).sigma_l) for name in draws.names},
+        stimuli=np.concatenate([values for counts in subjects for values in (counts.s1, counts.s2)]),
+        names=names,
+        mass=mass,
+    )
+    if draws.synthetic:
+        ax.set_title("synthetic data", fontsize=SMALL, loc="right")
+    return ax
+
+
+def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them."""
+    return {name: (draws.values(name, "mu1").ravel(), draws.values(name, "sigma_p").ravel()) for name in draws.names}
+
+
+def without_pointwise(draws: Draws) -> Draws:
+    """Draws without the pointwise groups, which no figure needs and which are most of the size."""
+    tree = draws.tree.copy()
+    for group in ("log_likelihood", "posterior_predictive"):
+        if group in tree.children:
+            del tree[group]
+    return Draws(tree)
+
+
+def farthest(values: Sequence[float], count: int) -> list[int]:
+    """Indices of the `count` values nearest to both ends, in the order of the values.
+
+    Examples
+    --------
+    >>> farthest([0.1, 5.0, -3.0, 0.2, 0.3], 3)
+    [2, 0, 1]
+    """
+    order = sorted(range(len(values)), key=lambda i: values[i])
+    low = -(-min(count, len(order)) // 2)
+    return order if count >= len(order) else order[:low] + order[len(order) - (count - low) :]
+
+
+def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str, str]) -> None:
+    """Small panels in the order of their letters, at least three rows high so that they stay small."""
+    down = max(-(-len(letters) // _ACROSS), 3)
+    panels = place.subgridspec(down, _ACROSS).subplots(squeeze=False, sharey=True)
+    for i, (name, letter) in enumerate(letters.items()):
+        ax = answers_axes(draws.subject(name), draws.natural(name), panels[divmod(i, _ACROSS)], size=2.8)
+        ax.set_title(f"{letter}: {plain(name, 12)}", fontsize=SMALL, pad=2.0)
+        last = i + _ACROSS >= len(letters)
+        ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
+        ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)
+    for ax in panels.ravel()[len(letters) :]:
+        ax.remove()
+    legend_below(figure, size=SMALL)
+
+
+def _centre(ellipse: Ellipse | None, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike) -> FloatArray:
+    if ellipse is not None:
+        return ellipse.centre
+    return np.array([np.nanmedian(np.asarray(values, np.float64)) for values in (mu1, sigma_p)])
+
+
+def _set_limits(ax: Axes, centres: Mapping[str, FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
+    outlines = [e.outline() for e in found.values() if e is not None] + [np.array([c]) for c in centres.values()]
+    points = np.concatenate(outlines)
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)
+    if stimuli is not None:
+        first, last = float(stimuli.min()), float(stimuli.max())
+        reach = _FARTHEST * max(last - first, 0.5)
+        low, high = min(max(low, first - reach), first), max(min(high, last + reach), last)
+        ax.axvspan(first, last, color="#EDEDED", lw=0, zorder=0)
+        for s in np.unique(stimuli) if len(np.unique(stimuli)) <= 12 else ():
+            ax.axvline(s, color="#CFCFCF", lw=0.6, zorder=0)
+    inside = points[(points[:, 0] >= low) & (points[:, 0] <= high), 1]
+    if not len(inside):
+        inside = points[:, 1] if len(points) else np.array([0.0, 1.0])
+    pad_x, bottom, top = 0.06 * (high - low) + 1e-9, float(inside.min()), float(inside.max())
+    pad_y = 0.09 * (top - bottom) + 1e-3 * abs(top) + 1e-12
+    ax.set(xlim=(low - pad_x, high + pad_x), ylim=(max(0.0, bottom - pad_y), top + pad_y))
+
+
+def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> dict[str, Any]:
+    """Colour of each subject; with likelihood noise the bar that explains it."""
+    if sigma_l is None:
+        return dict.fromkeys(clouds, EQUAL)
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    values = [sigma_l[name] for name in clouds]
+    scale = ScalarMappable(Normalize(min(0.0, *values) if len(values) > 1 else 0.0, max(values)), COLOURS)
+    bar = ax.figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
+    bar.set_label(r"likelihood noise $\sigma_\ell$ (ln intensity)", fontsize=LETTERS)
+    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
+    bar.outline.set_linewidth(0.6)
+    return {name: scale.to_rgba(np.array([value]))[0] for name, value in zip(clouds, values, strict=True)}
+
+
+def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any) -> None:
+    if ellipse is None:
+        ax.plot(*centre, "x", ms=4.0, mew=1.0, color=colour)
+        return
+    outline = ellipse.outline()
+    ax.fill(*outline.T, color=colour, alpha=0.35, lw=0)
+    ax.plot(*outline.T, color=colour, lw=0.9)
+    ax.plot(*centre, "o", ms=2.2, color=colour)
+
+
+# --- names at their subjects ------------------------------------------------------------------------------------------------------
+
+
+def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[str, str]) -> None:
+    """Each name beside its centre, at the first place free of other names and centres; beyond the edge, at the edge with its mu_1."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()  # the layout decides where the panel is
+    renderer = figure._get_renderer()  # type: ignore[attr-defined]
+    within, at = ax.get_window_extent(renderer), ax.transData
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    shown = {n: np.clip(c, [low, bottom], [high, top]) for n, c in centres.items() if np.isfinite(c).all()}
+    marks = {name: at.transform(point) for name, point in shown.items()}
+    taken: list[Any] = [_box_around(point, 2.0) for point in marks.values()]
+    for name in sorted(marks, key=lambda n: (marks[n][0], marks[n][1])):
+        beyond = bool(np.any(shown[name] != centres[name]))
+        words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
+        text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)
+        _place(text, renderer, within, taken)
+        if np.hypot(*text.xyann) > _LEADER:
+            line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
+            ax.annotate("", tuple(shown[name]), text.xyann, textcoords="offset points", arrowprops=line, zorder=5)
+        taken.append(text.get_window_extent(renderer))
+        if beyond:
+            ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
+
+
+def _place(text: Any, renderer: Any, within: Any, taken: Sequence[Any]) -> None:
+    """The first free place inside the panel; where there is none, the first one inside it."""
+    inside = None
+    for place in _places():
+        box = _put(text, place, renderer)
+        if within.x0 <= box.x0 and box.x1 <= within.x1 and within.y0 <= box.y0 and box.y1 <= within.y1:
+            if not any(box.overlaps(other) for other in taken):
+                return
+            inside = place if inside is None else inside
+    _put(text, next(_places()) if inside is None else inside, renderer)
+
+
+def _put(text: Any, place: tuple[float, float, str, str], renderer: Any) -> Any:
+    text.xyann = place[:2]
+    text.set(ha=place[2], va=place[3])
+    return text.get_window_extent(renderer)
+
+
+def _places() -> Iterator[tuple[float, float, str, str]]:
+    """Offsets in points with their alignment: right, left, above, below and between, then farther out."""
+    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0):
+        near = 0.7 * away
+        yield from (
+            (away, 0.0, "left", "center"),
+            (-away, 0.0, "right", "center"),
+            (0.0, away, "center", "bottom"),
+            (0.0, -away, "center", "top"),
+            (near, near, "left", "bottom"),
+            (near, -near, "left", "top"),
+            (-near, near, "right", "bottom"),
+            (-near, -near, "right", "top"),
+        )
+
+
+def _box_around(point: FloatArray, half: float) -> Any:
+    from matplotlib.transforms import Bbox
+
+    return Bbox.from_extents(point[0] - half, point[1] - half, point[0] + half, point[1] + half)

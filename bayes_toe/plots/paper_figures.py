@@ -1,0 +1,373 @@
+"""The paper's figures of any study: composed from the panels of the plot modules, and written as files, all of them or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_toe.api import Analysis
+from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
+from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.whole_files import whole_folder
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws
+from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
+from bayes_toe.plots.beliefs import filter_axes
+from bayes_toe.plots.geometry import gamma_figure, plane_figure
+from bayes_toe.plots.map import map_figure, without_pointwise
+from bayes_toe.plots.style import (
+    COLUMN,
+    PAGE,
+    SMALL,
+    any_characters,
+    dress,
+    evidence_axes,
+    evidence_plane_axes,
+    legend_above,
+    new_figure,
+    picture,
+    plain,
+)
+from bayes_toe.plots.subject import central, examples_figure
+from bayes_toe.workers import Progress, run_jobs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+FORMATS = ("pdf", "png", "svg")
+CAPTIONS = "captions.md"
+#: How many subjects the figures of single subjects show, where none are chosen.
+_EXAMPLES = 3
+_DPI = 300
+_HIGHEST = 9.0  # inches of a page
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """All that the figures need; small enough to send to another process."""
+
+    draws: Draws
+    evidence: EvidenceTable
+    asymmetry: AsymmetryTable
+    subjects: tuple[str, ...]
+
+
+def material_of(analysis: Analysis, subjects: Sequence[str] | None = None) -> Material:
+    """What the figures need of an analysis.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    subjects : sequence of str, optional
+        Shown in the figures of single subjects; by default those of :func:`representative`.
+
+    Raises
+    ------
+    InputError
+        For an unknown or repeated subject, or none at all; for a study with intervals (column isi).
+    """
+    refuse_intervals(analysis.study, "the paper's figures")
+    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
+    chosen = representative(table) if subjects is None else require_subjects(subjects, analysis.study.names)
+    return Material(without_pointwise(analysis.draws), analysis.evidence, table, chosen)
+
+
+def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """The subjects asked for.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or repeated, or there is none.
+
+    Examples
+    --------
+    >>> require_subjects(["b"], ["a", "b"])
+    ('b',)
+    """
+    unknown = [name for name in subjects if name not in known]
+    if unknown:
+        raise InputError(f"no subject {unknown[0]!r}; there are: {', '.join(map(repr, known))}")
+    if not subjects or len(set(subjects)) < len(subjects):
+        raise InputError("subjects: allowed is at least one, each once")
+    return tuple(subjects)
+
+
+def representative(table: AsymmetryTable) -> tuple[str, ...]:
+    """Three subjects in the roles of the paper's Fig. 3: mean asymmetry most positive (A), most negative (B), nearest to zero (C)."""
+    rows = [row for row in table if row.comparisons]
+    if len(table.rows) <= _EXAMPLES or len(rows) < _EXAMPLES:
+        return tuple(row.subject for row in table.rows[:_EXAMPLES])
+    ordered = sorted(rows, key=lambda row: row.mean_asymmetry)
+    middle = min(ordered[1:-1], key=lambda row: row.mean_absolute_asymmetry)
+    return ordered[-1].subject, ordered[0].subject, middle.subject
+
+
+# --- single figures -----------------------------------------------------------------------------------------------------------------
+
+
+def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figure:
+    """Fig. 1C and its kin: the clearest comparison in both orders, and the asymmetries of all subjects and comparisons.
+
+    Raises
+    ------
+    InputError
+        If no pair of different stimuli was presented in both orders.
+    """
+    found = [one for row in table for one in row.comparisons]
+    if not found:
+        raise InputError("no pair of different stimuli was presented in both orders to one subject")
+    high = min(_HIGHEST, max(2.7, asymmetry_height(table) + 0.15))
+    figure = new_figure(1.9 + COLUMN, high)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4)))
+    order_axes(min(found, key=lambda one: one.p_value), figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]))
+    asymmetry_axes(table, figure.add_subplot(grid[:, 1]))
+    if synthetic:
+        figure.suptitle("synthetic data", fontsize=SMALL)
+    return figure
+
+
+def filter_figure(draws: Draws, subject: str) -> Figure:
+    """Fig. 2 for one subject's central parameters: one pair in both of its orders, side by side.
+
+    The pair is the one with the widest asymmetry, or the widest where none was presented in both orders.
+    """
+    counts, theta = draws.subject(subject), central(draws, subject)
+    mu1, sigma_p, sigma_l, q0 = map(float, theta)
+    weak, strong = _pair_of(counts)
+    orders = ((weak, strong), (strong, weak)) if weak < strong else ((weak, strong),)
+    figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
+    for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
+        filter_axes(s1, s2, mu1, sigma_p, sigma_l, q0, ax=ax)
+    figure.suptitle(plain(subject) + (" (synthetic)" if draws.synthetic else ""), fontsize=SMALL)
+    return figure
+
+
+def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
+    """Appendix C's figure, evidence of H1 against H0, beside the log Bayes factor of every subject."""
+    figure = new_figure(PAGE, min(_HIGHEST, max(3.0, 1.1 + 0.17 * len(table.rows))))
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
+    evidence_plane_axes(table, left)
+    legend_above(dress(evidence_axes(right, table)))
+    right.xaxis.label.set_fontsize(SMALL)
+    if synthetic:
+        figure.suptitle("synthetic data", fontsize=SMALL)
+    return figure
+
+
+def _pair_of(counts: Subject) -> tuple[float, float]:
+    largest = subject_asymmetry(counts).maximal
+    if largest is not None:
+        return largest.s_weak, largest.s_strong
+    widest = int(np.argmax(np.abs(counts.s1 - counts.s2)))
+    pair = float(counts.s1[widest]), float(counts.s2[widest])
+    return min(pair), max(pair)
+
+
+# --- all figures --------------------------------------------------------------------------------------------------------------------
+
+
+def _asymmetry(material: Material) -> Figure:
+    return asymmetry_figure(material.asymmetry, synthetic=material.draws.synthetic)
+
+
+def _filter(material: Material) -> Figure:
+    return filter_figure(material.draws, material.subjects[0])
+
+
+def _examples(material: Material) -> Figure:
+    return examples_figure(material.draws, material.subjects)
+
+
+def _map(material: Material) -> Figure:
+    return map_figure(material.draws)
+
+
+def _plane(material: Material) -> Figure:
+    return plane_figure(material.draws, material.subjects)
+
+
+def _gamma(material: Material) -> Figure:
+    return gamma_figure(material.draws)
+
+
+def _evidence(material: Material) -> Figure:
+    return evidence_pair_figure(material.evidence, synthetic=material.draws.synthetic)
+
+
+#: Figures by file name, without suffix, in the paper's order.
+FIGURES: Mapping[str, Callable[[Material], Figure]] = {
+    "figure_1c_asymmetry": _asymmetry,
+    "figure_2_filter": _filter,
+    "figure_3_examples": _examples,
+    "figure_4_map": _map,
+    "figure_5_plane": _plane,
+    "figure_6_gamma": _gamma,
+    "appendix_c_evidence": _evidence,
+}
+
+
+def left_out(material: Material) -> dict[str, str]:
+    """Figures that this study does not allow, with the reason."""
+    if any(row.comparisons for row in material.asymmetry):
+        return {}
+    return {"figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"}
+
+
+def figures(analysis: Analysis, subjects: Sequence[str] | None = None) -> dict[str, Figure]:
+    """The paper's figures of an analysed study, by file name.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        From :func:`bayes_toe.run`.
+    subjects : sequence of str, optional
+        Shown in Figs. 3 and 5, the first one in Fig. 2; by default three in the paper's roles, see :func:`representative`.
+
+    Raises
+    ------
+    InputError
+        For an unknown or repeated subject.
+    """
+    material = material_of(analysis, subjects)
+    return {name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)}
+
+
+def products(formats: Sequence[str]) -> tuple[str, ...]:
+    """Every file that :func:`write_figures` may make.
+
+    Raises
+    ------
+    InputError
+        For an unknown format, or none.
+
+    Examples
+    --------
+    >>> products(["pdf"])[0]
+    'figure_1c_asymmetry.pdf'
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats:
+        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}" if unknown else f"formats: allowed: {', '.join(FORMATS)}")
+    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in dict.fromkeys(formats)), CAPTIONS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    name: str
+    material: Material
+    formats: tuple[str, ...]
+
+
+def write_figures(
+    analysis: Analysis,
+    folder: str | Path,
+    *,
+    subjects: Sequence[str] | None = None,
+    formats: Sequence[str] = ("pdf", "png"),
+    overwrite: bool = False,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write all figures and their captions into `folder`.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    folder : path
+        Made where it is missing; other files in it are left alone.
+    subjects : sequence of str, optional
+        As in :func:`figures`.
+    formats : sequence of str
+        Of pdf, png (300 dots an inch) and svg.
+    overwrite : bool
+        Whether existing products may be replaced.
+    workers : int, optional
+        Processes; by default one per processor. The files do not depend on it.
+    progress : callable, optional
+        Called with a figure's name when that figure is done.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject or format.
+    OutputError
+        If the folder cannot be written or holds products already; nothing is changed then.
+    """
+    names, material = products(formats), material_of(analysis, subjects)
+    missing = left_out(material)
+    jobs = [_Drawing(name, material, tuple(dict.fromkeys(formats))) for name in FIGURES if name not in missing]
+    with whole_folder(folder, names, overwrite=overwrite) as target:
+        for index, files in run_jobs(_draw, jobs, workers):
+            for suffix, content in files.items():
+                (target / f"{jobs[index].name}.{suffix}").write_bytes(content)
+            if progress is not None:
+                progress(jobs[index].name)
+        (target / CAPTIONS).write_text(captions(material), encoding="utf-8")
+    return Path(folder)
+
+
+def _draw(job: _Drawing) -> dict[str, bytes]:
+    figure = FIGURES[job.name](job.material)
+    with any_characters():
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once, so that every format has it alike
+    return {suffix: picture(figure, suffix, dpi=_DPI) for suffix in job.formats}
+
+
+# --- captions -----------------------------------------------------------------------------------------------------------------------
+
+
+def captions(material: Material) -> str:
+    """What each figure shows, with every level and band, as Markdown."""
+    missing = left_out(material)
+    draws, chosen = material.draws, ", ".join(material.subjects)
+    lines = [f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}", "", *_preamble(material), ""]
+    for name in FIGURES:
+        text = f"Left out: {missing[name]}." if name in missing else _CAPTIONS[name].format(subjects=chosen, first=material.subjects[0])
+        lines += [f"**{name}.** {text}", ""]
+    return "\n".join(lines)
+
+
+def _preamble(material: Material) -> list[str]:
+    draws = material.draws
+    said = [
+        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but q0 and gamma are "
+        "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
+        "",
+        material.asymmetry.population().describe().capitalize() + ".",
+    ]
+    if draws.not_converged:
+        said += ["", f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}."]
+    return said
+
+
+_CAPTIONS = {
+    "figure_1c_asymmetry": "Left: P('equal') of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
+    "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of every comparison with its standard "
+    f"deviation; within a subject from the weakest pair above to the strongest below. Filled: p < {LEVEL:g}, Holm's correction over the "
+    "subject's comparisons; large: the largest of the subject.",
+    "figure_2_filter": "Beliefs of {first} (medians of the identified coordinates) in the pair with its largest asymmetry, in both orders. "
+    "Violet: the belief; dotted: the belief of the row above; dashed: likelihood of the stimulus (triangle); arrow: shift of the mean from "
+    "mu_2 to mu_f, which decides. Heights go with the root of the precision. z is the normalised distance.",
+    "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; bands: central "
+    f"60 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm). Middle: prior at the medians of the "
+    "identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l wide; an arrow points to a prior "
+    "beyond the panel. Bottom: the same answers, divided by the median q0, over the normalised distance (posterior median, horizontal "
+    "bars 60 % of the draws); curve: 2^(-z^2). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
+    "figure_4_map": "Ellipses: around the densest part, holding 20 % of the posterior draws of (mu_1, sigma_p); dots: their centres; "
+    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
+    "subjects whose prior means lie farthest out.",
+    "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of P('equal'), with its levels 0.25, 0.5 and 0.75; solid: median of the "
+    "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
+    "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "
+    "medians of gamma of all subjects.",
+    "appendix_c_evidence": "Left: log evidence per trial of the predictive update (H1) against free frequencies (H0). Right: log Bayes "
+    "factors by importance sampling with twice their standard error, and by Laplace's approximation.",
+}

@@ -1,0 +1,235 @@
+"""Figures of single subjects, one column each: answers and curves, the fitted prior among the stimuli, the collapse (Fig. 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
+from bayes_toe.comparison.predictive_checks import collapse, universal_curve
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.inference.draws import Draws
+from bayes_toe.model.beliefs import Gaussian, steady_prior
+from bayes_toe.model.coordinates import Natural, unconstrained
+from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.plots.style import (
+    COLUMN,
+    EQUAL,
+    LETTERS,
+    PAGE,
+    SMALL,
+    STRONGER_FIRST,
+    WEAKER_FIRST,
+    dress,
+    even_columns,
+    legend_below,
+    new_figure,
+    order_panel,
+    panel,
+    plain,
+    thinned,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+
+PRIOR_BELIEF = "#4B3B8F"
+_ACROSS = 3  # columns of one block of rows
+_SHADOWS = 40  # draws whose priors are shown behind the central one
+_KINDS = ((-1, WEAKER_FIRST, "o"), (1, STRONGER_FIRST, "s"), (0, EQUAL, "D"))
+
+
+def central(draws: Draws, subject: str) -> Natural:
+    """One point in the middle of a subject's draws: medians of the identified coordinates, as natural parameters of shape ().
+
+    Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade off.
+    """
+    posterior = posterior_of(draws.subject(subject))
+    x = unconstrained(draws.natural(subject), posterior.sbar).reshape(-1, 4)
+    return posterior.natural(np.median(x, axis=0))
+
+
+def main_weaker(counts: Subject) -> float | None:
+    """The weaker stimulus that most pairs of different stimuli share (the reference r of the paper's design); None without such pairs."""
+    weaker = np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
+    if not weaker.size:
+        return None
+    values, found = np.unique(weaker, return_counts=True)
+    return float(values[np.argmax(found)])
+
+
+def answers_axes(
+    counts: Subject, theta: Natural, ax: Axes | None = None, *, weaker: float | None = None, level: float = LEVEL, size: float = 4.0
+) -> Axes:
+    """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 60 % and 95 % bands.
+
+    Points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the subject's
+    comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
+
+    Parameters
+    ----------
+    counts : Subject
+    theta : Natural
+        Draws of any one shape; a few hundred are taken.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    weaker : float, optional
+        The weaker stimulus of the pairs shown, natural-log intensity; by default the one that most pairs share.
+    level : float
+        Level of significance.
+    size : float
+        Of the marks, points.
+    """
+    ax = panel(ax, high=2.4)
+    reference = main_weaker(counts) if weaker is None else weaker
+    low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
+    order_panel(ax, counts, thinned(theta), low, size=size)
+    high = _strongest(counts, low)
+    pad = max(0.06 * (high - low), 0.05)
+    ax.set(xlim=(low - pad, high + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
+    for one in subject_asymmetry(counts).comparisons:
+        if one.s_weak == reference and one.p_adjusted < level:
+            ax.text(one.s_strong, 1.09, "*", ha="center", va="center_baseline", fontsize=2.5 * size)
+    return dress(ax)
+
+
+def _strongest(counts: Subject, weaker: float) -> float:
+    """The strongest stimulus among the pairs that are shown beside one weaker stimulus."""
+    stronger = np.maximum(counts.s1, counts.s2)
+    shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
+    return float(stronger[shown].max()) if shown.any() else weaker
+
+
+def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None = None) -> Axes:
+    """Fitted prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli. Source: Fig. 3, middle row.
+
+    Parameters
+    ----------
+    counts : Subject
+        Its stimuli are the triangles; the bar is the likelihood noise, 2 sigma_l wide.
+    theta : Natural
+        Draws of any one shape; the priors of some of them are drawn thin.
+    middle : Natural
+        The prior drawn thick, see :func:`central`.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    """
+    ax = panel(ax, high=1.4)
+    refuse_intervals([counts], "panel of the prior")
+    stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
+    prior = steady_prior(middle.mu1, middle.sigma_p, middle.sigma_l)
+    low, high = _window(stimuli, prior)
+    x, peak = np.linspace(low, high, 400), float(prior.density(prior.mean))
+    every = max(1, theta.mu1.size // _SHADOWS)
+    some = steady_prior(*(np.ravel(values)[every // 2 :: every, None] for values in (theta.mu1, theta.sigma_p, theta.sigma_l)))
+    ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=PRIOR_BELIEF, lw=0.4, alpha=0.25)
+    ax.fill_between(x, 0.0, prior.density(x) / peak, color=PRIOR_BELIEF, alpha=0.18, lw=0)
+    ax.plot(x, prior.density(x) / peak, color=PRIOR_BELIEF, lw=1.4)
+    ax.plot(stimuli, np.full_like(stimuli, -0.09), "^", ms=4.0, color="black", mec="white", mew=0.4, clip_on=False)
+    centre, noise = float(stimuli.mean()), float(middle.sigma_l)
+    ax.plot([centre - noise, centre + noise], [-0.3, -0.3], color="#333333", lw=2.2, solid_capstyle="butt")
+    ax.text(centre + noise + 0.015 * (high - low), -0.3, r"$\sigma_\ell$", ha="left", va="center", fontsize=SMALL)
+    ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[], xlabel="stimulus (ln intensity)", ylabel="prior density")
+    ax.set_title(rf"$\mu_1$ = {float(middle.mu1):.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−"))
+    dress(ax)
+    ax.title.set_fontsize(SMALL)
+    ax.spines["left"].set_visible(False)
+    _point_outside(ax, float(prior.mean), low, high)
+    return ax
+
+
+def _window(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
+    """Stimuli and prior, but no farther from the stimuli than keeps them apart on paper."""
+    first, last = float(stimuli.min()), float(stimuli.max())
+    span = max(last - first, 1.5 * float(prior.sd))
+    low, high = float(prior.mean - 2.5 * prior.sd), float(prior.mean + 2.5 * prior.sd)
+    return max(min(first - 0.15 * span, low), first - 4.0 * span), min(max(last + 0.15 * span, high), last + 4.0 * span)
+
+
+def _point_outside(ax: Axes, mean: float, low: float, high: float) -> None:
+    """An arrow where the prior's mean lies beyond the panel."""
+    if low <= mean <= high:
+        return
+    side, way = (0.02, 1.0) if mean < low else (0.98, -1.0)
+    style: dict[str, Any] = {"arrowstyle": "->", "color": PRIOR_BELIEF, "lw": 1.2}
+    ax.annotate("", (side, 0.6), (side + 0.14 * way, 0.6), xycoords="axes fraction", textcoords="axes fraction", arrowprops=style)
+
+
+def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, mass: float = 0.6, size: float = 4.0) -> Axes:
+    """Both orders over the normalised distance (s2 - mu_2)/w, where they fall on one curve q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
+
+    Parameters
+    ----------
+    counts : Subject
+    theta : Natural
+        Draws of any one shape.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    mass : float
+        Horizontal bars hold this share of the draws; vertical ones are the standard deviation of the Laplace estimator over q0.
+    size : float
+        Of the marks, points.
+    """
+    ax = panel(ax, high=2.2)
+    posterior = Posterior(counts)
+    found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=mass)
+    reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
+    x = np.linspace(-reach, reach, 300)
+    ax.plot(x, universal_curve(x), color="#333333", lw=1.2)
+    crowded = counts.n_pairs > 60
+    for order, colour, marker in _KINDS:
+        at = found.order == order
+        if at.any():
+            across = np.stack([found.z - found.z_low, found.z_high - found.z])[:, at]
+            style: dict[str, Any] = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": size, "elinewidth": size / 5.0}
+            ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, fmt=marker, color=colour, mec="white", mew=0.4, **style)
+    top = max(1.14, 1.04 * float((found.ratio + found.error).max()))
+    ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=r"P('equal')$/q_0$")
+    return dress(ax)
+
+
+def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
+    """Three rows for each subject: :func:`answers_axes`, :func:`prior_axes`, :func:`collapse_axes`; three columns before it starts anew.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject.
+    """
+    across = even_columns(len(subjects), _ACROSS)
+    blocks = [list(subjects[i : i + across]) for i in range(0, len(subjects), across)]
+    wide = {1: COLUMN, 2: 5.0}.get(across, PAGE)
+    figure = new_figure(wide, 5.6 * len(blocks) + 0.3)
+    heights = (1.25, 0.85, 1.1) * len(blocks)
+    grid = figure.subplots(3 * len(blocks), across, squeeze=False, gridspec_kw={"height_ratios": heights})
+    for b, block in enumerate(blocks):
+        for column in range(across):
+            axes = grid[3 * b : 3 * b + 3, column]
+            if column < len(block):
+                _draw_column(list(axes), draws, block[column], first=column == 0)
+            else:
+                for ax in axes:
+                    ax.remove()
+    legend_below(figure, size=SMALL)
+    return figure
+
+
+def _draw_column(axes: Sequence[Axes], draws: Draws, subject: str, *, first: bool) -> None:
+    counts, theta = draws.subject(subject), draws.natural(subject)
+    answers_axes(counts, theta, axes[0])
+    prior_axes(counts, theta, central(draws, subject), axes[1])
+    collapse_axes(counts, theta, axes[2])
+    weaker = main_weaker(counts)
+    several = len(np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])) > 1
+    about = f"\nweaker stimulus {weaker:.3g}".replace("-", "−") if several else ""
+    axes[0].set_title(plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + about, fontsize=LETTERS)
+    if not first:
+        for ax in axes:
+            ax.set_ylabel("")

@@ -1,0 +1,194 @@
+"""Asymmetry of the answers: sign convention, tests, counts over subjects, files and the command."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import call
+from reference.hard_cases import hard_cases
+from scipy import stats
+
+import bayes_toe as bt
+from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, subject_asymmetry
+from bayes_toe.errors import InputError
+
+
+def both_orders(name="S", weak=(12, 50), strong=(25, 50)):
+    return bt.Subject(name, [0.0, 0.3], [0.3, 0.0], [weak[0], strong[0]], [weak[1], strong[1]])
+
+
+def test_one_comparison_by_hand():
+    one = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
+    weak, strong = stats.beta(13, 39), stats.beta(26, 16)
+    assert (one.s_weak, one.s_strong) == (0.0, 0.3)
+    assert (one.n_equal_weak_first, one.n_trials_weak_first, one.n_equal_strong_first, one.n_trials_strong_first) == (12, 50, 25, 40)
+    assert one.asymmetry == pytest.approx(strong.mean() - weak.mean())
+    assert one.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
+    assert one.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
+    q = stats.uniform.rvs(size=(2, 400_000), random_state=1)
+    share = (strong.ppf(q[0]) > weak.ppf(q[1])).mean()
+    assert one.probability_of_direction == pytest.approx(share, abs=5 * 0.5 / np.sqrt(400_000))
+
+
+@pytest.mark.parametrize(("mu1", "sign"), [(-0.7, 1), (1.2, -1)])
+def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, mu1, sign):
+    # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first; right of them (B), the opposite.
+    row = bt.asymmetry(small_study)["A" if sign > 0 else "B"]
+    assert all(sign * one.asymmetry > 0 for one in row.comparisons)
+    assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
+    wrong_weak, wrong_strong = row.maximal.q_weak_first, row.maximal.q_strong_first
+    assert sign * (wrong_strong - wrong_weak) > 0
+    q = [float(bt.equal_probability(*pair, mu1, 0.25, 0.18, 0.9)) for pair in ((0.3, 0.0), (0.0, 0.3))]
+    assert np.sign(q[0] - q[1]) == sign
+
+
+def test_the_bundled_subjects_lean_as_their_true_priors_say():
+    truth = bt.example_truth()
+    middle = 0.25  # of the stimuli, 0 .. 0.51
+    for row in bt.asymmetry(bt.example_study()):
+        if row.maximal.p_adjusted < 0.001:
+            assert np.sign(row.maximal.asymmetry) == np.sign(middle - truth[row.subject]["mu1"]), row.subject
+
+
+def test_the_maximum_is_the_largest_and_holm_covers_its_comparisons(small_study):
+    for row in bt.asymmetry(small_study):
+        sizes = [abs(one.asymmetry) for one in row.comparisons]
+        assert [one.is_maximal for one in row.comparisons] == [size == max(sizes) for size in sizes]
+        p = np.array([one.p_value for one in row.comparisons])
+        adjusted = np.array([one.p_adjusted for one in row.comparisons])
+        assert adjusted.min() == pytest.approx(min(1, 4 * p.min()))
+        assert (adjusted >= p).all()
+        assert row.mean_asymmetry == pytest.approx(np.mean([one.asymmetry for one in row.comparisons]))
+        assert row.mean_absolute_asymmetry == pytest.approx(np.mean(sizes))
+
+
+def test_of_two_maxima_alike_one_is_marked():
+    s1, s2 = [0.0, 0.3, 0.0, 0.6], [0.3, 0.0, 0.6, 0.0]
+    row = subject_asymmetry(bt.Subject("S", s1, s2, [10, 20, 10, 20], [30, 30, 30, 30]))
+    assert sum(one.is_maximal for one in row.comparisons) == 1
+
+
+def test_stimuli_of_a_full_design_are_compared_pair_by_pair():
+    grid = np.array([0.0, 0.2, 0.5])
+    s1, s2 = (side.ravel() for side in np.meshgrid(grid, grid))
+    row = subject_asymmetry(bt.Subject("S", s1, s2, np.arange(9), np.full(9, 20)))
+    assert [(one.s_weak, one.s_strong) for one in row.comparisons] == [(0.0, 0.2), (0.0, 0.5), (0.2, 0.5)]
+    counts = {(a, b): k for a, b, k in zip(s1, s2, np.arange(9), strict=True)}
+    for one in row.comparisons:
+        assert one.n_equal_weak_first == counts[one.s_weak, one.s_strong]
+        assert one.n_equal_strong_first == counts[one.s_strong, one.s_weak]
+
+
+def test_population_counts():
+    subjects = [
+        both_orders("strongly positive", (10, 50), (40, 50)),
+        both_orders("weakly positive", (20, 50), (22, 50)),
+        both_orders("strongly negative", (40, 50), (10, 50)),
+        both_orders("none", (20, 50), (20, 50)),
+    ]
+    found = bt.asymmetry(bt.Study(subjects)).population()
+    assert (found.n_subjects, found.positive, found.positive_significant, found.negative, found.negative_significant) == (4, 2, 1, 1, 1)
+    assert "2 positive (1 significant at p < 0.05, 1 before correction), 1 negative (1 significant" in found.describe()
+
+
+def test_correction_can_take_significance_away():
+    s1, s2 = [0.0, 0.3, 0.0, 0.6, 0.0, 0.9], [0.3, 0.0, 0.6, 0.0, 0.9, 0.0]
+    counts = [15, 26, 20, 20, 20, 20]
+    found = bt.asymmetry(bt.Study([bt.Subject("S", s1, s2, counts, [50] * 6)])).population()
+    assert (found.positive_significant, found.positive_uncorrected) == (0, 1)
+
+
+def test_pairs_in_one_order_are_left_out_and_said():
+    partly = bt.Subject("partly", [0.0, 0.3, 0.0], [0.3, 0.0, 0.6], [5, 6, 7], [10, 10, 10])
+    never = bt.Subject("never", [0.0, 0.0], [0.0, 0.3], [5, 6], [10, 10])
+    table = bt.asymmetry(bt.Study([partly, never]))
+    assert len(table["partly"].comparisons) == 1
+    assert table["never"].maximal is None
+    assert np.isnan(table["never"].mean_asymmetry)
+    assert "partly: 1 pair was presented in one order only" in table.notes[0]
+    assert "never: no pair of different stimuli was presented in both orders" in table.notes[1]
+    assert table.population().n_subjects == 1
+    assert list(table.outcomes()["accuracy"]) == ["partly"]
+    assert len(table.subjects()) == 2
+    with pytest.raises(InputError, match="in both orders"):
+        bt.asymmetry(bt.Study([never]))
+    with pytest.raises(InputError, match="no subject 'x'"):
+        table["x"]
+
+
+def test_every_hard_case_has_an_answer():
+    for name, subject in hard_cases().items():
+        row = subject_asymmetry(subject)
+        for one in row.comparisons:
+            assert 0 < one.p_value <= one.p_adjusted <= 1 or one.n_trials_weak_first > 10**5, name
+            assert 0 <= one.probability_of_direction <= 1
+    assert subject_asymmetry(hard_cases()["a hundred million trials"]).comparisons[0].test == "fisher"
+
+
+def test_under_the_null_p_values_are_not_too_small():
+    # 400 subjects without order effect, 4 comparisons each: Holm's claim fails for at most 5 % of subjects (99.99 % bound 0.05 + 4 sd).
+    rng = np.random.default_rng(11)
+    s1, s2 = [0.0] * 4 + [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4] + [0.0] * 4
+    q = np.tile([0.8, 0.6, 0.4, 0.2], 2)
+    subjects = [bt.Subject(str(i), s1, s2, rng.binomial(50, q), [50] * 8) for i in range(400)]
+    false = np.mean([min(one.p_adjusted for one in row.comparisons) < 0.05 for row in bt.asymmetry(bt.Study(subjects))])
+    assert false < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 400)
+
+
+def test_the_table_reads_back(tmp_path, small_study):
+    table = bt.asymmetry(small_study)
+    path = table.save(tmp_path / "asymmetry.csv")
+    read = pd.read_csv(path, dtype={"subject": str})
+    assert tuple(read.columns) == ASYMMETRY_COLUMNS
+    assert len(read) == 3 * 4
+    pd.testing.assert_frame_equal(read, table.frame(), check_exact=True)
+    assert table.subjects().shape[0] == 3
+
+
+def test_the_command(tmp_path, study_csv):
+    (tmp_path / "people.csv").write_text("subject,kind,age\nA,x,20\nB,x,30\nC,y,50\n")
+    done = call("asymmetry", "study.csv", "-o", "out/a.csv", "--covariates", "people.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "maximal asymmetry of 3 subjects" in done.stdout
+    assert "no variance" in done.stdout
+    assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
+    assert set(pd.read_csv(tmp_path / "out" / "a_covariates.csv").covariate) == {"kind", "age"}
+    again = call("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "overwrite" in again.stderr
+    assert call("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path).stdout == ""
+
+
+def test_the_command_on_designs_without_both_orders(tmp_path):
+    (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nA,0,0.3,5,10\nA,0,0,9,10\n")
+    done = call("asymmetry", "s.csv", "-o", "a.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: s.csv: no pair of different stimuli was presented in both orders")
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_bad_covariate_writes_nothing(tmp_path, study_csv):
+    (tmp_path / "people.csv").write_text("subject,age\nA,20\nB,x\nC,50\n")
+    done = call("asymmetry", "study.csv", "-o", "a.csv", "--covariates", "people.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "row 3, column age: found 'x'" in done.stderr
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_real_vibrotactile_subjects(real_data):
+    table = bt.asymmetry(bt.read_study(real_data / "vibrotactile_rate" / "trials.csv"))
+    one = table["1008"].maximal  # 'same' to 27 then 40 Hz in 91 %, to 40 then 27 in 52 %: the data's own description
+    assert np.exp([one.s_weak, one.s_strong]) == pytest.approx([27.03, 40.0], rel=1e-3)
+    assert one.n_equal_weak_first / one.n_trials_weak_first == pytest.approx(0.91, abs=0.005)
+    assert one.n_equal_strong_first / one.n_trials_strong_first == pytest.approx(0.52, abs=0.005)
+    assert one.p_adjusted < 1e-4
+    assert table["1009"].accuracy < 0.6  # hardly discriminates
+    found = table.population()
+    assert (found.positive, found.positive_significant, found.negative, found.negative_significant) == (4, 0, 7, 3)
+
+
+def test_real_morse_listeners(real_data):
+    row = bt.asymmetry(bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv"))["dots"]
+    significant = [(one.s_weak, one.s_strong) for one in row.comparisons if one.p_adjusted < 0.05]
+    assert significant == [(1.098612, 1.609438), (1.609438, 1.94591)]  # I and S, S and H
+    assert all(one.asymmetry < 0 for one in row.comparisons if one.p_adjusted < 0.05)

@@ -1,0 +1,187 @@
+"""The bootstrap: its resampling, its optima, what is made of them, and Appendix C's evidence."""
+
+import numpy as np
+import pytest
+from random_starts import best_of_random_starts
+from reference.hard_cases import hard_cases
+from scipy.integrate import trapezoid
+from scipy.stats import multivariate_normal, norm
+
+import bayes_toe as bt
+from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, replicate_starts, resample
+from bayes_toe.classical.fits import EDGES, Fits
+from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject, spread_starts
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
+
+CASES = hard_cases()
+SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}}
+
+
+@pytest.fixture(scope="module")
+def replicates():
+    return bootstrap_subject(SUBJECTS["S01"], seed=3, replicates=400)
+
+
+def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
+    """A bootstrap with these parameters, (replicates, 4)."""
+    rows = [np.asarray(fitted, float)[None], np.asarray(parameters, float)]
+
+    def fits(p):
+        n = len(p)
+        return Fits(p, np.full(n, -5.0), np.full(n, -5.0), np.zeros((n, len(EDGES)), bool), np.ones(n, bool), np.ones((n, 4)), 0.0)
+
+    return Bootstrap("x", fits(rows[0]), fits(rows[1]), 1)
+
+
+def test_resampled_counts_are_beta_binomial():
+    subject = Subject("x", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 0], [50, 50, 10])
+    counts = resample(subject, np.random.default_rng(1), 20_000)
+    a, b, n = subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0, subject.n_trials
+    mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))
+    assert np.abs((counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)).max() < 4
+    assert counts.var(axis=0) == pytest.approx(variance, rel=0.06)
+    assert ((counts >= 0) & (counts <= n)).all()
+
+
+@pytest.mark.parametrize("name", ["S01", "S06", "S07", "S16", "funnel"])
+def test_optima_are_those_of_a_loop_over_a_general_optimiser(name):
+    subject, count = SUBJECTS[name], 6
+    found = bootstrap_subject(subject, seed=1, replicates=count).fits
+    counts = resample(subject, generator(1, name, "bootstrap"), count)
+    for i, row in enumerate(counts):
+        other = best_of_random_starts(Subject(name, subject.s1, subject.s2, row, subject.n_trials), 6)
+        assert found.objective[i] >= other - 1e-8
+
+
+@pytest.mark.parametrize("name", ["S08", "S12", "S16", "very blunt observer", "perfect observer", "one batch", "one order missing"])
+def test_the_few_starts_of_a_replicate_do_what_many_do(name):
+    subject = SUBJECTS[name]
+    design, counts = Design.of(subject, Prior()), Counts.of(resample(subject, np.random.default_rng(2), 150), subject.n_trials)
+    few = fit_counts(design, counts, replicate_starts(design, fit_subject(subject)))
+    many = fit_counts(design, counts, spread_starts(design))
+    assert (few.objective < many.objective - 1e-8).sum() <= 1
+
+
+def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
+    one = bt.fit(small_study, replicates=60, seed=5, workers=1)
+    two = bt.fit(small_study.select(list(small_study.names)[::-1]), replicates=60, seed=5, workers=2)
+    for row in one:
+        assert np.array_equal(row.bootstrap.fits.parameters, two[row.subject].bootstrap.fits.parameters)
+    other = bt.fit(small_study, replicates=60, seed=6, workers=1)
+    assert not np.array_equal(one.rows[0].bootstrap.fits.parameters, other.rows[0].bootstrap.fits.parameters)
+
+
+def test_many_pairs_go_in_groups(monkeypatch):
+    import bayes_toe.classical.bootstrap as module
+
+    subject = CASES["400 pairs with 3 trials"]
+    monkeypatch.setattr(module, "_GROUP", 400 * 4)
+    found = bootstrap_subject(subject, seed=1, replicates=10)
+    assert len(found) == 10
+    assert found.fits.arrived.all()
+    assert found.bands(subject.s1, subject.s2).shape == (2, 400)
+
+
+def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
+    values = replicates.fits.parameters
+    for i, (low, high) in enumerate(replicates.intervals(0.9)):
+        assert ((values[:, i] >= low) & (values[:, i] <= high)).mean() == pytest.approx(0.9, abs=0.01)
+    subject = SUBJECTS["S01"]
+    q = np.array([bt.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
+    assert replicates.bands(subject.s1, subject.s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
+    squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
+    assert replicates.covariance() == pytest.approx(np.cov(squares.T))
+
+
+def test_the_ellipse_holds_its_mass():
+    rng = np.random.default_rng(1)
+    points = rng.multivariate_normal([0.2, 0.3], [[0.04, 0.012], [0.012, 0.006]], size=40_000)
+    ellipse = made_up(np.column_stack([points, np.full((40_000, 2), 0.5)])).ellipse(0.2)
+    turn = np.array([[np.cos(ellipse.angle), np.sin(ellipse.angle)], [-np.sin(ellipse.angle), np.cos(ellipse.angle)]])
+    inside = (((points - ellipse.centre) @ turn.T / ellipse.half_axes) ** 2).sum(axis=1) <= 1
+    assert inside.mean() == pytest.approx(0.2, abs=4 * np.sqrt(0.16 / 40_000) + 0.002)
+    density = multivariate_normal(ellipse.centre, np.cov(points.T)).logpdf(ellipse.outline(50))
+    assert np.ptp(density) < 1e-9
+
+
+def test_evidence_by_appendix_c_is_the_formula():
+    rng = np.random.default_rng(2)
+    values = np.array([0.1, 0.3, 0.1, 0.9]) + rng.normal(size=(500, 4)) * [0.2, 0.02, 0.01, 0.02]
+    made = made_up(values)
+    value, note = bootstrap_evidence(made)
+    mu1, v_p, v_l = 0.1, 0.09, 0.01
+    squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
+    # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
+    h = 1e-6
+    of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
+    of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
+    expected = -5.0 + norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l) + 0.5 * np.linalg.slogdet(2 * np.pi * np.cov(squares.T))[1]
+    assert (value, note) == (pytest.approx(expected, abs=1e-6), "")
+
+
+def test_the_transformed_prior_is_normalised():
+    prior = Prior(sigma_p_scale=0.7)
+    sigma = np.linspace(1e-6, 7.0, 20_001)
+    theta = Natural(np.zeros(1), sigma, np.sqrt(0.5) * sigma, np.full(1, 0.5))
+    density = np.exp(prior.log_density_variances(theta) - norm.logpdf(0, 0, 10))
+    # Constant in sigma_l^2 over 0..sigma_p^2, so that integral is a product; d sigma_p^2 = 2 sigma_p d sigma_p.
+    assert trapezoid(density * sigma**2 * 2 * sigma, sigma) == pytest.approx(1.0, abs=1e-5)
+    assert prior.log_density_variances(Natural(*map(np.asarray, (0.0, 0.3, 0.31, 0.5)))) == -np.inf
+
+
+def test_evidence_says_what_is_wrong_with_it():
+    on_edge = bootstrap_subject(SUBJECTS["S02"], seed=1, replicates=200)
+    value, note = bootstrap_evidence(on_edge)
+    assert np.isfinite(value)
+    assert "gamma=1" in note
+    for name, word in (
+        ("all equal", "sigma_p=inf"),
+        ("single pair", "not unique"),
+        ("one batch", "infinite"),
+        ("perfect observer", "sigma_p=0"),
+    ):
+        value, note = bootstrap_evidence(bootstrap_subject(CASES[name], seed=1, replicates=200))
+        assert value is None
+        assert word in note
+    same = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [0, 0.3, 0.5, 0.5]
+    value, note = bootstrap_evidence(made_up(same))
+    assert value is None
+    assert note.endswith("singular")
+
+
+def test_what_has_no_value_is_missing_and_said():
+    open_ = bootstrap_subject(CASES["single pair"], seed=1, replicates=50)
+    assert np.isnan(open_.intervals()[1:]).all()
+    assert open_.covariance() is None
+    assert open_.ellipse() is None
+    assert "leaves a parameter open" in open_.remarks()[0]
+    blunt = bootstrap_subject(CASES["all equal"], seed=1, replicates=200)
+    assert blunt.intervals()[1, 1] == np.inf
+    assert any("infinite sigma_p" in text for text in blunt.remarks())
+
+
+def test_wrong_options_raise(small_study):
+    for options in ({"replicates": 0}, {"level": 1.0}, {"level": float("nan")}, {"seed": -1}, {"workers": 0}):
+        with pytest.raises(InputError):
+            bt.fit(small_study, **options)
+    with pytest.raises(InputError):
+        bt.fit(small_study, replicates=5, seed=1)["nobody"]
+    with pytest.raises(InputError):
+        bootstrap_subject(small_study["A"], seed=1, replicates=0)
+
+
+def test_posterior_and_bootstrap_side_by_side(analysis):
+    table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
+    frame = bt.compare_intervals(analysis.draws, table)
+    assert len(frame) == 4 * len(analysis.study)
+    row = frame[(frame.subject == "A") & (frame.parameter == "q0")].iloc[0]
+    assert row.posterior_lower < row.posterior_median < row.posterior_upper
+    low, high = np.quantile(analysis.draws.values("A", "q0"), [0.1, 0.9])
+    assert (row.posterior_lower, row.posterior_upper) == pytest.approx((low, high))
+    assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(tuple(table["A"].bootstrap.intervals(0.8)[3]))
+    with pytest.raises(InputError, match="same subjects"):
+        bt.compare_intervals(analysis.draws, bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1))

@@ -1,0 +1,142 @@
+"""The maximum-likelihood fit: never below a general optimiser, known edges, invariances."""
+
+import mpmath
+import numpy as np
+import pytest
+from random_starts import best_of_random_starts
+from reference.hard_cases import hard_cases
+
+import bayes_toe as bt
+from bayes_toe.classical.fits import EDGES
+from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject, spread_starts
+from bayes_toe.data.study import Subject
+from bayes_toe.model.prior import Prior
+
+CASES = hard_cases()
+SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}}
+#: Random starts of the general optimiser in a routine run; 50 were run once for every subject here and for the real studies.
+STARTS = 9
+
+
+@pytest.mark.parametrize("name", sorted(SUBJECTS))
+def test_never_below_a_general_optimiser(name):
+    found, other = fit_subject(SUBJECTS[name]), best_of_random_starts(SUBJECTS[name], STARTS)
+    assert found.arrived[0]
+    assert found.objective[0] >= other - 1e-9 * (1 + 1e-5 * abs(other))
+
+
+def test_never_below_a_general_optimiser_on_real_studies(real_data):
+    for file in ("vibrotactile_rate/trials.csv", "morse_rothkopf_1957/dots.csv"):
+        for subject in bt.read_study(real_data / file):
+            assert fit_subject(subject).objective[0] >= best_of_random_starts(subject, 4) - 1e-9
+
+
+@pytest.mark.parametrize("name", ["S01", "S07", "S12", "funnel", "stimuli offset by 100"])
+def test_value_and_stationarity_with_fifty_digits(name):
+    subject, found = SUBJECTS[name], fit_subject(SUBJECTS[name])
+    with mpmath.workdps(50):
+
+        def objective(mu1, log_sigma_p, gamma, q0):
+            big = (1 + mpmath.sqrt(1 + 4 * gamma)) / 2
+            total = -(mu1**2) / 200
+            for s1, s2, k, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True):
+                z = (mpmath.mpf(float(s2)) - mpmath.mpf(float(s1)) / big - (1 - 1 / big) * mu1) / (mpmath.exp(log_sigma_p) * big**1.5)
+                q = q0 * mpmath.power(2, -z * z)
+                total += int(k) * mpmath.log(q) + int(n - k) * mpmath.log(1 - q)
+            return total
+
+        mu1, sigma_p, sigma_l, q0 = (mpmath.mpf(float(v)) for v in found.parameters[0])
+        at = (mu1, mpmath.log(sigma_p), (sigma_l / sigma_p) ** 2, q0)
+        assert found.objective[0] == pytest.approx(float(objective(*at)), rel=1e-13)
+        slopes = [float(mpmath.diff(objective, at, tuple(int(i == j) for j in range(4)))) for i in range(4)]
+    assert found.log_likelihood[0] == pytest.approx(found.objective[0] + found.parameters[0, 0] ** 2 / 200, rel=1e-13)
+    if found.at_edge[0] == "gamma=1":
+        assert slopes.pop(2) > 0
+    assert np.abs(slopes).max() < 1e-3  # against curvatures of hundreds: less than 1e-8 nat below the maximum
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "edge"),
+    [
+        ("all equal", (0, np.inf, np.inf, 1), "q0=1;sigma_p=inf"),
+        ("all different", (0, np.nan, np.nan, 0), "q0=0;not unique"),
+        ("perfect observer", (0, 0, 0, 1), "gamma=0;q0=1;sigma_p=0"),
+        ("guessing at 0.5", (0, np.inf, np.inf, 0.5), "sigma_p=inf"),
+        ("very blunt observer", (0, np.inf, np.inf, 0.8), "sigma_p=inf"),
+        ("single pair", (0, np.nan, np.nan, np.nan), "not unique"),
+    ],
+)
+def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
+    found, subject = fit_subject(CASES[name]), CASES[name]
+    assert found.at_edge == (edge,)
+    assert found.parameters[0] == pytest.approx(np.array(parameters, float), abs=1e-6, nan_ok=True)
+    k = subject.n_equal.sum() / subject.n_trials.sum()
+    pooled = subject.total_trials * (np.log(np.maximum(k, 1e-300)) * k + np.log(np.maximum(1 - k, 1e-300)) * (1 - k))
+    expected = 0.0 if name == "perfect observer" else pooled
+    assert found.log_likelihood[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("s1", "s2", "n_equal", "edge", "open_"),
+    [
+        ([0, 0.1, 0.3, 0.5], [0, 0.1, 0.3, 0.5], [48, 40, 30, 20], "q0=1;not unique", [False, True, True, False]),
+        ([0, 0], [0, 0.3], [45, 20], "not unique", [False, True, True, False]),
+        ([0], [0], [50], "q0=1;not unique", [False, True, True, False]),
+        ([0, 0, 0.3], [0, 0.3, 0], [45, 20, 20], "gamma=0", [False] * 4),
+        ([0, 0.3, 0, 0.3], [0, 0.3, 0.3, 0], [45, 30, 0, 0], "gamma=0;sigma_p=0", [False] * 4),
+    ],
+)
+def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
+    found = fit_subject(Subject("x", s1, s2, n_equal, [50] * len(s1)))
+    assert found.at_edge == (edge,)
+    assert np.isnan(found.parameters[0]).tolist() == open_
+    assert np.isfinite(found.objective[0])
+
+
+def test_without_an_order_effect_gamma_is_0_and_the_rest_has_a_closed_form():
+    found = fit_subject(Subject("x", [0, 0, 0.3], [0, 0.3, 0], [45, 20, 20], [50] * 3))
+    # Three frequencies, two of them equal: q0 = 0.9 and 0.9 * 2^-(0.3/sigma_p)^2 = 0.4.
+    assert found.parameters[0] == pytest.approx([0.0, 0.3 / np.sqrt(np.log2(0.9 / 0.4)), 0.0, 0.9], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["S01", "S02", "S06", "S07", "one batch"])
+def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
+    s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name])
+    up = fit_subject(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
+    assert up.objective == pytest.approx(plain.objective, rel=1e-12)
+    assert up.parameters[0] == pytest.approx(plain.parameters[0] + [3, 0, 0, 0], abs=1e-5)
+    wide = fit_subject(Subject("wide", s.s1 * 7.0, s.s2 * 7.0, s.n_equal, s.n_trials), Prior(mu1_sd=70.0))
+    assert wide.objective == pytest.approx(plain.objective, rel=1e-12)
+    assert wide.parameters[0] == pytest.approx(plain.parameters[0] * [7, 7, 7, 1], rel=1e-4)
+    assert wide.at_edge == up.at_edge == plain.at_edge
+
+
+def test_many_trials_recover_the_observer():
+    # Counts are rounded expected counts, so the truth is the maximum up to the rounding.
+    assert fit_subject(CASES["a hundred million trials"]).parameters[0] == pytest.approx([-0.5, 0.25, 0.25 * 0.3**0.5, 0.9], rel=1e-5)
+
+
+def test_rows_together_are_rows_alone():
+    subject = SUBJECTS["S03"]
+    design = Design.of(subject, Prior())
+    rng = np.random.default_rng(4)
+    equal = np.concatenate(
+        [rng.binomial(subject.n_trials, 0.5, size=(6, 13)), [subject.n_equal], [subject.n_trials], [0 * subject.n_trials]]
+    )
+    together = fit_counts(design, Counts.of(equal, subject.n_trials), spread_starts(design))
+    for i, row in enumerate(equal):
+        alone = fit_counts(design, Counts.of(row, subject.n_trials), spread_starts(design))
+        assert alone.objective[0] == pytest.approx(together.objective[i], rel=1e-12, abs=1e-10)
+        assert alone.at_edge[0] == together.at_edge[i]
+
+
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_curves_have_the_likelihood_that_is_claimed(name):
+    subject, found = CASES[name], fit_subject(CASES[name])
+    q = found.equal_probability(subject.s1, subject.s2)[0]
+    assert ((q >= 0) & (q <= 1)).all()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        k, d = subject.n_equal, subject.n_trials - subject.n_equal
+        total = np.where(k > 0, k * np.log(q), 0).sum() + np.where(d > 0, d * np.log1p(-q), 0).sum()
+    assert total == pytest.approx(found.log_likelihood[0], rel=1e-9, abs=1e-7)
+    assert found.edges.shape == (1, len(EDGES))

@@ -1,0 +1,147 @@
+"""Evidence of both models by routes that share nothing with the estimators."""
+
+import math
+
+import numpy as np
+import pytest
+from reference.hard_cases import hard_cases
+from scipy.integrate import quad
+
+import bayes_toe as bt
+from bayes_toe.classical.bootstrap import bootstrap_subject
+from bayes_toe.comparison.evidence_table import (
+    EVIDENCE_COLUMNS,
+    frequency_evidence,
+    frequency_evidence_laplace,
+    importance_evidence,
+    subject_evidence,
+)
+from bayes_toe.inference.laplace import laplace_evidence
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.model.posterior import Posterior
+
+CASES = hard_cases()
+
+
+def test_h0_is_the_integral_over_every_frequency():
+    subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
+    total = 0.0
+    for k, n in zip(subject.n_equal, subject.n_trials, strict=True):
+        total += math.log(quad(lambda q, k=k, n=n: q**k * (1 - q) ** (n - k), 0, 1)[0])
+    assert frequency_evidence(subject) == pytest.approx(total, rel=1e-9)
+
+
+def test_h0_laplace_is_appendix_c_term_by_term():
+    subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
+    total = 0.0
+    for k, n in zip(subject.n_equal, subject.n_trials, strict=True):
+        q = (k + 1) / (n + 2)
+        sigma = math.sqrt(q * ((k + 2) / (n + 3) - q))  # Eq. e:2b as printed
+        total += k * math.log(q) + (n - k) * math.log(1 - q) + math.log(sigma) + 0.5 * math.log(2 * math.pi)
+    assert frequency_evidence_laplace(subject) == pytest.approx(total, rel=1e-12)
+
+
+def test_h0_laplace_falls_short_with_many_thin_pairs():
+    # DESIGN.md, section 5: tens of nats below the exact value with 400 pairs of 3 trials.
+    subject = CASES["400 pairs with 3 trials"]
+    assert frequency_evidence_laplace(subject) < frequency_evidence(subject) - 30
+
+
+@pytest.mark.parametrize("name", ["one batch", "one order missing", "single pair"])
+def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
+    # The mean likelihood of prior draws: nothing but the prior's sampler and the natural-parameter likelihood.
+    subject = CASES[name]
+    rng = np.random.default_rng(21)
+    sums, squares, n = 0.0, 0.0, 0
+    top = max(find_maxima(Posterior(subject)).value.max(), -1e9) + 20
+    for _ in range(40):
+        theta = bt.Prior().sample(rng, 50_000)
+        columns = [v[:, None] for v in theta]
+        q = bt.equal_probability(subject.s1, subject.s2, *columns)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_equal = np.where(subject.n_equal > 0, subject.n_equal * np.log(q), 0.0)
+            rest = subject.n_trials - subject.n_equal
+            log_different = np.where(rest > 0, rest * np.log1p(-q), 0.0)
+        weight = np.exp((log_equal + log_different).sum(axis=1) - top)
+        sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)
+    mean = sums / n
+    error = math.sqrt((squares / n - mean**2) / n) / mean
+    value, own_error, why_not = importance_evidence(fit_proposal(Posterior(subject), np.random.default_rng(22)))
+    assert why_not == ""
+    assert error < 0.08
+    assert value == pytest.approx(math.log(mean) + top, abs=4 * math.hypot(error, own_error))
+
+
+def test_laplace_is_exact_for_a_normal_density():
+    from bayes_toe.inference.modes import Maxima
+
+    covariance = np.array([[2.0, 0.3, 0, 0], [0.3, 1.0, 0.1, 0], [0, 0.1, 0.5, 0], [0, 0, 0, 3.0]])
+    top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
+    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.array([top]), np.linalg.inv(covariance)[None], True))
+    assert value == pytest.approx(0.0, abs=1e-12)
+    assert why_not == ""
+
+
+def test_laplace_that_does_not_exist_is_empty_and_says_why():
+    subject = CASES["perfect observer"]
+    maxima = find_maxima(Posterior(subject))
+    row = subject_evidence(
+        Posterior(subject),
+        maxima,
+        fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima),
+        bootstrap_subject(subject, seed=1),
+    )
+    assert row.log_evidence_h1_laplace is None
+    assert row.log_bayes_factor_laplace is None
+    assert row.log_evidence_h1 is not None
+    assert any("Laplace" in note for note in row.notes)
+    frame = bt.EvidenceTable((row,)).frame()
+    assert frame["log_evidence_h1_laplace"].isna().all()
+
+
+def test_a_saddle_has_no_laplace_approximation():
+    from bayes_toe.inference.modes import Maxima
+
+    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.zeros(1), np.diag([1.0, 1.0, -1.0, 1.0])[None], True))
+    assert value is None
+    assert "not negative definite" in why_not
+
+
+def test_untrusted_weights_give_no_number():
+    from dataclasses import replace
+
+    fitted = fit_proposal(Posterior(CASES["one batch"]), np.random.default_rng(1))
+    value, error, why_not = importance_evidence(replace(fitted, pareto_k=0.9))
+    assert (value, error) == (None, None)
+    assert "0.90" in why_not
+
+
+def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
+    path = analysis.evidence.save(tmp_path / "evidence.csv")
+    lines = path.read_text().splitlines()
+    assert lines[0] == (
+        "subject,n_pairs,n_trials,log_evidence_h1,log_evidence_h1_se,log_evidence_h0,log_bayes_factor,"
+        "log_evidence_h1_laplace,log_evidence_h0_laplace,log_bayes_factor_laplace,"
+        "pareto_k,log_evidence_h1_laplace_natural,log_evidence_h1_bootstrap,prior"
+    )
+    assert tuple(lines[0].split(",")) == EVIDENCE_COLUMNS
+    frame = analysis.evidence.frame()
+    assert (frame["log_bayes_factor"] == frame["log_evidence_h1"] - frame["log_evidence_h0"]).all()
+    assert frame["log_evidence_h1_se"].between(0, 0.01).all()
+
+
+@pytest.mark.parametrize("name", ["dots"])
+def test_real_listeners_prefer_free_frequencies(real_data, name):
+    study = bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv")
+    row = bt.evidence(study, seed=1, workers=1)[name]
+    assert row.log_bayes_factor == pytest.approx(-252, abs=1)
+
+
+def test_real_vibrotactile_subjects_go_both_ways(real_data):
+    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv")
+    assert sum(subject.total_trials for subject in study) == 11904
+    factors = bt.evidence(study, seed=1, workers=2).frame()["log_bayes_factor"]
+    assert (factors > 0).sum() == 6
+    assert factors.min() == pytest.approx(-17, abs=0.5)
+    assert factors.max() == pytest.approx(18.5, abs=0.5)

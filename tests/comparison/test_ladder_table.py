@@ -1,0 +1,221 @@
+"""The comparison table: columns, probabilities, notes, files, order."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import bayes_toe as bt
+from bayes_toe.cli import terminal
+from bayes_toe.cli.app import app
+from bayes_toe.comparison.evidence_table import frequency_evidence
+from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
+from bayes_toe.comparison.leave_one_out import leave_one_out
+from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, sample_model
+from bayes_toe.comparison.random_effects import is_affordable
+from bayes_toe.errors import InputError
+from bayes_toe.model.ladder import NAMES
+
+FEW = ("free frequencies", "symmetric", "predictive update")
+
+
+@pytest.fixture(scope="module")
+def table(small_study):
+    return compare(small_study.select(["A", "C"]), FEW, seed=5, workers=1)
+
+
+def test_columns_and_order(table):
+    frame = table.frame()
+    assert tuple(frame.columns) == COMPARE_COLUMNS
+    assert frame["subject"].tolist() == ["A"] * 3 + ["C"] * 3
+    assert frame["model"].tolist() == list(FEW) * 2
+    assert frame["parameters"].tolist() == [13, 2, 4] * 2
+    assert frame.groupby("subject")["model_probability"].sum().to_numpy() == pytest.approx(1.0)
+    assert frame["pareto_k"].isna().tolist() == [True, False, False] * 2
+
+
+def test_h1_and_h0_are_those_of_the_evidence_table(table, analysis, small_study):
+    for name in ("A", "C"):
+        assert table[name, "predictive update"].log_evidence == analysis.evidence[name].log_evidence_h1  # same seed: same digits
+        assert table[name, "free frequencies"].log_evidence == frequency_evidence(small_study[name])
+
+
+def test_subjects_are_independent_of_company_and_workers(table, small_study):
+    alone = compare(small_study.select(["C"]), ["symmetric"], seed=5, workers=1)
+    assert alone["C", "symmetric"].log_evidence == table["C", "symmetric"].log_evidence
+    assert alone["C", "symmetric"].checks == table["C", "symmetric"].checks
+    shared = compare(small_study.select(["C", "A"]), FEW, seed=5, workers=2)
+    assert [shared[name, model] for name in ("A", "C") for model in FEW] == list(table)
+
+
+def test_a_model_that_misses_an_order_effect_is_seen_by_its_checks(table):
+    assert table["A", "symmetric"].checks.p_predictive < 0.01 < table["A", "predictive update"].checks.p_predictive
+    assert table["A", "symmetric"].model_probability < 1e-3
+    assert table["A", "symmetric"].checks.elpd_loo_trial < table["A", "predictive update"].checks.elpd_loo_trial - 10
+
+
+def test_study_table(table):
+    frame = table.study_frame()
+    assert frame["model"].tolist() == list(FEW)
+    assert frame["best"].sum() == frame["subjects"].iloc[0] == 2
+    assert frame["expected"].sum() == pytest.approx(1.0)
+    assert frame["group_log_evidence"].to_numpy() == pytest.approx(table.log_evidence.sum(axis=0))
+
+
+#: compare_models.csv: new columns come at the end.
+MODEL_COLUMNS = [
+    *("model", "subjects", "best", "expected", "exceedance", "protected", "omnibus_risk"),
+    *("group_log_evidence", "elpd_loo_trial", "elpd_loo_pair"),
+    *("expected_exact", "exceedance_exact", "protected_exact", "omnibus_risk_exact"),
+    *("elpd_loo_trial_subjects", "elpd_loo_pair_subjects"),
+]
+
+
+def made(evidence, trial=None, pair=None):
+    """A comparison with these log evidences and leave-one-out values (NaN: withheld), and nothing else in it."""
+    evidence = np.asarray(evidence, float)
+    given = [evidence, *(np.zeros(evidence.shape) if one is None else np.asarray(one, float) for one in (trial, pair))]
+    subjects = tuple(f"P{i + 1}" for i in range(len(evidence)))
+    rows = []
+    for i, subject in enumerate(subjects):
+        for j, model in enumerate(NAMES[: evidence.shape[1]]):
+            values = [None if np.isnan(one[i, j]) else float(one[i, j]) for one in given]
+            rows.append(ModelRow(subject, model, 2, values[0], 0.0, None, Checks(elpd_loo_trial=values[1], elpd_loo_pair=values[2])))
+    return ModelComparison(tuple(rows), subjects, NAMES[: evidence.shape[1]], 1, bt.Prior())
+
+
+def test_exact_columns_are_the_sum_over_all_assignments():
+    evidence = np.random.default_rng(9).normal(size=(6, 3)) * 2
+    evidence[2, 1] = np.nan  # does not count
+    frame = made(evidence).study_frame()
+    assert list(frame) == MODEL_COLUMNS
+    kept = np.exp(np.delete(evidence, 2, axis=0))
+    total, mean = 0.0, np.zeros(3)
+    for assignment in itertools.product(range(3), repeat=5):
+        counts = np.bincount(assignment, minlength=3)
+        # A uniform prior on the frequencies: 2! n1! n2! n3! / 7!, with mean (n + 1)/8.
+        weight = kept[np.arange(5), assignment].prod() * 2 * np.prod([[1, 1, 2, 6, 24, 120][n] for n in counts]) / 5040
+        total, mean = total + weight, mean + weight * (counts + 1) / 8
+    equal = kept.mean(axis=1).prod()
+    assert frame["omnibus_risk_exact"].to_numpy() == pytest.approx(np.full(3, equal / (equal + total)), rel=1e-12)
+    assert frame["expected_exact"].to_numpy() == pytest.approx(mean / total, rel=1e-12)
+    assert (frame["omnibus_risk"] > frame["omnibus_risk_exact"]).all()  # the variational bound lies below the evidence
+    risk = frame["omnibus_risk_exact"]
+    assert frame["protected_exact"].to_numpy() == pytest.approx(((1 - risk) * frame["exceedance_exact"] + risk / 3).to_numpy(), rel=1e-12)
+
+
+def test_beyond_the_limit_exact_columns_are_empty_and_the_terminal_says_why(capsys):
+    evidence = np.random.default_rng(1).normal(size=(21, 8))
+    assert is_affordable(20, 8)
+    frame = made(evidence).study_frame()
+    assert frame[[name for name in MODEL_COLUMNS if name.endswith("_exact")]].isna().all(axis=None)
+    assert frame["omnibus_risk"].notna().all()
+    terminal.say_comparison(terminal.new_console(False), made(evidence))
+    said = capsys.readouterr().out
+    assert "random effects (variational)" in said
+    assert f"probability {frame['omnibus_risk'][0]:.3f} (variational); too many subjects and models for the exact value" in said
+
+
+def test_the_terminal_shows_both_risks(capsys):
+    table = made(np.random.default_rng(1).normal(size=(7, 3)))
+    exact, variational = table.exact_frequencies().omnibus_risk, table.frequencies().omnibus_risk
+    terminal.say_comparison(terminal.new_console(False), table)
+    said = capsys.readouterr().out
+    assert f"all models equally frequent with probability {exact:.3f} (exact), {variational:.3f} (variational)" in said
+    assert "LOO by" not in said.split("all models")[1]  # every value is there: nothing to say
+
+
+def test_sums_of_leave_one_out_go_over_subjects_with_a_value_under_every_model(capsys):
+    trial = np.array([[-1.0, -2.0], [-4.0, np.nan], [-16.0, -32.0]])
+    pair = np.full((3, 2), np.nan)
+    table = made(np.zeros((3, 2)), trial, pair)
+    frame = table.study_frame()
+    assert frame["elpd_loo_trial"].tolist() == [-17.0, -34.0]
+    assert frame["elpd_loo_trial_subjects"].tolist() == [2, 2]
+    assert frame["elpd_loo_pair"].isna().all()
+    assert frame["elpd_loo_pair_subjects"].tolist() == [0, 0]
+    terminal.say_comparison(terminal.new_console(False), table)
+    said = capsys.readouterr().out
+    assert "LOO by trial: sums over 2 of 3 subjects, those with a value under every model" in said
+    assert "LOO by pair: no sum, no subject has a value under every model" in said
+
+
+def test_without_an_evidence_there_are_no_probabilities_and_the_note_says_so(table):
+    from bayes_toe.comparison.ladder_table import _with_probabilities
+
+    rows = [replace(row, model_probability=None) for row in table.rows[:3]]
+    rows[1] = replace(rows[1], log_evidence=None)
+    withheld = _with_probabilities(rows)
+    assert all(row.model_probability is None and "no evidence of symmetric" in row.notes[-1] for row in withheld)
+    assert ModelComparison(tuple(withheld), ("A",), FEW, 1, bt.Prior()).study_frame()["expected"].isna().all()
+
+
+def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
+    subject = small_study["A"]
+    made = sample_model(subject, "free weighting", draws=4000, seed=3)
+    x = made.chains.x.reshape(-1, 4)
+    found = leave_one_out(*made.target.log_answers(x), subject.n_equal, subject.n_trials, unit="pair")
+    pair = int(np.argmin(found.pareto_k[0]))
+    rest = _log_evidence_without(made.target, pair, np.random.default_rng(1))
+    assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)
+    again = found.filled({pair: made.log_evidence - rest})
+    assert again.values[0, pair] == made.log_evidence - rest
+
+
+def test_refusals(small_study):
+    with pytest.raises(InputError, match="'H9'; allowed: free frequencies"):
+        compare(small_study, ["H9"], seed=1)
+    with pytest.raises(InputError, match="draws=0"):
+        compare(small_study, FEW, seed=1, draws=0)
+
+
+def test_command(study_csv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call = [
+        "compare",
+        str(study_csv),
+        "-o",
+        "out.csv",
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+        "--model",
+        "symmetric",
+        "--model",
+        "free frequencies",
+    ]
+    done = CliRunner().invoke(app, call)
+    assert done.exit_code == 0, done.output
+    assert "out.csv, out_models.csv, out.png" in done.output
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+    frame = pd.read_csv(tmp_path / "out.csv")
+    assert tuple(frame.columns) == COMPARE_COLUMNS
+    assert len(frame) == 6
+    assert set(frame.prior) == {"every frequency ~ Uniform(0, 1)", "width ~ HalfNormal(1), q0 ~ Uniform(0, 1)"}
+    assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
+    (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
+    other = CliRunner().invoke(app, [*call[:2], "-o", "other.csv", *call[4:], "--prior", "prior.toml"])
+    assert other.exit_code == 0, other.output
+    changed = pd.read_csv(tmp_path / "other.csv")
+    assert "width ~ HalfNormal(2), q0 ~ Uniform(0, 1)" in set(changed.prior)
+    assert (changed.log_evidence != frame.log_evidence).sum() == 3
+    again = CliRunner().invoke(app, call)
+    assert again.exit_code == 2
+    assert "exists" in again.output
+    (tmp_path / "out.csv").unlink()
+    (tmp_path / "out_models.csv").unlink()
+    picture = CliRunner().invoke(app, call)  # refused before any work
+    assert picture.exit_code == 2
+    assert "out.png" in picture.output
+    assert "exists" in picture.output
+    assert not (tmp_path / "out.csv").exists()
+    named = CliRunner().invoke(app, [*call[:2], "-o", "table.png"])
+    assert named.exit_code == 2
+    assert "name of the figure" in named.output
+    wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
+    assert wrong.exit_code == 2
+    assert "allowed: free frequencies" in wrong.output

@@ -1,0 +1,174 @@
+"""Leave-one-out values against refits without the unit (evidence ratios), against Beta integrals, and where importance sampling fails."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import betaln, logit
+
+import bayes_toe as bt
+from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
+from bayes_toe.comparison.leave_one_out import leave_one_out, leave_one_out_frequencies
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import smoothed_weights
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
+from bayes_toe.model.posterior import Posterior
+
+K, N = np.array([9, 0, 25, 13]), np.array([20, 15, 25, 40])
+
+
+@pytest.fixture(scope="module")
+def observed():
+    """A bundled subject, log P of both answers at its posterior draws, and its log evidence with error."""
+    study = bt.example_study()
+    subject = study["S01"]
+    draws = bt.sample(study.select(["S01"]), draws=20_000, seed=3, workers=1)
+    mu1, sigma_p, sigma_l, q0 = (np.ravel(v)[:, None] for v in draws.natural("S01"))
+    z = normalised_distance(subject.s1, subject.s2, mu1, sigma_p, sigma_l)
+    return subject, log_equal(z, np.log(q0)), log_different(z, logit(q0)), evidence(subject)
+
+
+def evidence(subject):
+    value, error, why_not = importance_evidence(fit_proposal(Posterior(subject), np.random.default_rng(11)))
+    assert not why_not
+    return np.array([value, error])
+
+
+def monte_carlo_error(log_p):
+    """Of the importance-sampling estimate, relative to it; draws taken to be worth a third of their number."""
+    weights, p = np.exp(smoothed_weights(-log_p).log_weights), np.exp(log_p)
+    mean = weights @ p
+    return np.sqrt(3 * (np.square(weights) @ np.square(p / mean - 1)))
+
+
+@pytest.mark.parametrize("pair", [0, 4, 9])
+def test_a_pair_left_out_is_the_evidence_with_it_over_the_evidence_without(observed, pair):
+    s, equal, different, (full, full_error) = observed
+    kept = np.arange(s.n_pairs) != pair
+    less, less_error = evidence(bt.Subject("S", s.s1[kept], s.s2[kept], s.n_equal[kept], s.n_trials[kept]))
+    found = leave_one_out(equal, different, s.n_equal, s.n_trials, unit="pair")
+    log_p = s.n_equal[pair] * equal[:, pair] + (s.n_trials - s.n_equal)[pair] * different[:, pair]
+    error = np.sqrt(full_error**2 + less_error**2 + monte_carlo_error(log_p) ** 2)
+    assert error < 0.06
+    assert found.values[0, pair] == pytest.approx(full - less, abs=4 * error)
+
+
+@pytest.mark.parametrize(("pair", "answer"), [(0, 0), (4, 1), (9, 0), (9, 1)])
+def test_a_trial_left_out_is_the_evidence_with_it_over_the_evidence_without(observed, pair, answer):
+    s, equal, different, (full, full_error) = observed
+    n_equal, n_trials = s.n_equal.copy(), s.n_trials.copy()
+    assert (n_equal[pair], n_trials[pair] - n_equal[pair])[answer] > 0
+    n_equal[pair] -= answer == 0
+    n_trials[pair] -= 1
+    less, less_error = evidence(bt.Subject("S", s.s1, s.s2, n_equal, n_trials))
+    found = leave_one_out(equal, different, s.n_equal, s.n_trials)
+    error = np.sqrt(full_error**2 + less_error**2 + monte_carlo_error((equal, different)[answer][:, pair]) ** 2)
+    assert error < 0.01
+    assert found.values[answer, pair] == pytest.approx(full - less, abs=4 * error)
+
+
+def test_trials_add_up_with_their_counts(observed):
+    s, equal, different, _ = observed
+    found = leave_one_out(equal, different, s.n_equal, s.n_trials)
+    answers = [s.n_equal, s.n_trials - s.n_equal]
+    each = np.concatenate([np.repeat(found.values[a], answers[a]) for a in (0, 1)])  # one value per trial
+    assert len(each) == s.total_trials
+    assert found.elpd == pytest.approx(each.sum(), rel=1e-12)
+    assert found.se == pytest.approx(np.sqrt(len(each)) * each.std(ddof=1), rel=1e-9)
+    assert found.largest_k == np.nanmax(found.pareto_k) < 0.5
+    free = leave_one_out_frequencies(s.n_equal, s.n_trials)
+    difference, error = found.minus(free)
+    both = np.concatenate([np.repeat(free.values[a], answers[a]) for a in (0, 1)])
+    assert difference == pytest.approx(found.elpd - free.elpd, abs=1e-9)
+    assert error == pytest.approx(np.sqrt(len(each)) * (each - both).std(ddof=1), rel=1e-9)
+
+
+def test_free_frequencies_are_beta_integrals():
+    trial, pair = leave_one_out_frequencies(K, N), leave_one_out_frequencies(K, N, unit="pair")
+    for i, (k, n) in enumerate(zip(K, N, strict=True)):
+
+        def mean(answer, k, n):  # of P(answer) under the posterior of k 'equal' answers in n
+            top = quad(lambda q: (q if answer == 0 else 1 - q) * q**k * (1 - q) ** (n - k), 0, 1, epsabs=0, epsrel=1e-11)[0]
+            return top / quad(lambda q: q**k * (1 - q) ** (n - k), 0, 1, epsabs=0, epsrel=1e-11)[0]
+
+        for answer, given in enumerate((k, n - k)):
+            if given:
+                assert trial.values[answer, i] == pytest.approx(np.log(mean(answer, k - (answer == 0), n - 1)), abs=1e-9)
+            else:
+                assert np.isnan(trial.values[answer, i])
+        direct = quad(lambda q, k=k, n=n: q**k * (1 - q) ** (n - k), 0, 1, epsabs=0, epsrel=1e-11)[0]
+        assert pair.values[0, i] == pytest.approx(np.log(direct), abs=1e-9)
+    assert np.isfinite([trial.elpd, trial.se, pair.elpd, pair.se]).all()
+    assert trial.counts.sum() == N.sum()
+
+
+def test_free_frequencies_with_pairs_left_out_are_their_evidence():
+    subject = bt.Subject("S", [0.0, 0.1, 0.2, 0.3], np.zeros(4), K, N)
+    assert leave_one_out_frequencies(K, N, unit="pair").elpd == pytest.approx(frequency_evidence(subject), rel=1e-13)
+
+
+def test_importance_sampling_of_free_frequencies_fails_for_pairs_and_so_needs_the_closed_form():
+    # Without its own answers a frequency is uniform, and its posterior no proposal for that: k-hat tends to n/(n + 1).
+    draws = np.random.default_rng(2).beta(K + 1, N - K + 1, size=(20_000, 4))
+    found = leave_one_out(np.log(draws), np.log1p(-draws), K, N, unit="pair", pairs=["a", "b", "c", "d"])
+    assert (found.pareto_k > 0.7).all()
+    assert np.isnan([found.elpd, found.se]).all()
+    assert np.isnan(found.values).all()
+    assert found.note.startswith("leave-one-out by pair withheld")
+    assert "pair b" in found.note
+    trial = leave_one_out(np.log(draws), np.log1p(-draws), K, N)  # one trial of many is no trouble
+    assert trial.note == ""
+    assert trial.elpd == pytest.approx(leave_one_out_frequencies(K, N).elpd, abs=0.02)
+
+
+def test_a_withheld_trial_names_its_answer():
+    draws = np.random.default_rng(2).beta(0.2, 3.0, size=(5_000, 1))
+    found = leave_one_out(np.log(draws), np.log1p(-draws), [1], [4])
+    assert np.isnan(found.elpd)
+    assert "pair 1 ('equal')" in found.note
+    assert "'different'" not in found.note
+    assert np.isfinite(found.values[1, 0])
+
+
+def test_answers_never_given_need_no_probability():
+    q = np.random.default_rng(2).uniform(0.2, 0.3, size=(500, 1))
+    with np.errstate(divide="ignore"):
+        equal = np.log(np.column_stack([q, 0 * q]))
+    different = np.log1p(-np.exp(equal))
+    for unit in ("trial", "pair"):
+        found = leave_one_out(equal, different, [3, 0], [5, 7], unit=unit)
+        assert found.values[-1, 1] == 0.0  # 'different' for sure
+        assert np.isfinite(found.elpd)
+    with pytest.raises(InputError, match="pair 2: 'equal' was answered"):
+        leave_one_out(equal, different, [3, 1], [5, 7])
+
+
+def test_one_unit_has_no_standard_error():
+    assert np.isnan(leave_one_out_frequencies([3], [5], unit="pair").se)
+    assert leave_one_out_frequencies([3], [5], unit="pair").elpd == pytest.approx(betaln(4, 3))
+
+
+LOG_P = np.full((200, 2), -0.7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((LOG_P, LOG_P, [1], [2]), {}, r"allowed is \(draws, 1\)"),
+        ((LOG_P[:50], LOG_P[:50], [1, 1], [2, 2]), {}, "at least 100 draws"),
+        ((LOG_P, LOG_P + 1, [1, 1], [2, 2]), {}, "log_different: a log probability"),
+        ((LOG_P * np.nan, LOG_P, [1, 1], [2, 2]), {}, "log_equal: a log probability is NaN"),
+        ((LOG_P, LOG_P, [3, 1], [2, 2]), {}, "0 <= n_equal"),
+        ((LOG_P, LOG_P, [0, 0], [0, 0]), {}, "not all 0"),
+        ((LOG_P, LOG_P, [1, 1], [2, 2]), {"unit": "subject"}, "unit='subject'"),
+        ((LOG_P, LOG_P, [1, 1], [2, 2]), {"pairs": ["a"]}, "pairs: 1 names"),
+    ],
+)
+def test_bad_input_is_refused(arguments, options, message):
+    with pytest.raises(InputError, match=message):
+        leave_one_out(*arguments, **options)
+
+
+def test_different_units_are_not_compared():
+    with pytest.raises(InputError, match="cannot be compared"):
+        leave_one_out_frequencies(K, N).minus(leave_one_out_frequencies(K, N, unit="pair"))

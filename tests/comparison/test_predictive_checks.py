@@ -1,0 +1,181 @@
+"""Deviance against many digits and against the log likelihood; predictive p-values against scipy and simulation; the collapse."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference.hard_cases import hard_cases
+from scipy import stats
+
+import bayes_toe as bt
+from bayes_toe.comparison import predictive_checks as gof
+from bayes_toe.errors import NumericalError
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.coordinates import Natural, unconstrained
+
+counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+@settings(max_examples=150, deadline=None)
+@given(count=counts, power=st.floats(-12, 0), near=st.booleans())
+def test_deviance_against_fifty_digits(count, power, near):
+    k, n = count
+    # Either far from the data, or so near that the printed form would lose everything.
+    q = min(max((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1e-300), 1 - 1e-12) if near else 0.999 * 10.0**power
+    with mpmath.workdps(50):
+        p = mpmath.mpf(q)
+        parts = [(k, n * p), (n - k, n * (1 - p))]
+        expected = float(2 * mpmath.fsum(x * mpmath.log(x / m) for x, m in parts if x))
+        log_q, log_rest = float(mpmath.log(p)), float(mpmath.log(1 - p))
+        # The logs are given to 16 digits, so expected counts m to about eps (1 + |log|) m; what that costs is the slope times it.
+        slack = float(sum(abs(mpmath.mpf(x) / m - 1) * m * (2 + abs(mpmath.log(m / n))) for x, m in parts)) * 2e-15 + n * 1e-28
+    assert float(gof.binomial_deviance(k, n, log_q, log_rest)) == pytest.approx(expected, rel=1e-13, abs=slack + 1e-300)
+
+
+def test_deviance_of_answers_with_a_probability_below_the_smallest_float():
+    # 3 'equal' of 5 at q = e^-2000: 2 [3 (ln 0.6 + 2000) + 2 ln 0.4].
+    assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4)), rel=1e-14)
+
+
+def test_deviance_where_an_answer_is_impossible():
+    assert float(gof.binomial_deviance(1, 5, -np.inf, 0.0)) == np.inf
+    assert float(gof.binomial_deviance(0, 5, -np.inf, 0.0)) == 0.0
+    assert float(gof.binomial_deviance(4, 5, 0.0, -np.inf)) == np.inf
+    assert float(gof.binomial_deviance(5, 5, 0.0, -np.inf)) == 0.0
+
+
+def test_deviance_is_twice_what_the_saturated_model_has_more(small_study):
+    posterior = bt.Posterior(small_study["A"])
+    x = posterior.prior.sample_unconstrained(np.random.default_rng(0), 50, posterior.sbar)
+    k, n = small_study["A"].n_equal, small_study["A"].n_trials
+    saturated = stats.binom.logpmf(k, n, k / n) - stats.binom.logpmf(k, n, 0.5) + n * np.log(0.5)
+    expected = 2 * (saturated - posterior.pair_log_likelihood(x))
+    assert gof.deviance(posterior, x) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_the_fit_at_a_maximum(small_study):
+    subject = small_study["A"]
+    posterior = bt.Posterior(subject)
+    fit = gof.fit_at(posterior, find_maxima(posterior).x[0])
+    assert fit.degrees_of_freedom == 9
+    assert (np.sign(fit.residual) == np.sign(subject.n_equal / subject.n_trials - fit.q)).all()
+    assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
+    assert fit.deviance < 1.0  # the counts are the model's own, rounded
+    assert fit.p_value == pytest.approx(stats.chi2.sf(fit.deviance, 9))
+    assert np.isnan(gof.fit_at(bt.Posterior(hard_cases()["single pair"]), np.zeros(4)).p_value)
+
+
+def test_binomial_tails_against_scipy():
+    rng = np.random.default_rng(1)
+    k, n = np.array([0, 0, 3, 50, 50, 27]), np.array([1, 50, 9, 50, 50, 50])
+    q = rng.uniform(size=(20, 6))
+    fewer, more = gof.binomial_tails(k, n, q, 1 - q)
+    assert fewer == pytest.approx(stats.binom.cdf(k, n, q), rel=1e-10)
+    assert more == pytest.approx(stats.binom.sf(k - 1, n, q), rel=1e-10)
+
+
+def posterior_and_draws(subject, size=4000):
+    """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
+    posterior = bt.Posterior(subject)
+    rng = np.random.default_rng(2)
+    return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [0.2, 1, 0.5, 1]
+
+
+def test_predictive_p_values_against_simulated_repetitions(small_study, monkeypatch):
+    subject = small_study["B"]
+    posterior, x = posterior_and_draws(subject)
+    found = gof.predictive_check(posterior, x, seed=1)
+    rng = np.random.default_rng(3)
+    q = posterior.equal_probability(x)
+    again = rng.binomial(subject.n_trials, np.repeat(q, 25, axis=0))
+    error = 5 * 0.5 / np.sqrt(len(again))
+    assert found.expected == pytest.approx(q.mean(axis=0))
+    assert found.p_fewer == pytest.approx((again <= subject.n_equal).mean(axis=0), abs=error)
+    assert found.p_more == pytest.approx((again >= subject.n_equal).mean(axis=0), abs=error)
+    mid = ((again < subject.n_equal) + 0.5 * (again == subject.n_equal)).mean(axis=0)
+    assert found.p_mid == pytest.approx(mid, abs=error)
+    assert (found.p_value <= 1).all()
+    monkeypatch.setattr(gof, "_BLOCK", 999)  # the same in small blocks, up to the random stream of the overall value
+    blocks = gof.predictive_check(posterior, x, seed=1)
+    assert blocks.p_fewer == pytest.approx(found.p_fewer, rel=1e-12)
+    assert blocks.p_overall == pytest.approx(found.p_overall, abs=6 * found.p_overall_se)
+    assert gof.predictive_check(posterior, x, seed=1).p_overall == blocks.p_overall
+
+
+def test_the_overall_p_value_sees_misfit_and_passes_the_model_itself(small_study):
+    good = gof.predictive_check(*posterior_and_draws(small_study["A"]), seed=1)
+    assert good.p_overall > 0.5  # rounded expected counts: better than any repetition
+    bad = gof.predictive_check(*posterior_and_draws(hard_cases()["reversed answers"]), seed=1)
+    assert bad.p_overall < 0.01
+    assert bad.p_value.min() < 0.01
+
+
+def test_p_values_are_uniform_when_the_truth_is_known():
+    # One draw, the truth: mid p-values of counts from the model are uniform. 500 counts of 400 trials, Kolmogorov-Smirnov.
+    theta = Natural(*map(np.asarray, (-0.4, 0.25, 0.15, 0.9)))
+    rng = np.random.default_rng(8)
+    s1, s2 = rng.uniform(0, 0.6, (2, 500))
+    q = bt.equal_probability(s1, s2, *theta)
+    subject = bt.Subject("S", s1, s2, rng.binomial(400, q), np.full(500, 400))
+    posterior = bt.Posterior(subject)
+    check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)
+    assert stats.kstest(check.p_mid, "uniform").pvalue > 1e-4
+
+
+def test_both_orders_collapse_on_one_curve(small_study):
+    truth = Natural(*map(np.asarray, (-0.7, 0.25, 0.17, 0.92)))
+    subject = small_study["A"]  # rounded expected counts of this observer
+    posterior = bt.Posterior(subject)
+    found = gof.collapse(posterior, unconstrained(truth, posterior.sbar))
+    expected = (subject.s2 - (subject.s1 + (1 - 1 / G(truth)) * (-0.7 - subject.s1))) / (0.25 * G(truth) ** 1.5)
+    assert found.z == pytest.approx(expected, rel=1e-12)
+    assert (found.z_low == found.z).all()
+    assert (np.abs(found.ratio - gof.universal_curve(found.z)) < 0.03).all()
+    assert (found.error > 0).all()
+    assert set(found.order) == {-1, 0, 1}
+
+
+def G(theta):  # noqa: N802 - the paper's symbol
+    return float((1 + np.sqrt(1 + 4 * theta.gamma)) / 2)
+
+
+def test_bands_of_the_collapse_hold_their_mass(small_study):
+    posterior, x = posterior_and_draws(small_study["C"])
+    found = gof.collapse(posterior, x, mass=0.6)
+    z = posterior.distance(x)
+    inside = ((z >= found.z_low) & (z <= found.z_high)).mean(axis=0)
+    assert inside == pytest.approx(np.full(13, 0.6), abs=1e-3)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((0, 4)), np.zeros((3, 3)), np.zeros(4), np.full((2, 4), np.nan)])
+def test_bad_draws_are_refused(small_study, bad):
+    with pytest.raises(NumericalError, match="draws must have shape"):
+        gof.predictive_check(bt.Posterior(small_study["A"]), bad, seed=1)
+
+
+@pytest.mark.slow
+def test_real_draws_of_a_subject(analysis):
+    for name in analysis.draws.names:
+        subject = analysis.study[name]
+        posterior = bt.Posterior(subject)
+        theta = analysis.draws.natural(name)
+        x = unconstrained(theta, posterior.sbar).reshape(-1, 4)
+        check = gof.predictive_check(posterior, x, seed=1)
+        assert check.p_overall > 0.05
+        assert check.p_value.min() > 0.05
+
+
+def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
+    posterior = bt.Posterior(small_study["B"])
+    x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
+    found = gof.summarise_fit(posterior, x, seed=3, most=len(x))
+    check = gof.predictive_check(posterior, x, seed=3)
+    assert (found.p_overall, found.p_overall_se) == (check.p_overall, check.p_overall_se)
+    assert found.worst_p == check.p_value.min()
+    at = int(np.argmin(check.p_value))
+    assert found.worst_pair == (posterior.subject.s1[at], posterior.subject.s2[at])
+    assert found.deviance == pytest.approx(gof.deviance(posterior, x).sum(axis=1).min())
+    best = min(gof.fit_at(posterior, start).deviance for start in find_maxima(posterior).x)
+    assert best - 0.2 < found.deviance < best + 0.1
+    assert found.degrees_of_freedom == 9

@@ -1,0 +1,198 @@
+"""Subjects and studies: validated once, immutable, and the same whatever the order of rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
+
+FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+COLUMNS = ("s1", "s2", "n_equal", "n_trials")
+
+
+def subject(name: str = "S01") -> Subject:
+    return Subject(name, [0.3, 0.0], [0.0, 0.3], [2, 7], [8, 10])
+
+
+def columns(one: Subject) -> dict[str, list[float]]:
+    return {key: getattr(one, key).tolist() for key in COLUMNS}
+
+
+def test_pairs_are_sorted_together_with_their_counts() -> None:
+    one = Subject("S01", [0.3, 0.0, 0.3], [0.5, 0.3, 0.0], [1, 2, 3], [4, 5, 6])
+    assert columns(one) == {
+        "s1": [0.0, 0.3, 0.3],
+        "s2": [0.3, 0.0, 0.5],
+        "n_equal": [2, 3, 1],
+        "n_trials": [5, 6, 4],
+    }
+
+
+def test_summaries() -> None:
+    assert (subject().n_pairs, subject().total_trials, subject().fraction_equal) == (2, 18, 0.5)
+
+
+def test_arrays_are_copies_and_read_only() -> None:
+    s1 = np.array([0.0, 0.3])
+    one = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
+    s1[0] = 9.0
+    assert one.s1.tolist() == [0.0, 0.3]
+    for key in COLUMNS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(one, key)[0] = 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.name = "S02"  # type: ignore[misc]
+
+
+def test_types() -> None:
+    one = Subject("S01", [0], [1], [1.0], [2.0])
+    assert [getattr(one, key).dtype for key in COLUMNS] == [np.float64, np.float64, np.int64, np.int64]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": ""}, "subject name '' must be a non-empty text"),
+        ({"name": 7}, "subject name 7 must be a non-empty text"),
+        ({"s1": [0.0]}, "must be one-dimensional and of one length"),
+        ({"n_trials": [8, 10, 1]}, "must be one-dimensional and of one length"),
+        ({"s1": [0.3, np.nan]}, "s1 and s2 must be finite"),
+        ({"s2": [np.inf, 0.3]}, "s1 and s2 must be finite"),
+        ({"n_equal": [2.5, 7]}, r"n_equal must be whole numbers, found \[2.5, 7.0\]"),
+        ({"n_equal": [np.nan, 7]}, "n_equal must be whole numbers"),
+        ({"n_equal": ["2", "7"]}, "n_equal must be whole numbers"),
+        ({"n_trials": [8.5, 10]}, "n_trials must be whole numbers"),
+        ({"n_equal": [-1, 7]}, "n_equal in 0..n_trials"),
+        ({"n_equal": [9, 7]}, "n_equal in 0..n_trials"),
+        ({"n_equal": [0, 7], "n_trials": [0, 10]}, "n_trials >= 1"),
+        ({"s1": [0.0, 0.0], "s2": [0.3, 0.3]}, "a pair of stimuli is repeated"),
+        ({"s1": [], "s2": [], "n_equal": [], "n_trials": []}, "no answered trial"),
+    ],
+)
+def test_invalid_subjects_are_refused(change: dict[str, Any], message: str) -> None:
+    valid: dict[str, Any] = {
+        "name": "S01",
+        "s1": [0.3, 0.0],
+        "s2": [0.0, 0.3],
+        "n_equal": [2, 7],
+        "n_trials": [8, 10],
+    }
+    assert Subject(**valid).n_pairs == 2
+    with pytest.raises(InputError, match=message):
+        Subject(**{**valid, **change})
+
+
+def test_counts_are_added_up() -> None:
+    one = Subject.from_counts("S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0])
+    assert columns(one) == {"s1": [0.0, 0.3], "s2": [0.3, 0.0], "n_equal": [2, 4], "n_trials": [5, 11]}
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        (([0, 0], [0, 0], [7, 0], [5, 5]), "every n_equal must lie in 0..n_trials"),
+        (([0, 0], [0, 0], [-1, 2], [5, 5]), "every n_equal must lie in 0..n_trials"),
+        (([0], [0, 0], [1, 1], [5, 5]), "must have one common length"),
+        (([0], [0], [1.5], [5]), "n_equal must be whole numbers"),
+        (([0, 0], [0, 1], [0, 0], [0, 0]), "no answered trial"),
+        (([np.nan], [0], [1], [5]), "finite"),
+    ],
+)
+def test_invalid_counts_are_refused(counts: tuple[list[float], ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Subject.from_counts("S01", *counts)
+
+
+def test_stimuli_of_pairs_never_answered_are_not_looked_at() -> None:
+    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1
+
+
+def test_zero_has_no_sign() -> None:
+    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1
+
+
+_trials = st.lists(st.tuples(st.sampled_from([-0.5, 0.0, 0.25]), st.sampled_from([-0.5, 0.0, 0.25]), st.booleans()), min_size=1)
+
+
+@FUZZ
+@given(trials=_trials, data=st.data())
+def test_the_order_of_trials_does_not_matter(trials: list[tuple[float, float, bool]], data: st.DataObject) -> None:
+    shuffled = data.draw(st.permutations(trials))
+    one, other = (Subject.from_trials("S01", *zip(*rows, strict=True)) for rows in (trials, shuffled))
+    assert columns(one) == columns(other)
+
+
+@FUZZ
+@given(_trials)
+def test_trials_are_counted_one_by_one(trials: list[tuple[float, float, bool]]) -> None:
+    one = Subject.from_trials("S01", *zip(*trials, strict=True))
+    for s1, s2, k, n in zip(*columns(one).values(), strict=True):
+        answers = [equal for first, second, equal in trials if (first, second) == (s1, s2)]
+        assert (k, n) == (sum(answers), len(answers))
+    assert one.total_trials == len(trials)
+    again = Subject.from_counts("S01", *columns(one).values())
+    assert columns(again) == columns(one)
+
+
+def test_a_study_is_a_sequence_of_its_subjects() -> None:
+    subjects = [subject("b"), subject("a")]
+    study = Study(subjects, "pilot", synthetic=True, notes=["n"])  # type: ignore[arg-type]
+    assert (len(study), study.names, list(study), study["a"]) == (2, ("b", "a"), subjects, subjects[1])
+    assert (study.subjects, study.notes) == (tuple(subjects), ("n",))
+
+
+def test_a_selection_keeps_everything_else() -> None:
+    study = Study((subject("a"), subject("b"), subject("c")), "pilot", True, ("n",))
+    part = study.select(["c", "a"])
+    assert (part.names, part.source, part.synthetic, part.notes) == (("c", "a"), "pilot", True, ("n",))
+
+
+def test_unknown_subjects_are_refused_with_those_there_are() -> None:
+    study = Study((subject("a"), subject("b")), "pilot")
+    for action in (lambda: study["c"], lambda: study.select(["a", "c"])):
+        with pytest.raises(InputError, match=r"no subject 'c' in pilot; there are: 'a', 'b'$"):
+            action()
+
+
+def test_studies_need_distinct_subjects() -> None:
+    with pytest.raises(InputError, match="at least one subject"):
+        Study(())
+    with pytest.raises(InputError, match=r"must be unique, repeated: 'a'$"):
+        Study((subject("a"), subject("b"), subject("a")))
+    assert len(Study((subject("a"), subject("A")))) == 2
+
+
+def test_studies_travel_between_processes() -> None:
+    study = Study((subject("Zoë"),), "pilot", True, ("n",))
+    again = pickle.loads(pickle.dumps(study))
+    assert again.names == ("Zoë",)
+    assert columns(again["Zoë"]) == columns(study["Zoë"])
+    assert (again.source, again.synthetic, again.notes) == ("pilot", True, ("n",))
+
+
+def test_answers_that_are_not_truth_values_are_refused() -> None:
+    for wrong in (["equal", "different"], [1.0, math.nan], [2, 0]):
+        with pytest.raises(InputError, match="True or False"):
+            Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], wrong)
+
+
+def test_counts_beyond_exact_numbers_are_refused() -> None:
+    for wrong in ([1e300], [math.inf], [2**53 + 2]):
+        with pytest.raises(InputError, match=r"2\*\*53"):
+            Subject.from_counts("S01", [0.0], [0.3], [0], wrong)
+    with pytest.raises(InputError, match=r"2\*\*53"):
+        Subject.from_counts("S01", [0.0] * 3000, [0.3] * 3000, [0] * 3000, [2**53] * 3000)
+
+
+def test_stimuli_that_are_not_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="must be numbers"):
+        Subject.from_counts("S01", ["a"], [0.3], [0], [1])

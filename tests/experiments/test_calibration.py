@@ -1,0 +1,144 @@
+"""Calibration of the chain: a right one passes, wrong densities are caught, and the folder says what was found."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines
+from bayes_toe.errors import InputError
+from bayes_toe.experiments.calibration import (
+    DESIGNS,
+    RANKED,
+    Job,
+    Outcome,
+    Plan,
+    Ranks,
+    calibration_settings,
+    jobs_of,
+    ranked_quantities,
+    work,
+)
+from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, judge, rank_rows
+from bayes_toe.model.coordinates import natural
+
+STUDIES = 20  # enough for errors as large as these
+
+
+class WrongJacobian(bt.Prior):
+    """The Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs."""
+
+    def log_density_unconstrained(self, x, sbar):
+        return super().log_density_unconstrained(x, sbar) + 3.0 * np.log(natural(x, sbar).sigma_p)
+
+
+def ranks_under(prior, studies=STUDIES):
+    """Verdicts where observers come from the default prior and are analysed under this one."""
+    names = tuple(f"test-{i}" for i in range(studies))
+    found, none = work(Job("sparse", True, names, True, False, calibration_settings(7, prior)))
+    assert not none
+    assert not any(one.shortfall for one in found)
+    return {row.quantity: row for row in rank_rows("sparse", found, FALSE_ALARM / len(RANKED))}
+
+
+@pytest.mark.slow
+def test_a_right_density_passes_and_wrong_ones_are_caught():
+    assert all(row.inside for row in ranks_under(bt.Prior()).values())
+    jacobian = ranks_under(WrongJacobian())
+    assert not jacobian["sigma_p"].inside
+    assert jacobian["sigma_p"].largest_difference > 0  # draws too large: the truth ranks low
+    prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3))
+    assert not prior["sigma_p"].inside
+    assert prior["sigma_p"].largest_difference < 0
+
+
+@pytest.fixture(scope="module")
+def table():
+    return bt.calibrate(studies=3, data_sets=4, seed=3, workers=1)
+
+
+def test_everything_planned_is_there(table):
+    plan = table.outcome.plan
+    names = [name for job in jobs_of(plan, calibration_settings(3)) for name in job.names]
+    assert len(names) == len(set(names)) == plan.total
+    assert [row.quantity for row in table.ranks] == [*RANKED, *RANKED]
+    assert all(row.studies == 3 for row in table.ranks)
+    assert [(row.design, row.estimator) for row in table.evidence] == [(d, e) for d in DESIGNS for e in ESTIMATORS]
+    for design in DESIGNS:
+        origins = [one.from_h1 for one in table.outcome.evidence if one.design == design]
+        assert len(origins) == 4
+        assert sum(origins) == plan.from_h1(design)
+
+
+def test_a_smaller_plan_is_a_part_of_a_larger_one():
+    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
+
+
+def test_alone_or_with_evidence_the_ranks_are_the_same(table):
+    alone = bt.calibrate(studies=1, data_sets=0, seed=3, workers=2)
+    assert [one.values for one in alone.outcome.ranks[:1]] == [one.values for one in table.outcome.ranks[:1]]
+    assert not alone.evidence
+    one = next(one for one in table.outcome.evidence if not one.from_h1)
+    again = work(Job(one.design, False, (one.evidence.subject,), False, True, calibration_settings(3)))[1][0]
+    assert again.evidence == one.evidence
+
+
+def test_the_ranked_likelihood_is_the_posteriors():
+    subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
+    posterior = bt.Posterior(subject)
+    x = np.random.default_rng(1).normal(size=(20, 4))
+    found = ranked_quantities(subject, posterior.natural(x))
+    np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)
+    held = bt.equal_probability(np.log(1.15), np.log(1.55), *posterior.natural(x))
+    np.testing.assert_allclose(np.exp(found["q(1.15, 1.55)"]), held, rtol=1e-12)
+
+
+def test_the_folder_and_its_words(table, tmp_path):
+    bt.write_calibration(table, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PRODUCTS if name.endswith(".png"))
+    frame = pd.read_csv(tmp_path / "calibration.csv")
+    assert set(frame.verdict) == {"inside"}
+    sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
+    assert len(sets) == 8
+    assert sets[DEFAULT].notna().all()
+    text = (tmp_path / "calibration.md").read_text(encoding="utf-8")
+    assert "--studies 3 --data-sets 4 --seed 3" in text
+    with pytest.raises(bt.OutputError):
+        bt.write_calibration(table, tmp_path)
+
+
+def test_failures_and_what_did_not_converge_are_named():
+    """Ranks piled up at one end, and one study that missed its criteria."""
+    values = tuple(np.full(len(RANKED), 0.01))
+    found = [Ranks("paper", f"p{i}", (0.0, 1.0, 0.5, 0.9), values, "too few draws" if i == 3 else "") for i in range(50)]
+    failed = judge(Outcome(Plan(50, 0, 1), tuple(found), ()))
+    assert not failed.passed
+    lines = verdict_lines(failed)
+    assert sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines) == len(RANKED)
+    assert lines[-1] == "not converged, ranked with the others: 1 of 50 studies: p3"
+    assert {row.not_converged for row in failed.ranks} == {1}
+
+
+def test_an_empty_plan_is_refused():
+    with pytest.raises(InputError):
+        Plan(0, 0, 1)
+
+
+def test_the_command(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from bayes_toe.cli.app import app
+    from bayes_toe.experiments import calibration_table
+
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert "16 of 16 inside" in done.output
+    assert "seed 1" in done.output
+    assert not (out / "evidence_calibration.csv").exists()
+    monkeypatch.setattr(calibration_table.CalibrationTable, "failures", ("made to fail",))
+    again = ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1", "--overwrite"]
+    failed = CliRunner().invoke(app, again)
+    assert failed.exit_code == 3
+    assert "made to fail" in failed.output

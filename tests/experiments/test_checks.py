@@ -1,0 +1,198 @@
+"""What a study can tell: each finding where it holds, and where it holds only."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import logit
+
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.experiments.checks import Finding, check_study, check_subject, describe
+from bayes_toe.model.closed_form import MAX_PULL, normalised_distance
+from bayes_toe.model.coordinates import natural
+
+FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+
+
+def subject(pairs: Sequence[tuple[float, float]], n_equal: int | Sequence[int] = 4, name: str = "S01") -> Subject:
+    counts = [n_equal] * len(pairs) if isinstance(n_equal, int) else n_equal
+    return Subject(name, [a for a, _ in pairs], [b for _, b in pairs], counts, [10] * len(pairs))
+
+
+def codes(pairs: Sequence[tuple[float, float]], n_equal: int | Sequence[int] = 4) -> list[str]:
+    return [finding.code for finding in check_subject(subject(pairs, n_equal))]
+
+
+GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
+
+
+def test_a_full_design_leaves_nothing_open() -> None:
+    assert check_subject(subject(GRID, [9, 2, 3, 1, 8, 4, 5, 6, 10])) == ()
+
+
+def test_all_equal_and_all_different() -> None:
+    assert codes(GRID, 10) == ["all_equal"]
+    assert codes(GRID, 0) == ["all_different"]
+    assert codes(GRID, [10] * 8 + [9]) == []
+    assert codes(GRID, [0] * 8 + [1]) == []
+
+
+def test_one_trial_in_very_many_is_not_overlooked() -> None:
+    # 1 - 1/2**53 rounds to 1 in a share, not in the counts
+    almost = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [2**51, 2**51, 2**51, 2**51 - 1], [2**51] * 4)
+    assert check_subject(almost) == ()
+
+
+@pytest.mark.parametrize(("count", "expected"), [(1, 3), (2, 2), (3, 1), (4, None)])
+def test_fewer_pairs_than_parameters(count: int, expected: int | None) -> None:
+    pairs = [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3), (0.3, 0.3)][:count]
+    messages = [finding.message for finding in check_subject(subject(pairs)) if finding.code == "few_pairs"]
+    if expected is None:
+        assert messages == []
+    else:
+        plural = "" if count == 1 else "s"
+        start = f"Only {count} distinct pair{plural} for 4 parameters: at least {expected} of them cannot be told"
+        assert messages[0].startswith(start)
+
+
+def test_equal_pairs() -> None:
+    diagonal = [(value, value) for value in (-0.3, 0.0, 0.1, 0.4)]
+    off_diagonal = [pair for pair in GRID if pair[0] != pair[1]]
+    assert codes(diagonal) == ["only_equal_pairs", "design_rank"]
+    assert codes(off_diagonal) == ["no_equal_pairs"]
+    assert codes([*off_diagonal, (0.4, 0.4)]) == []
+
+
+def test_one_first_stimulus() -> None:
+    pairs = [(0.25, value) for value in (-0.3, 0.0, 0.25, 0.4)]
+    findings = check_subject(subject(pairs))
+    assert [finding.code for finding in findings] == ["one_first_stimulus", "one_order", "design_rank"]
+    assert findings[0].message.startswith("All pairs have the first stimulus 0.25: the pull does not enter")
+    assert "one_first_stimulus" not in codes([(second, first) for first, second in pairs])
+
+
+def test_one_order() -> None:
+    both = [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.3, 0.3)]
+    assert codes(both) == []
+    (finding,) = check_subject(subject([*both, (0.0, 0.5)]))
+    assert finding == Finding(
+        "S01",
+        "one_order",
+        "1 pair was presented in one order only, (0, 0.5): the order effect there is not observed but predicted by the model.",
+    )
+    (finding,) = check_subject(subject([*both, (0.0, 0.5), (0.0, 0.6), (0.7, 0.0)]))
+    assert finding.message.startswith("3 pairs were presented in one order only, (0, 0.5), (0, 0.6), (0.7, 0): the")
+    (finding,) = check_subject(subject([*both, (0.0, 0.5), (0.0, 0.6), (0.7, 0.0), (0.8, 0.0)]))
+    start = "4 pairs were presented in one order only, (0, 0.5), (0, 0.6), (0.7, 0) and 1 more:"
+    assert finding.message.startswith(start)
+
+
+def test_findings_of_a_poor_subject_in_a_fixed_order() -> None:
+    assert codes([(0.0, 0.3)], 10) == [
+        "few_pairs",
+        "all_equal",
+        "no_equal_pairs",
+        "one_first_stimulus",
+        "one_order",
+        "design_rank",
+    ]
+
+
+def test_messages_are_one_sentence_that_concludes() -> None:
+    poor = [subject([(0.0, 0.3)], 10), subject([(0.0, 0.0)], 0), subject([(0.0, 0.0), (1.0, 1.0)])]
+    for finding in itertools.chain.from_iterable(check_subject(one) for one in poor):
+        assert finding.message.endswith(".")
+        assert "\n" not in finding.message
+        assert ". " not in finding.message
+        assert any(word in finding.message for word in ("prior", "predicted by the model"))
+
+
+def test_names_that_differ_in_case_concern_the_study() -> None:
+    counts = [9, 2, 3, 1, 8, 4, 5, 6, 10]
+    study = Study(tuple(subject(GRID, counts, name) for name in ("vp1", "VP2", "Vp1", "VP1", "vp3")))
+    assert check_study(study) == (
+        Finding(
+            "",
+            "names_differ_in_case",
+            "Subjects 'vp1', 'Vp1', 'VP1' differ in case only: if they are one person, join them under one name.",
+        ),
+    )
+
+
+def test_findings_of_a_study_follow_its_subjects() -> None:
+    study = Study((subject(GRID, 10, "b"), subject(GRID, 4, "c"), subject(GRID, 0, "a")))
+    found = [(finding.subject, finding.code) for finding in check_study(study)]
+    assert found == [("b", "all_equal"), ("a", "all_different")]
+
+
+def test_describe() -> None:
+    first = subject([(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.5, 0.0), (0.1, 0.6)], [1, 2, 3, 4, 5], "01")
+    second = Subject("NA", [0.0], [0.0], [1], [4])
+    table = describe(Study((first, second)))
+    expected = pd.DataFrame(
+        {
+            "subject": ["01", "NA"],
+            "n_pairs": [5, 1],
+            "n_trials": [50, 4],
+            "n_both_orders": [1, 0],
+            "n_one_order": [2, 0],
+            "n_equal_pairs": [1, 1],
+            "fraction_equal": [0.3, 0.25],
+        }
+    )
+    pd.testing.assert_frame_equal(table, expected)
+
+
+_pairs = st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 0.5, 2.0]), st.sampled_from([-1.0, 0.0, 0.5, 2.0])), min_size=1)
+
+
+@FUZZ
+@given(_pairs)
+def test_pairs_are_counted_once_each(presented: list[tuple[float, float]]) -> None:
+    one = Subject.from_trials("S01", *np.array(presented).T, np.zeros(len(presented)))
+    row = describe(Study((one,))).iloc[0]
+    assert row["n_pairs"] == 2 * row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"]
+    unordered = {frozenset(pair) for pair in presented}
+    assert row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"] == len(unordered)
+
+
+@FUZZ
+@given(_pairs)
+def test_swapping_stimuli_keeps_what_does_not_depend_on_order(presented: list[tuple[float, float]]) -> None:
+    stimuli = np.array(presented).T
+    straight = Subject.from_trials("S01", *stimuli, np.zeros(len(presented)))
+    swapped = Subject.from_trials("S01", *stimuli[::-1], np.zeros(len(presented)))
+    assert describe(Study((straight,))).equals(describe(Study((swapped,))))
+    kinds = [{finding.code for finding in check_subject(one)} - {"one_first_stimulus"} for one in (straight, swapped)]
+    assert kinds[0] == kinds[1]
+
+
+def distances(s1: Sequence[float], s2: Sequence[float], offset: float, pull: float, width: float) -> np.ndarray:
+    """The model's z at identified coordinates; sbar is the plain mean, as every pair has as many trials."""
+    x = [offset, logit(pull / MAX_PULL), np.log(width), 0.0]
+    theta = natural(x, sbar=float(np.mean(s1)))
+    return normalised_distance(s1, s2, theta.mu1, theta.sigma_p, theta.sigma_l)
+
+
+@FUZZ
+@given(st.floats(-1, 1), st.floats(0.05, 0.15), st.floats(0.1, 2), st.floats(0.5, 2))
+def test_what_the_messages_say_holds_for_the_model(offset: float, pull: float, width: float, factor: float) -> None:
+    constant, grid = [0.25] * 4, [-0.3, 0.0, 0.25, 0.4]
+    for s1, s2, invisible in (
+        (constant, grid, (offset, factor * pull, width)),  # one_first_stimulus
+        (grid, grid, (factor * offset, factor * pull, factor * width)),  # only_equal_pairs
+    ):
+        assert len(check_subject(subject(list(zip(s1, s2, strict=True))))) > 0
+        assert np.allclose(distances(s1, s2, offset, pull, width), distances(s1, s2, *invisible), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("change", [(0.3, 0.1, 0.5), (0.2, 0.15, 0.5), (0.2, 0.1, 0.6), (0.4, 0.2, 1.0)])
+def test_a_full_design_sees_every_such_change(change: tuple[float, float, float]) -> None:
+    s1, s2 = zip(*GRID, strict=True)
+    assert not np.allclose(distances(s1, s2, 0.2, 0.1, 0.5) ** 2, distances(s1, s2, *change) ** 2, rtol=1e-3)

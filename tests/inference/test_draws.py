@@ -1,0 +1,179 @@
+"""The container: contract of posterior.nc, summary, saving, loading, ArviZ."""
+
+import json
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe import analysis as analysis_module
+from bayes_toe.errors import InputError, OutputError
+from bayes_toe.inference.diagnostics import pareto_k
+from bayes_toe.inference.draws import PARAMETERS, SUMMARY_COLUMNS
+from bayes_toe.model.posterior import Posterior
+
+
+@pytest.fixture(scope="module")
+def saved(analysis, tmp_path_factory):
+    return analysis.draws.save(tmp_path_factory.mktemp("nc") / "posterior.nc")
+
+
+def test_groups_dims_and_coordinates(saved):
+    tree = bt.load(saved).tree
+    assert set(tree.children) == {
+        "posterior", "sample_stats", "observed_data", "constant_data", "log_likelihood", "posterior_predictive"
+    }  # fmt: skip
+    for name in PARAMETERS:
+        assert tree["posterior"][name].dims == ("chain", "draw", "subject")
+    assert tree["posterior"]["mu1"].dtype == np.float64
+    for group in ("log_likelihood", "posterior_predictive"):
+        assert tree[group]["n_equal"].dims == ("chain", "draw", "obs")
+        assert tree[group]["n_equal"].dtype.itemsize == 4
+    for group in ("observed_data", "constant_data"):
+        assert {"subject", "s1", "s2"} <= set(tree[group].coords)
+    assert tree["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
+    assert tree["sample_stats"]["acceptance_rate"].dims == ("chain", "subject")
+
+
+def test_attributes_tell_how_it_was_made(saved):
+    attrs = bt.load(saved).attrs
+    assert attrs["seed"] == 5
+    assert "mu1 ~ Normal(0, 10)" in attrs["prior"]
+    assert json.loads(attrs["settings"])["sampler"]["draws"] == 2000
+    assert {"python", "emcee", "arviz", "bayes_toe"} <= set(json.loads(attrs["versions"]))
+
+
+def test_seed_and_prior_come_back_as_they_went_in(saved, small_study, tmp_path):
+    loaded = bt.load(saved)
+    assert (loaded.seed, loaded.prior) == (5, bt.Prior())
+    prior = bt.Prior(mu1_mean=-0.25, mu1_sd=1.5, sigma_p_scale=0.1 + 0.2)
+    draws = bt.sample(small_study.select(["A"]), draws=200, seed=np.int64(2**62), prior=prior, workers=1)
+    again = bt.load(draws.save(tmp_path / "posterior.nc"))
+    assert (again.seed, again.prior) == (2**62, prior)
+    assert again.attrs["prior"] == again.prior.describe()
+
+
+def test_saved_and_loaded_are_one(saved, analysis):
+    loaded = bt.load(saved)
+    assert loaded.names == analysis.draws.names
+    for name in PARAMETERS:
+        assert np.array_equal(loaded.values("B", name), analysis.draws.values("B", name))
+    subject = loaded.subject("B")
+    assert np.array_equal(subject.n_equal, analysis.study["B"].n_equal)
+    loaded.save(saved, overwrite=True)  # the file is not locked by having been read
+
+
+def test_arviz_opens_it_as_it_is(saved):
+    code = """
+import sys, warnings
+warnings.simplefilter("ignore")
+import arviz as az
+data = az.from_netcdf(sys.argv[1])
+posterior = data["posterior"].to_dataset() if hasattr(data["posterior"], "to_dataset") else data["posterior"]
+one = posterior.sel(subject="A")
+assert float(az.rhat(one)["mu1"]) < 1.01
+assert len(az.summary(one)) == 8
+loo = az.loo(data, var_name="n_equal", pointwise=True)
+assert float(loo.elpd if hasattr(loo, "elpd") else loo.elpd_loo) < 0
+"""
+    subprocess.run([sys.executable, "-c", code, str(saved)], check=True)
+
+
+def test_pointwise_groups_follow_from_the_draws(analysis):
+    tree, name = analysis.draws.tree, "C"
+    at = tree["observed_data"]["subject"].values == name
+    theta = [analysis.draws.values(name, key)[..., None] for key in ("mu1", "sigma_p", "sigma_l", "q0")]
+    s = analysis.study[name]
+    q = bt.equal_probability(s.s1, s.s2, *theta)
+    expected = s.n_equal * np.log(q) + (s.n_trials - s.n_equal) * np.log1p(-q)
+    assert tree["log_likelihood"]["n_equal"].values[..., at] == pytest.approx(expected, rel=1e-4, abs=1e-4)
+    predicted = tree["posterior_predictive"]["n_equal"].values[..., at]
+    assert predicted.mean(axis=(0, 1)) == pytest.approx((s.n_trials * q).mean(axis=(0, 1)), abs=0.5)
+    spread = s.n_trials * (q * (1 - q)).mean(axis=(0, 1)) + (s.n_trials * q).var(axis=(0, 1))
+    assert predicted.var(axis=(0, 1)) == pytest.approx(spread, rel=0.1)
+
+
+def test_log_posterior_is_the_density_of_the_draws(analysis):
+    name = "A"
+    x = bt.Posterior(analysis.study[name])
+    theta = analysis.draws.natural(name)
+    from bayes_toe.model.coordinates import unconstrained
+
+    points = unconstrained(theta, x.sbar).reshape(-1, 4)
+    stored = analysis.draws.tree["sample_stats"]["lp"].sel(subject=name).values.ravel()
+    assert x.log_density(points) == pytest.approx(stored, abs=1e-5)
+
+
+def test_summary_has_the_columns_and_the_numbers(analysis):
+    frame = analysis.draws.summary()
+    assert tuple(frame.columns) == SUMMARY_COLUMNS
+    assert ",".join(SUMMARY_COLUMNS) == "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
+    assert len(frame) == 3 * len(PARAMETERS)
+    row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
+    values = analysis.draws.values("B", "sigma_p")
+    assert row["mean"] == pytest.approx(values.mean())
+    assert row["q95"] == pytest.approx(np.quantile(values, 0.95))
+
+
+def test_offset_and_pull_are_the_identified_ones(analysis):
+    draws = analysis.draws
+    gamma = draws.values("A", "gamma")
+    big = (1 + np.sqrt(1 + 4 * gamma)) / 2
+    assert draws.values("A", "pull") == pytest.approx(1 - 1 / big, rel=1e-9)
+    sbar = Posterior(draws.subject("A")).sbar
+    assert draws.values("A", "offset") == pytest.approx((1 - 1 / big) * (draws.values("A", "mu1") - sbar), rel=1e-7, abs=1e-9)
+
+
+def test_a_large_study_leaves_the_pointwise_groups_out_and_says_so(small_study, monkeypatch):
+    monkeypatch.setattr(analysis_module, "POINTWISE_LIMIT", 1000)
+    draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)
+    assert "log_likelihood" not in draws.tree.children
+    assert "left out" in draws.attrs["left_out"]
+
+
+def test_unknown_names_and_files_are_refused(analysis, tmp_path):
+    with pytest.raises(InputError, match="no subject 'Z'"):
+        analysis.draws.values("Z", "mu1")
+    with pytest.raises(InputError, match="unknown parameter"):
+        analysis.draws.values("A", "mu_1")
+    with pytest.raises(InputError, match="no such file"):
+        bt.load(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("not netcdf")
+    with pytest.raises(InputError, match="not a NetCDF file"):
+        bt.load(tmp_path / "text.nc")
+
+
+def test_an_existing_file_is_not_replaced(analysis, tmp_path):
+    path = tmp_path / "posterior.nc"
+    path.write_text("precious")
+    with pytest.raises(OutputError, match="exists"):
+        analysis.draws.save(path)
+    assert path.read_text() == "precious"
+
+
+def test_the_bundled_study_is_recovered_and_small(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        study, truth = bt.example_study(), bt.example_truth()
+        draws = bt.sample(study, seed=3)
+    levels = []
+    for name in study.names:
+        for key, value in truth[name].items():
+            levels.append((draws.values(name, key) < value).mean())
+    levels = np.array(levels)
+    # 64 quantile levels of true values: for a calibrated posterior the count outside 90 % is Binomial(64, 0.1).
+    assert ((levels < 0.05) | (levels > 0.95)).sum() <= 14
+    assert 0.3 < levels.mean() < 0.7
+    path = draws.save(tmp_path / "posterior.nc")
+    assert path.stat().st_size < 60e6
+
+
+def test_pareto_k_has_one_sign_on_every_arviz():
+    # Weights u^-a have tail index a; ArviZ 0.x takes log weights, 1.x their negative.
+    u = np.random.default_rng(4).uniform(size=50_000)
+    for a in (0.3, 0.9):
+        assert pareto_k(-a * np.log(u)) == pytest.approx(a, abs=0.1)
+    assert pareto_k(0.9 * np.log(u)) < 0.2

@@ -1,0 +1,74 @@
+"""The batched ascent on surfaces whose maxima are known."""
+
+import numpy as np
+import pytest
+
+from bayes_toe.inference.newton import ascend
+
+
+class Quadratics:
+    """Concave quadratics, one per start: -(x - m)' A (x - m) / 2."""
+
+    def __init__(self, matrices, maxima):
+        self.matrices, self.maxima = matrices, maxima
+
+    def evaluate(self, x, index):
+        gap = x - self.maxima[:, index]
+        slope = -np.einsum("ijn,jn->in", self.matrices[:, :, index], gap)
+        return 0.5 * np.sum(gap * slope, axis=0), slope, -self.matrices[:, :, index]
+
+
+class Saddle:
+    """x^2 - x^4 - y^2: a saddle at 0, maxima at +-1/sqrt(2)."""
+
+    def evaluate(self, x, index):
+        a, b = x
+        hessian = np.zeros((2, 2, x.shape[1]))
+        hessian[0, 0], hessian[1, 1] = 2 - 12 * a**2, -2.0
+        return a**2 - a**4 - b**2, np.stack([2 * a - 4 * a**3, -2 * b]), hessian
+
+
+@pytest.fixture
+def quadratics():
+    rng = np.random.default_rng(1)
+    factors = rng.normal(size=(50, 4, 4))
+    matrices = factors @ factors.transpose(0, 2, 1) + 0.01 * np.eye(4)
+    return Quadratics(np.moveaxis(matrices, 0, -1), rng.normal(size=(4, 50)))
+
+
+def test_every_start_reaches_its_own_maximum(quadratics):
+    found = ascend(quadratics, np.zeros((4, 50)))
+    assert found.arrived.all()
+    assert found.x == pytest.approx(quadratics.maxima, abs=1e-4)
+    assert found.value == pytest.approx(np.zeros(50), abs=1e-11)
+
+
+def test_bounds_hold_and_the_multipliers_have_the_right_sign(quadratics):
+    found = ascend(quadratics, np.full((4, 50), -1.0), upper=0.2)
+    assert found.arrived.all()
+    assert (found.x <= 0.2).all()
+    at_bound = found.x == 0.2
+    assert at_bound.any(axis=0).mean() > 0.5
+    assert (found.gradient[at_bound] >= 0).all()
+    assert np.abs(found.gradient[~at_bound]).max() < 1e-4
+
+
+def test_fixed_coordinates_stay(quadratics):
+    start = np.random.default_rng(2).normal(size=(4, 50))
+    found = ascend(quadratics, start, fixed=np.array([True, False, True, False])[:, None])
+    assert np.array_equal(found.x[[0, 2]], start[[0, 2]])
+    assert np.abs(found.gradient[[1, 3]]).max() < 1e-4
+
+
+def test_a_saddle_is_left_uphill():
+    found = ascend(Saddle(), np.array([[1e-6, -1e-6, 0.3], [0.5, 0.5, 0.5]]))
+    assert found.arrived.all()
+    assert np.abs(found.x[0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
+
+
+def test_what_does_not_arrive_says_so():
+    class Slope:
+        def evaluate(self, x, index):
+            return x[0], np.ones_like(x), np.zeros((1, *x.shape))
+
+    assert not ascend(Slope(), np.zeros((1, 3)), iterations=20).arrived.any()

@@ -1,0 +1,366 @@
+"""The ladder: every model against an independent route, and against its neighbours."""
+
+import numpy as np
+import pytest
+from reference.hard_cases import hard_cases
+from scipy.integrate import cubature
+from scipy.special import expit, logsumexp
+from scipy.stats import binom, halfnorm, norm, uniform
+
+import bayes_toe as bt
+from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
+from bayes_toe.model.differences import central_derivatives
+from bayes_toe.model.ladder import (
+    CONSTANT_BIAS,
+    DIFFERENCING,
+    FREE_WEIGHTING,
+    MEAN_REVERTING,
+    MODELS,
+    NO_LAPSES,
+    PREDICTIVE_UPDATE,
+    SYMMETRIC,
+    LadderPosterior,
+    model_named,
+    model_posterior,
+    require_models,
+)
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+
+STUDY, CASES = bt.example_study(), hard_cases()
+BY_NAME = {model.name: model for model in MODELS}
+OTHER = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
+
+
+def evidence_of(subject, model, prior=None, seed=1):
+    target = model_posterior(subject, model, prior)
+    fitted = fit_proposal(target, np.random.default_rng(seed), maxima=find_maxima(target))
+    return *importance_evidence(fitted)[:2], fitted
+
+
+# --- H1 is the H1 that was there --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("prior", [Prior(), OTHER])
+def test_the_record_of_h1_is_its_posterior(prior):
+    subject = STUDY["S07"]
+    known, record = Posterior(subject, prior), LadderPosterior(subject, PREDICTIVE_UPDATE, prior)
+    x = known.sample_prior(np.random.default_rng(1), 3000)
+    assert record.log_prior(x) == pytest.approx(known.log_prior(x), rel=1e-12)
+    assert record.log_likelihood(x) == pytest.approx(known.log_likelihood(x), rel=1e-12)
+    assert record.distance(x) == pytest.approx(known.distance(x), rel=1e-12)
+    assert isinstance(model_posterior(subject, "predictive update"), Posterior)
+
+
+def test_the_record_of_h1_has_its_evidence():
+    subject = STUDY["S07"]
+    value, error, _ = evidence_of(subject, PREDICTIVE_UPDATE)
+    record = LadderPosterior(subject, PREDICTIVE_UPDATE)
+    other = importance_evidence(fit_proposal(record, np.random.default_rng(2)))
+    assert value - other[0] == pytest.approx(0.0, abs=4.5 * np.hypot(error, other[1]))
+
+
+# --- Priors -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+@pytest.mark.parametrize("prior", [Prior(), OTHER], ids=["default", "other"])
+def test_prior_density_and_prior_draws_belong_together(name, prior):
+    # E[g / p] over draws from p is 1 for any density g inside the support: a normal one, narrower than the draws.
+    target = LadderPosterior(STUDY["S01"], BY_NAME[name], prior)
+    x = target.sample_prior(np.random.default_rng(5), 400_000)
+    centre, spread = np.median(x, axis=0), 0.5 * (np.quantile(x, 0.75, axis=0) - np.quantile(x, 0.25, axis=0))
+    log_g = norm.logpdf(x, centre, 0.5 * spread).sum(axis=1)
+    ratio = np.exp(log_g - target.log_prior(x))
+    # 14 looks: |z| < 4.5 has a false-alarm rate of 1e-4.
+    assert ratio.mean() == pytest.approx(1.0, abs=4.5 * ratio.std() / np.sqrt(len(x)))
+    assert ratio.std() / np.sqrt(len(x)) < 0.02
+
+
+def test_shared_quantities_share_their_priors():
+    x = {name: LadderPosterior(STUDY["S01"], BY_NAME[name], OTHER).judged for name in BY_NAME}
+    rng = np.random.default_rng(7)
+    draws = {name: judged(LadderPosterior(STUDY["S01"], BY_NAME[name], OTHER).sample_prior(rng, 200_000)) for name, judged in x.items()}
+    expected = {
+        "q0": uniform(),
+        "mu1": norm(0.4, 2.0),
+        "sigma_p": halfnorm(scale=0.7),
+        "sigma1": halfnorm(scale=0.7),
+        "gain": uniform(0, 2),
+        "rho": uniform(),
+        "gamma": uniform(),
+    }
+    seen = set()
+    for name, quantities in draws.items():
+        for key, distribution in expected.items():
+            if key in quantities and (key != "sigma1" or name == "mean-reverting memory"):
+                seen.add(key)
+                rank = distribution.cdf(quantities[key])
+                assert np.abs(np.sort(rank) - np.linspace(0, 1, len(rank))).max() < 2.5 / np.sqrt(len(rank))  # P about 1e-5 each
+    assert seen == set(expected)
+
+
+# --- Likelihoods ------------------------------------------------------------------------------------
+
+
+def test_free_weighting_is_hellstroms_form():
+    subject = STUDY["S03"]
+    target = LadderPosterior(subject, FREE_WEIGHTING)
+    offset, gain, width, q0 = 0.04, 1.3, 0.3, 0.85
+    x = [[offset, np.log(gain / (2 - gain)), np.log(width), np.log(q0 / (1 - q0))]]
+    # The second stimulus against a weighted compound of the first and of the mean first stimulus.
+    expected = (subject.s2 - (gain * subject.s1 + (1 - gain) * target.sbar) - offset) / width
+    assert target.distance(np.array(x))[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_mean_reverting_memory_against_its_filter():
+    subject = STUDY["S03"]
+    target = LadderPosterior(subject, MEAN_REVERTING)
+    x = target.sample_prior(np.random.default_rng(3), 500)
+    x = x[np.abs(x[:, 1]) < 12]
+    named = target.judged(x)
+    log_equal = target.log_answers(x)[0]
+    for i in range(0, len(x), 10):
+        mu1, sigma1, sigma_l, rho = (named[key][i] for key in ("mu1", "sigma1", "sigma_l", "rho"))
+        # Product of the prior and the measurement, then a step of the Ornstein-Uhlenbeck process about the prior.
+        precision = 1 / sigma1**2 + 1 / sigma_l**2
+        mean, variance = (mu1 / sigma1**2 + subject.s1 / sigma_l**2) / precision, 1 / precision
+        mu2 = mu1 + rho * (mean - mu1)
+        sigma2 = np.sqrt(rho**2 * variance + (1 - rho**2) * sigma1**2)
+        z = (subject.s2 - mu2) / (sigma2 + sigma_l**2 / sigma2)
+        # Differences of large terms: the literal route loses digits, the closed form does not.
+        scale = (np.abs(mu1) + 1) / (sigma2 + sigma_l**2 / sigma2)
+        assert target.distance(x[i : i + 1])[0] == pytest.approx(z, rel=1e-8, abs=1e-11 * scale)
+        assert log_equal[i] == pytest.approx(np.log(expit(x[i, 4])) - np.log(2) * z**2, rel=1e-7, abs=1e-9 * scale * (1 + np.abs(z).max()))
+
+
+def test_differencing_against_its_definition():
+    subject = STUDY["S03"]
+    offset, width, peak = 0.05, 0.2, 0.9
+    k, delta = norm.ppf(0.5 * (1 + peak)), (subject.s2 - subject.s1 - offset) / width
+    q = norm.cdf(k - delta) - norm.cdf(-k - delta)
+    target = LadderPosterior(subject, DIFFERENCING)
+    expected = binom.logpmf(subject.n_equal, subject.n_trials, q) - binom.logpmf(subject.n_equal, subject.n_trials, 0.5)
+    found = target.pair_log_likelihood([[offset, np.log(width), np.log(peak / (1 - peak))]])[0] + subject.n_trials * np.log(2)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_no_lapses_is_the_limit_of_h1():
+    subject = CASES["q0 = 1"]
+    x = np.array([[-0.05, 0.3, -1.2]])
+    limit = Posterior(subject).log_likelihood(np.append(x, [[600.0]], axis=1))
+    assert LadderPosterior(subject, NO_LAPSES).log_likelihood(x) == pytest.approx(limit, rel=1e-12)
+
+
+def test_numerical_derivatives_agree_with_the_analytic_ones():
+    posterior = Posterior(STUDY["S05"])
+    x = find_maxima(posterior).x[0] + 0.3 * np.random.default_rng(1).standard_normal((20, 4))
+    gradient, hessian = central_derivatives(posterior.log_density, x)
+    exact = posterior.derivatives(x)
+    assert gradient == pytest.approx(exact[0], rel=1e-5, abs=1e-4)
+    assert hessian == pytest.approx(exact[1], rel=1e-4, abs=1e-2)
+
+
+# --- Evidence ---------------------------------------------------------------------------------------
+
+
+def _natural_evidence(subject, q_of, box, log_prior):
+    """Log evidence by adaptive cubature in natural coordinates; answers and prior as they are written on paper."""
+    k, n = subject.n_equal, subject.n_trials
+
+    def log_joint(theta):
+        q = q_of(theta)
+        with np.errstate(divide="ignore"):  # probabilities below the smallest float: the density is 0 there
+            return (k * np.log(q) + (n - k) * np.log1p(-q)).sum(axis=-1) + log_prior(theta)
+
+    rough = np.random.default_rng(0).uniform(*box, size=(200_000, len(box[0])))
+    top = log_joint(rough).max()
+    found = cubature(lambda theta: np.exp(log_joint(theta) - top), *box, rtol=1e-5, max_subdivisions=20_000)
+    assert found.status == "converged"
+    return top + np.log(found.estimate)
+
+
+def test_two_dimensions_against_quadrature():
+    subject = STUDY["S03"]
+
+    def q_of(theta):
+        w, q0 = theta[:, :1], theta[:, 1:2]
+        return q0 * 2.0 ** -(((subject.s2 - subject.s1) / w) ** 2)
+
+    exact = _natural_evidence(subject, q_of, ([0.02, 1e-9], [1.5, 1 - 1e-9]), lambda t: halfnorm.logpdf(t[:, 0]))
+    value, error, _ = evidence_of(subject, SYMMETRIC)
+    assert value == pytest.approx(exact, abs=4.5 * error + 1e-3)
+    assert 4.5 * error < 0.02
+
+
+@pytest.mark.parametrize("name", ["constant bias", "differencing"])
+def test_three_dimensions_against_quadrature(name):
+    subject = STUDY["S03"]
+
+    def q_of(theta):
+        w, q0, c = theta[:, :1], theta[:, 1:2], theta[:, 2:]
+        z = (subject.s2 - subject.s1 - c) / w
+        if name == "constant bias":
+            return q0 * 2.0 ** -(z**2)
+        k = norm.ppf(0.5 * (1 + q0))
+        return norm.cdf(k - z) - norm.cdf(-k - z)
+
+    def log_prior(theta):
+        return halfnorm.logpdf(theta[:, 0]) + norm.logpdf(theta[:, 2])
+
+    exact = _natural_evidence(subject, q_of, ([0.02, 1e-6, -0.6], [1.0, 1 - 1e-6, 0.6]), log_prior)
+    value, error, _ = evidence_of(subject, BY_NAME[name])
+    assert value == pytest.approx(exact, abs=4.5 * error + 1e-3)
+    assert 4.5 * error < 0.02
+
+
+def _marginal_density_at(fitted, coordinate, at, grid):
+    """Log posterior density of one coordinate at a point: its full conditional, by the trapezoidal rule, averaged over weighted draws."""
+    target, rng = fitted.proposal.posterior, np.random.default_rng(4)
+    j = target.coordinates.index(coordinate)
+    weights = np.exp(fitted.draws.log_weights - logsumexp(fitted.draws.log_weights))
+    x = fitted.draws.x[rng.choice(len(weights), 1500, p=weights)]
+    logs = []
+    for points in x:
+        line = np.repeat(points[None], len(grid) + 1, axis=0)
+        line[:, j] = [at, *grid]
+        value = target.log_density(line)
+        logs.append(value[0] - logsumexp(value[1:]) - np.log(grid[1] - grid[0]))
+    terms = np.exp(np.array(logs) - max(logs))
+    return max(logs) + np.log(terms.mean()), terms.std() / terms.mean() / np.sqrt(len(terms))
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "subject", "coordinate", "log_prior_there"),
+    [
+        ("symmetric", "constant bias", "S03", "offset", norm.logpdf(0.0)),
+        ("constant bias", "free weighting", "S01", "logit_gain", np.log(0.25)),
+        ("constant bias", "free weighting", "S03", "logit_gain", np.log(0.25)),
+    ],
+)
+def test_savage_dickey(small, large, subject, coordinate, log_prior_there):
+    lower, upper = (evidence_of(STUDY[subject], BY_NAME[name]) for name in (small, large))
+    grid = np.linspace(-0.6, 0.6, 401) if coordinate == "offset" else np.linspace(-7.0, 7.0, 401)
+    density, error = _marginal_density_at(upper[2], coordinate, 0.0, grid)
+    errors = np.sqrt(error**2 + lower[1] ** 2 + upper[1] ** 2)
+    assert lower[0] - upper[0] == pytest.approx(density - log_prior_there, abs=4.5 * errors + 1e-3)
+    assert errors < 0.1
+
+
+@pytest.mark.parametrize("name", ["S04", "S09"])
+def test_savage_dickey_on_the_edge_of_no_lapses(name):
+    subject = STUDY[name]
+    small, large = evidence_of(subject, NO_LAPSES), evidence_of(subject, PREDICTIVE_UPDATE)
+    posterior, edge = Posterior(subject), LadderPosterior(subject, NO_LAPSES)
+    weights = np.exp(large[2].draws.log_weights - logsumexp(large[2].draws.log_weights))
+    x = large[2].draws.x[np.random.default_rng(4).choice(len(weights), 1500, p=weights)]
+    # Full conditional of q0, whose prior is uniform: likelihood over its integral, by Gauss-Legendre.
+    nodes, shares = np.polynomial.legendre.leggauss(120)
+    q0 = 0.5 * (nodes + 1)
+    logs = []
+    for points in x:
+        line = np.repeat(points[None], len(q0), axis=0)
+        line[:, 3] = np.log(q0 / (1 - q0))
+        logs.append(edge.log_likelihood(points[None, :3])[0] - logsumexp(posterior.log_likelihood(line), b=0.5 * shares))
+    terms = np.exp(np.array(logs))
+    error = terms.std() / np.sqrt(len(terms)) / terms.mean()
+    errors = np.sqrt(error**2 + small[1] ** 2 + large[1] ** 2)
+    assert small[0] - large[0] == pytest.approx(np.log(terms.mean()), abs=4.5 * errors + 1e-3)
+
+
+# --- Recovery ---------------------------------------------------------------------------------------
+
+TRUTHS = {
+    "symmetric": [[np.log(0.2), 2.0]],
+    "constant bias": [[0.12, np.log(0.2), 2.0]],
+    "predictive update": [[-0.14, 1.5, np.log(0.28), 1.5]],
+    "free weighting": [[-0.02, np.log(1.6 / 0.4), np.log(0.2), 2.5]],
+    "differencing": [[0.08, np.log(0.11), 2.5]],
+}
+#: Models that reduce to the one that made the data, or that it reduces to: which of them wins by a little is chance.
+KIN = {
+    "predictive update": {"predictive update", "mean-reverting memory", "no lapses"},
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_the_model_that_made_the_data_wins_in_aggregate(name):
+    design = reference_design(batches=400)
+    s1, s2, n = np.asarray(design.s1), np.asarray(design.s2), np.full(len(design.s1), 400)
+    empty = bt.Subject("made", s1, s2, np.zeros_like(n), n)
+    q = np.exp(LadderPosterior(empty, BY_NAME[name]).log_answers(TRUTHS[name])[0][0])
+    # A subject has its pairs sorted.
+    subjects = [bt.Subject("made", empty.s1, empty.s2, np.random.default_rng([8, repeat]).binomial(n, q), n) for repeat in range(2)]
+    found = {model.name: [evidence_of(subject, model)[0] for subject in subjects] for model in MODELS}
+    # A withheld one is that of a model far off.
+    total = {key: -np.inf if None in values else sum(values) for key, values in found.items()}
+    assert max(total, key=total.get) in KIN.get(name, {name})
+    assert total[name] > max(total.values()) - 3.0
+
+
+# --- Sampling and hard cases ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(set(BY_NAME) - {"predictive update"}))
+def test_draws_agree_with_weighted_draws(name):
+    _, _, fitted = evidence_of(STUDY["S07"], BY_NAME[name])
+    chains = sample_chains(fitted, SamplerSettings(draws=2000), 3)
+    assert chains.converged
+    target, weights = fitted.proposal.posterior, np.exp(fitted.draws.log_weights - logsumexp(fitted.draws.log_weights))
+    weighted, drawn = target.judged(fitted.draws.x), target.judged(chains.x)
+    for key, values in weighted.items():
+        values, ranks = np.asarray(values), np.argsort(values)
+        median = values[ranks][np.searchsorted(np.cumsum(weights[ranks]), 0.5)]
+        # Both sides of the median within 4.5 standard errors of 2000 effective draws and of the weighted median.
+        assert (drawn[key] < median).mean() == pytest.approx(0.5, abs=4.5 * 0.5 * np.sqrt(1 / 2000 + 1 / 10_000))
+
+
+@pytest.mark.parametrize("case", ["all equal", "all different", "one batch", "single pair"])
+def test_weak_data_against_the_prior_average(case):
+    for model in MODELS:
+        value, error, fitted = evidence_of(CASES[case], model)
+        if value is None:
+            continue  # withheld
+        target = fitted.proposal.posterior
+        likelihood = target.log_likelihood(target.sample_prior(np.random.default_rng(9), 200_000))
+        average = logsumexp(likelihood) - np.log(len(likelihood))
+        effective = np.exp(2 * logsumexp(likelihood) - logsumexp(2 * likelihood))
+        if effective < 200:
+            continue  # an average of few terms has no normal error
+        assert value == pytest.approx(average, abs=5 * np.hypot(error, 1 / np.sqrt(effective))), model.name
+
+
+@pytest.mark.parametrize("case", ["perfect observer", "stimuli offset by 100", "a hundred million trials", "reversed answers"])
+def test_hard_cases_agree_with_themselves_or_are_withheld(case):
+    for model in MODELS:
+        one, two = (evidence_of(CASES[case], model, seed=seed) for seed in (1, 2))
+        if one[0] is not None and two[0] is not None:
+            assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1])), model.name
+
+
+# --- Refusals ---------------------------------------------------------------------------------------
+
+
+def test_names_and_points_are_checked():
+    assert require_models(["predictive update", "free frequencies"]) == ("free frequencies", "predictive update")
+    with pytest.raises(InputError, match="'H7'; allowed: free frequencies, symmetric"):
+        require_models(["H7"])
+    with pytest.raises(InputError, match="none given"):
+        require_models([])
+    with pytest.raises(InputError, match="'free frequencies'; allowed: symmetric"):
+        model_named("free frequencies")
+    target = LadderPosterior(STUDY["S01"], SYMMETRIC)
+    with pytest.raises(NumericalError, match="shape"):
+        target.log_density(np.zeros((2, 3)))
+    with pytest.raises(NumericalError, match="NaN"):
+        target.log_density([[np.nan, 0.0]])
+
+
+def test_records_say_what_they_assume():
+    assert CONSTANT_BIAS.describe(OTHER) == "offset ~ Normal(0, 1), width ~ HalfNormal(0.7), q0 ~ Uniform(0, 1)"
+    assert len(model_posterior(STUDY["S01"], "mean-reverting memory").coordinates) == 5

@@ -1,0 +1,72 @@
+"""Links against 50-digit arithmetic, and their shape."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from bayes_toe.model.closed_form import log_different, log_equal
+from bayes_toe.model.links import criterion, differencing_link, lapse_link
+
+DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
+LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]
+
+
+def _exact(z, logit):
+    """Log P(equal), log P(different) and k, with enough digits for the smaller one."""
+    with mp.workdps(60 + int(abs(logit))):
+        a, z = mp.mpf(logit), mp.mpf(z)
+        tail = 1 / (1 + mp.exp(a)) / 2  # 1 - Phi(k)
+        k = mp.mpf(float(criterion(logit)))
+        for _ in range(8):  # Newton on log Phi(-k), from the float; the density ratio keeps it stable in the tail
+            upper = mp.erfc(k / mp.sqrt(2)) / 2
+            k += (upper - tail) / mp.npdf(k)
+        low, high = (mp.erfc((z + s * k) / mp.sqrt(2)) / 2 for s in (1, -1))
+        inside, outside = high - low, low + mp.erfc((k - z) / mp.sqrt(2)) / 2
+        half = mp.mpf(1) / 2  # the larger one from the smaller: its own difference from 1 may be beyond the digits kept
+        return mp.log(inside) if outside > half else mp.log1p(-outside), mp.log(outside) if inside > half else mp.log1p(-inside), k
+
+
+@pytest.mark.parametrize("logit", LOGITS)
+def test_differencing_against_fifty_digits(logit):
+    found = differencing_link(np.array(DISTANCES), np.array(logit))
+    k = None
+    for i, z in enumerate(DISTANCES):
+        *logs, k = _exact(z, logit)
+        for log_answer, exact in zip(found, logs, strict=True):
+            # Relative in the log; a criterion of finite accuracy moves a far tail by z k eps.
+            assert float(log_answer[i]) == pytest.approx(float(exact), rel=2e-12, abs=1e-300)
+    assert float(criterion(logit)) == pytest.approx(float(k), rel=1e-13)
+
+
+def test_differencing_far_away_and_at_the_ends():
+    equal, different = differencing_link(np.array([1e200, 0.0, 3.0]), np.array([0.0, np.inf, np.inf]))
+    assert equal.tolist() == [-np.inf, 0.0, 0.0]
+    assert different.tolist() == [0.0, -np.inf, -np.inf]
+    z = np.linspace(-4, 4, 33)
+    assert differencing_link(z, np.array(0.7))[0] == pytest.approx(differencing_link(-z, np.array(0.7))[0], rel=1e-15)
+
+
+def test_differencing_by_simulation():
+    # A noisy difference of mean 0.8 against a criterion: the rule itself.
+    noise = np.random.default_rng(3).standard_normal(1_000_000)
+    logit = np.log(0.7 / 0.3)
+    share = np.mean(np.abs(0.8 + noise) < criterion(logit))
+    q = np.exp(differencing_link(np.array(0.8), np.array(logit))[0])
+    assert share == pytest.approx(q, abs=4.5 * np.sqrt(q * (1 - q) / len(noise)))
+
+
+def test_criterion_is_half_normal_where_the_peak_is_uniform():
+    from scipy.stats import halfnorm
+
+    u = np.linspace(0.001, 0.999, 99)
+    assert criterion(np.log(u / (1 - u))) == pytest.approx(halfnorm.ppf(u), rel=1e-12)
+
+
+def test_the_lapse_link_is_the_papers():
+    z, logit = np.array([[0.0, 0.3, 2.0, 40.0]]), np.array([[-2.0], [3.0]])
+    equal, different = lapse_link(z, logit)
+    assert np.array_equal(equal, log_equal(z, -np.logaddexp(0.0, -logit)))
+    assert np.array_equal(different, log_different(z, logit))
+    without = lapse_link(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
+    assert without[0] == pytest.approx(-np.log(2) * np.array([0, 1, 9]))
+    assert without[1] == pytest.approx([-np.inf, np.log(0.5), np.log1p(-(2.0**-9))])

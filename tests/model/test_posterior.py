@@ -1,0 +1,135 @@
+"""The log posterior, its gradient and its Hessian against fifty-digit arithmetic on formulas written another way."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference.hard_cases import hard_cases
+
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import NumericalError
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+
+CASES = hard_cases()
+
+
+def precise(posterior, x):
+    """The log posterior density at x by mpmath: natural parameters first, densities one by one, 1 - q by subtraction."""
+    c, a, b, top = (mpmath.mpf(v) for v in x)
+    prior, subject = posterior.prior, posterior.subject
+    p = (3 - mpmath.sqrt(5)) / 2 / (1 + mpmath.exp(-a))
+    k = 1 - p
+    sigma_p, mu1, q0 = mpmath.exp(b) * k ** mpmath.mpf(1.5), mpmath.mpf(posterior.sbar) + c / p, 1 / (1 + mpmath.exp(-top))
+    gamma = p / k**2
+    big = (1 + mpmath.sqrt(1 + 4 * gamma)) / 2
+    total = mpmath.mpf(0)
+    for s1, s2, n_equal, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True):
+        mu2 = mpmath.mpf(float(s1)) / big + (1 - 1 / big) * mu1
+        q = q0 * mpmath.power(2, -(((mpmath.mpf(float(s2)) - mu2) / (sigma_p * big ** mpmath.mpf(1.5))) ** 2))
+        total += int(n_equal) * mpmath.log(q) + int(n - n_equal) * mpmath.log(1 - q) if n > n_equal else int(n) * mpmath.log(q)
+    total += mpmath.log(mpmath.npdf(mu1, prior.mu1_mean, prior.mu1_sd))
+    total += mpmath.log(2 * mpmath.npdf(sigma_p, 0, prior.sigma_p_scale))
+    volume = (1 + p) / (p * k ** mpmath.mpf(1.5)) * p * (1 - p / ((3 - mpmath.sqrt(5)) / 2)) * mpmath.exp(b) * q0 * (1 - q0)
+    return total + mpmath.log(volume)
+
+
+def slack(posterior, x):
+    """What rounding each pair's displacement to double may cost, in nats: its error in z times the slope of both logs there.
+
+    |d log q / dz| = 2 ln2 |z| and |d log(1 - q) / dz| <= 2 ln2 |z| / ((1 - q0) + ln2 z^2 / 2) where z is small.
+    """
+    c, a, b, top = x
+    parts = np.abs(posterior._step) + 0.382 / (1 + np.exp(-a)) * np.abs(posterior._lever) + abs(c)
+    error = 4 * np.finfo(float).eps * parts * np.exp(-b)
+    z = np.abs(posterior.distance(np.array([x]))[0]) + error
+    lapse = 1 / (1 + np.exp(top))
+    steep = 2 * np.log(2) * z
+    return float(np.sum(error * steep * (posterior._equal + posterior._different / (lapse + np.minimum(z**2, 1) / 3))))
+
+
+moderate = st.tuples(st.floats(-1, 1), st.floats(-20, 20), st.floats(-4, 3), st.floats(-10, 30))
+
+
+@pytest.mark.parametrize("name", ["all equal", "funnel", "one batch", "stimuli offset by 100", "a hundred million trials"])
+@settings(max_examples=25, deadline=None)
+@given(x=moderate)
+def test_value_agrees_with_fifty_digits(name, x):
+    posterior = Posterior(CASES[name])
+    with mpmath.workdps(60):
+        truth = float(precise(posterior, x))
+    assert float(posterior.log_density([x])[0]) == pytest.approx(truth, rel=1e-12, abs=1e-12 + slack(posterior, x))
+
+
+@pytest.mark.parametrize("name", ["perfect observer", "funnel", "one order missing"])
+@settings(max_examples=8, deadline=None)
+@given(x=st.tuples(st.floats(-0.5, 0.5), st.floats(-6, 6), st.floats(-2, 2), st.floats(-5, 8)))
+def test_derivatives_agree_with_fifty_digits(name, x):
+    posterior = Posterior(CASES[name])
+    gradient, hessian = (part[0] for part in posterior.derivatives([x]))
+    with mpmath.workdps(50):
+        h = mpmath.mpf(10) ** -12
+
+        def value(*steps):
+            return precise(posterior, [mpmath.mpf(v) + s * h for v, s in zip(x, steps, strict=True)])
+
+        unit = np.eye(4, dtype=int)
+        slopes = [float((value(*e) - value(*-e)) / (2 * h)) for e in unit]
+        bends = [[float((value(*(e + f)) - value(*(e - f)) - value(*(f - e)) + value(*(-e - f))) / (4 * h**2)) for f in unit] for e in unit]
+    scale = np.abs(slopes).max()
+    assert gradient == pytest.approx(np.array(slopes), rel=1e-10, abs=1e-11 * (1 + scale))
+    assert hessian == pytest.approx(np.array(bends), rel=1e-9, abs=1e-10 * (1 + np.abs(bends).max()))
+    assert hessian == pytest.approx(hessian.T)
+
+
+def test_points_in_blocks_are_points_one_by_one():
+    posterior = Posterior(CASES["400 pairs with 3 trials"])
+    x = np.random.default_rng(0).normal(size=(500, 4))
+    one_by_one = np.array([posterior.log_density(point)[0] for point in x])
+    assert posterior.log_density(x) == pytest.approx(one_by_one, rel=1e-13)
+
+
+def test_pairs_add_up_and_counts_weigh():
+    s = CASES["maximum on gamma = 1"]
+    x = np.random.default_rng(1).normal(size=(20, 4))
+    posterior = Posterior(s)
+    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(posterior.parts(x).log_likelihood, rel=1e-13)
+    thrice = Posterior(Subject("x3", s.s1, s.s2, 3 * s.n_equal, 3 * s.n_trials))
+    assert thrice.parts(x).log_likelihood == pytest.approx(3 * posterior.parts(x).log_likelihood, rel=1e-13)
+
+
+def test_trials_one_by_one_have_the_likelihood_of_their_counts():
+    rng = np.random.default_rng(2)
+    s1, s2 = rng.choice([0.0, 0.2, 0.5], 300), rng.choice([0.0, 0.2, 0.5], 300)
+    equal = rng.uniform(size=300) < 0.6
+    posterior = Posterior(Subject.from_trials("one", s1, s2, equal))
+    x = np.array([[0.05, 0.3, -1.0, 2.0]])
+    theta = posterior.natural(x[0])
+    gain = 1 / ((1 + np.sqrt(1 + 4 * theta.gamma)) / 2)
+    z = (s2 - gain * s1 - (1 - gain) * theta.mu1) / (theta.sigma_p * gain**-1.5)
+    q = theta.q0 * 2 ** -(z**2)
+    assert posterior.parts(x).log_likelihood[0] == pytest.approx(np.log(np.where(equal, q, 1 - q)).sum(), rel=1e-12)
+
+
+def test_shifting_stimuli_and_prior_mean_together_changes_nothing():
+    s = CASES["funnel"]
+    x = np.random.default_rng(3).normal(size=(20, 4))
+    shifted = Posterior(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
+    assert shifted.log_density(x) == pytest.approx(Posterior(s).log_density(x), rel=1e-10)
+
+
+def test_nan_raises_and_impossible_is_minus_infinity():
+    posterior = Posterior(CASES["all equal"])
+    with pytest.raises(NumericalError, match="NaN"):
+        posterior.log_density([[np.nan, 0, 0, 0]])
+    with pytest.raises(NumericalError, match="shape"):
+        posterior.log_density([[0.0, 0.0]])
+    # Width e^-400 and an unequal pair called equal: z^2 is beyond the largest float, the probability is 0 to all digits.
+    assert posterior.log_density([[0.0, 0.0, -400.0, 0.0]])[0] == -np.inf
+
+
+def test_an_answer_never_given_costs_nothing_even_where_it_is_impossible():
+    # All 'different' at z^2 = inf: P(different) is 1, so the log likelihood is exactly 0, not 0 times infinity.
+    posterior = Posterior(CASES["all different"])
+    assert posterior.parts([[0.1, 0.0, -400.0, 0.0]]).log_likelihood[0] == 0.0

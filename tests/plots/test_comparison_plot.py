@@ -1,0 +1,163 @@
+"""The figures of a comparison say what its tables say; what is withheld is shown as withheld."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.patches import Rectangle
+
+import bayes_toe as bt
+from bayes_toe.comparison.ladder_table import ModelComparison
+from bayes_toe.comparison.model_row import Checks, ModelRow
+from bayes_toe.model.ladder import NAMES
+from bayes_toe.plots.comparison import CLASSES, save_comparison
+
+
+def made(evidence, models=NAMES, probability=None):
+    """A comparison with these log evidences (NaN: withheld), and nothing else in it."""
+    evidence = np.asarray(evidence, float)
+    subjects = tuple(f"P{i + 1}" for i in range(len(evidence)))
+    rows = [
+        ModelRow(subject, model, 2, None if np.isnan(value) else float(value), 0.0, None, Checks(), (), probability)
+        for subject, values in zip(subjects, evidence, strict=True)
+        for model, value in zip(models, values, strict=True)
+    ]
+    return ModelComparison(tuple(rows), subjects, tuple(models), 1, bt.Prior())
+
+
+def cells(ax):
+    """Rectangles of a panel as (row, column) -> patch; and the numbers likewise."""
+    patches = [one for one in ax.patches if isinstance(one, Rectangle)]
+    found = {(round(one.get_y() + 0.5, 6), round(one.get_x() + 0.5, 6)): one for one in patches}
+    return found, {(round(text.get_position()[1], 6), text.get_position()[0]): text.get_text() for text in ax.texts}
+
+
+EVIDENCE = np.array([[-100.0, -103.04, -100.4, -120.0], [-50.0, np.nan, -41.0, -42.0], [-60.0, -62.0, -61.0, -260.0]])
+
+
+def test_every_cell_has_its_number_and_its_class():
+    table = made(EVIDENCE, NAMES[:4])
+    ax = bt.comparison_axes(table)
+    patches, numbers = cells(ax)
+    assert len(patches) == 16  # three subjects and the sum
+    below = {0: ["best", "3.0", "0.4", "20.0"], 1: ["9.0", None, "best", "1.0"], 2: ["best", "2.0", "1.0", "200"]}
+    shades = {0: [0, 2, 1, 4], 1: [3, None, 0, 1], 2: [0, 2, 1, 4]}
+    for i in range(3):
+        for j in range(4):
+            assert numbers.get((i, j)) == below[i][j]
+            if shades[i][j] is not None:
+                assert to_hex(patches[i, j].get_facecolor()) == CLASSES[shades[i][j]][2].lower()
+                assert not patches[i, j].get_hatch()
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["P1", "P2", "P3", "sum of 2"]
+    last = ax.get_yticks()[-1]
+    assert [numbers[last, j] for j in range(4)] == ["best", "5.0", "1.4", "220"]  # P1 and P3 only
+    low, high = sorted(ax.get_ylim())
+    assert low <= -0.5
+    assert last + 0.5 <= high
+
+
+def test_a_withheld_evidence_is_hatched_named_and_its_subject_grey():
+    ax = bt.comparison_axes(made(EVIDENCE, NAMES[:4]))
+    patches, numbers = cells(ax)
+    assert [place for place, one in patches.items() if one.get_hatch()] == [(1, 1)]
+    assert (1, 1) not in numbers
+    assert "withheld: subject not counted" in [text.get_text() for text in ax.get_legend().get_texts()]
+    colours = [label.get_color() for label in ax.get_yticklabels()]
+    assert colours[0] == colours[2] == "black" != colours[1]
+    whole = bt.comparison_axes(made(EVIDENCE[[0, 2]], NAMES[:4]))
+    assert "withheld" not in " ".join(text.get_text() for text in whole.get_legend().get_texts())
+
+
+def test_classes_are_told_apart_without_colour():
+    grey = [np.dot(to_rgb(colour), [0.299, 0.587, 0.114]) for _, _, colour, _ in CLASSES]
+    assert min(np.diff(grey)) > 0.1
+    for value, (_, _, _, letters) in zip(grey, CLASSES, strict=True):
+        assert abs(value - np.dot(to_rgb(letters), [0.299, 0.587, 0.114])) > 0.4
+
+
+def lines(ax):
+    return {line.get_label(): np.asarray(line.get_ydata(), float) for line in ax.lines}
+
+
+def test_the_study_panel_shows_the_exact_frequencies_where_they_exist():
+    table = made(np.random.default_rng(2).normal(size=(9, 4)) * 2, NAMES[:4])
+    ax, exact = bt.model_frequency_axes(table), table.exact_frequencies()
+    shown = lines(ax)
+    assert np.array_equal(shown["expected frequency, 95 % interval"], exact.expected)
+    assert np.array_equal(shown["most frequent (exceedance)"], exact.exceedance)
+    assert np.array_equal(shown["the same, protected"], exact.protected)
+    assert set(shown["none preferred"]) == {0.25}
+    bars = np.array([[bar[0, 1], bar[1, 1]] for bar in ax.collections[0].get_segments()])
+    assert bars == pytest.approx(exact.interval(), abs=0)
+    title = ax.get_title(loc="left")
+    assert "9 of 9 subjects, random effects, exact sum" in title
+    assert f"{exact.omnibus_risk:.2f} (variational {table.frequencies().omnibus_risk:.2f})" in title
+
+
+def test_beyond_the_exact_sum_the_study_panel_is_variational_and_says_so():
+    table = made(np.random.default_rng(2).normal(size=(40, 8)))
+    ax = bt.model_frequency_axes(table)
+    assert table.exact_frequencies() is None
+    assert np.array_equal(lines(ax)["expected frequency, 95 % interval"], table.frequencies().expected)
+    assert "40 of 40 subjects, random effects, variational" in ax.get_title(loc="left")
+    assert "exact" not in ax.get_title(loc="left")
+
+
+def test_one_subject_has_probabilities_and_no_sum():
+    table = made(np.zeros((1, 8)), probability=0.125)
+    upper, lower = bt.comparison_figure(table).axes
+    assert [label.get_text() for label in upper.get_yticklabels()] == ["P1"]
+    assert lines(lower)["model probability, equal prior odds"].tolist() == [0.125] * 8
+
+
+@pytest.mark.parametrize(
+    ("evidence", "models", "words"),
+    [
+        ([[np.nan, 0.0], [0.0, np.nan]], NAMES[:2], "no subject has an evidence under every model"),
+        ([[0.0], [1.0]], NAMES[:1], "one model only"),
+        ([[np.nan, 0.0]], NAMES[:2], "no model probabilities: an evidence is withheld"),
+        ([[np.nan, np.nan], [1.0, 2.0]], NAMES[:2], ""),
+    ],
+)
+def test_without_frequencies_the_panel_says_why(evidence, models, words):
+    ax = bt.model_frequency_axes(made(evidence, models))
+    assert words in " ".join(text.get_text() for text in ax.texts)
+    bt.comparison_figure(made(evidence, models)).draw_without_rendering()
+
+
+@pytest.mark.parametrize("shape", [(1, 8), (2, 2), (16, 8), (40, 8)])
+def test_nothing_leaves_the_figure_or_meets(shape):
+    evidence = np.random.default_rng(4).normal(size=shape) * 20
+    if shape[0] > 2:
+        evidence[1, 1] = np.nan
+    table = made(evidence, NAMES[: shape[1]], 1 / shape[1])
+    figure = bt.comparison_figure(table, synthetic=True)
+    figure.draw_without_rendering()
+    assert "synthetic data" in figure.legends[0].get_title().get_text()
+    width, height = figure.bbox.size
+    upper, lower = figure.axes
+    texts = [*upper.texts, *upper.get_xticklabels(), *upper.get_yticklabels(), *lower.get_xticklabels(), lower.yaxis.label]
+    boxes = [text.get_window_extent() for text in texts] + [legend.get_window_extent() for legend in figure.legends]
+    for box in boxes:
+        assert box.x0 > -1
+        assert box.y0 > -1
+        assert box.x1 < width + 1
+        assert box.y1 < height + 1
+    cell = min(patch.get_window_extent().height for patch in upper.patches)
+    assert max(text.get_window_extent().height for text in upper.texts) < cell
+    assert lower._left_title.get_window_extent().y1 < upper.patches[-1].get_window_extent().y0
+    heads = [label.get_window_extent() for label in upper.get_xticklabels()]
+    assert all(one.x1 < two.x0 for one, two in pairwise(heads))
+
+
+def test_given_axes_are_used_and_the_file_is_the_same_each_time(tmp_path):
+    from bayes_toe.plots.style import new_figure
+
+    ax = new_figure(3.0, 3.0).subplots()
+    assert bt.comparison_axes(made(EVIDENCE, NAMES[:4]), ax) is ax
+    assert ax.get_legend() is None
+    one, two = (save_comparison(made(EVIDENCE, NAMES[:4]), tmp_path / name).read_bytes() for name in ("a.png", "b.png"))
+    assert one == two
+    with pytest.raises(bt.OutputError, match="exists"):
+        save_comparison(made(EVIDENCE, NAMES[:4]), tmp_path / "a.png")

@@ -1,0 +1,114 @@
+"""Corner plots, by what is drawn in them and where."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import bayes_toe as bt
+from bayes_toe.errors import InputError
+from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.plots.corner import LABELS, TRUTH
+from bayes_toe.plots.style import png
+
+TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
+
+
+def words(figure):
+    return "\n".join(text.get_text() for text in figure.texts)
+
+
+def marked(ax):
+    """Where true values stand in a panel: abscissae of vertical, ordinates of horizontal lines."""
+    lines = [line for line in ax.lines if line.get_color() == TRUTH and len(line.get_xdata()) == 2]
+    across = [line.get_xdata()[0] for line in lines if line.get_xdata()[0] == line.get_xdata()[1]]
+    return across, [line.get_ydata()[0] for line in lines if line.get_ydata()[0] == line.get_ydata()[1]]
+
+
+def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
+    truth = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
+    figure = bt.corner(analysis.draws, "A", truths=truth, prior=bt.Prior())
+    axes = np.array(figure.axes).reshape(4, 4)
+    assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[k] for k in ("mu1", "sigma_p", "sigma_l", "q0")]
+    for i, value in enumerate(truth.values()):
+        low, high = axes[i, i].get_xlim()
+        assert low < value < high
+        quantiles = np.quantile(analysis.draws.values("A", list(truth)[i]), [0.05, 0.5, 0.95])
+        drawn = [line.get_xdata()[0] for line in axes[i, i].lines]
+        assert all(np.isclose(drawn, q).any() for q in quantiles)
+        assert np.isclose(drawn, value).any()
+    assert axes[3, 3].get_xlim()[1] <= 1.0
+    assert any("grey: prior" in text.get_text() for text in figure.texts)
+    assert png(figure).startswith(b"\x89PNG")
+
+
+def test_corner_in_identified_or_any_coordinates(analysis):
+    assert len(bt.corner(analysis.draws, "B", coordinates="identified").axes) == 16
+    assert len(bt.corner(analysis.draws, "B", coordinates=["gain", "mu1"]).axes) == 4
+    with pytest.raises(InputError, match="must be one of"):
+        bt.corner(analysis.draws, "B", coordinates="polar")
+    with pytest.raises(InputError, match="unknown parameter"):
+        bt.corner(analysis.draws, "B", coordinates=["gain", "x"])
+    with pytest.raises(InputError, match="found none, allowed: natural"):
+        bt.corner(analysis.draws, "B", coordinates=[])
+
+
+@pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], ["offset", "pull", "q0"], list(QUANTITIES)], ids=len)
+def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, names):
+    figure = bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE, prior=bt.Prior())
+    figure.draw_without_rendering()  # lays the texts out
+    axes = np.array(figure.axes).reshape(len(names), len(names))
+    panels = [axes[i, j].get_window_extent() for i in range(len(names)) for j in range(i + 1)]
+    boxes = [text.get_window_extent() for text in figure.texts]
+    for box in boxes:
+        assert not any(box.overlaps(panel) for panel in panels)
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert all(above.y0 >= below.y1 - 1.0 for above, below in pairwise(boxes))
+    labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
+    assert all(label.get_text() for label in labelled)
+    at = [label.get_transform().transform(label.get_position())[0] for label in labelled]
+    # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of 2.
+    assert np.diff(at).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
+    assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
+
+
+def test_drawn_into_a_part_of_a_figure(analysis):
+    parts = Figure(figsize=(12, 6)).subfigures(1, 2)
+    for part, names in zip(parts, (["gain"], "identified"), strict=True):
+        assert bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
+    assert len(parts[1].axes) == 16
+    assert "red: true value" in words(parts[0])
+
+
+@pytest.mark.parametrize("names", [["gain"], ["offset", "pull", "width", "q0"], ["sigma1", "gamma"]], ids=len)
+def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
+    theta = Natural(*map(np.float64, TRUE.values()))
+    gain = derived(theta)["gain"]
+    true = {**TRUE, **derived(theta), "pull": 1 - gain, "offset": (1 - gain) * (TRUE["mu1"] - Posterior(analysis.study["A"]).sbar)}
+    axes = np.array(bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
+    for i, name in enumerate(names):
+        assert marked(axes[i, i])[0] == pytest.approx([float(true[name])])
+        for j in range(i):
+            assert marked(axes[i, j]) == (pytest.approx([float(true[names[j]])]), pytest.approx([float(true[name])]))
+
+
+def test_the_key_names_true_values_only_where_they_are_shown(analysis):
+    figure = bt.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
+    assert marked(figure.axes[0]) == ([-0.7], [])
+    assert marked(figure.axes[3]) == ([], [])  # the gain follows from sigma_p and sigma_l, not from mu1
+    assert "red: true value" in words(figure)
+    assert "true value" not in words(bt.corner(analysis.draws, "A", coordinates=["gain", "q0"], truths={"mu1": -0.7}))
+    figure = bt.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
+    assert "red: true value" not in words(figure)
+    assert "true value outside: $q_0$ = 0.001" in words(figure)
+
+
+@pytest.mark.parametrize(
+    ("truths", "named"),
+    [({"mu_1": 0.0}, "unknown quantity 'mu_1'"), ({"mu1": float("nan")}, "mu1=nan"), ({"sigma_p": 0.0}, "a positive finite number")],
+)
+def test_what_cannot_be_a_true_value_is_refused(analysis, truths, named):
+    with pytest.raises(InputError, match=named):
+        bt.corner(analysis.draws, "A", truths=truths)

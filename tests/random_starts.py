@@ -1,0 +1,45 @@
+"""The penalised likelihood maximised by general optimisers from random starts: an independent route for the fits."""
+
+import warnings
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bayes_toe.model.prior import Prior
+
+
+def minus_objective(subject, prior):
+    """In natural parameters (mu1, sigma_p, gamma, q0), written without the package."""
+    k, d = subject.n_equal.astype(float), (subject.n_trials - subject.n_equal).astype(float)
+
+    def value(theta):
+        mu1, sigma_p, gamma, q0 = theta
+        big = (1 + np.sqrt(1 + 4 * gamma)) / 2
+        z = (subject.s2 - subject.s1 / big - (1 - 1 / big) * mu1) / (sigma_p * big**1.5)
+        with np.errstate(all="ignore"):
+            log_q = np.log(q0) - np.log(2) * z * z
+            total = np.where(k > 0, k * log_q, 0).sum() + np.where(d > 0, d * np.log(-np.expm1(log_q)), 0).sum()
+        result = total - (mu1 - prior.mu1_mean) ** 2 / (2 * prior.mu1_sd**2)
+        return -result if np.isfinite(result) else 1e300
+
+    return value
+
+
+def best_of_random_starts(subject, starts, seed=0, prior=None):
+    """L-BFGS-B, SLSQP and Nelder-Mead by turns, inside the bounds of the model."""
+    rng, target = np.random.default_rng(seed), minus_objective(subject, Prior() if prior is None else prior)
+    scale = max(float(np.ptp(np.concatenate([subject.s1, subject.s2]))), 0.1)
+    tight = {
+        "L-BFGS-B": {"maxiter": 2000, "ftol": 1e-15, "gtol": 1e-9},
+        "SLSQP": {"maxiter": 1000, "ftol": 1e-13},
+        "Nelder-Mead": {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-10, "fatol": 1e-11},
+    }
+    best = np.inf
+    for i in range(starts):
+        start = [subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal()), rng.uniform(), rng.uniform(0.3, 1)]
+        method = list(tight)[i % 3]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # scipy's own remarks on clipping and precision
+            found = minimize(target, start, method=method, bounds=[(-100, 100), (1e-6, 1e6), (0, 1), (0, 1)], options=tight[method])
+        best = min(best, found.fun)
+    return -best

@@ -1,0 +1,194 @@
+"""The quadrature against densities whose integral, moments and quantiles are known without it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference.hard_cases import hard_cases
+from reference.lattice_quantiles import LEVELS
+from reference.quadrature import QUANTITIES, TOLERANCE, integrate
+from scipy import integrate as scipy_integrate
+from scipy import optimize, stats
+from scipy.special import expit, log_expit, logit
+
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import NumericalError
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.coordinates import natural
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+
+STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))["cases"]
+
+
+class Normal:
+    """exp(5) times a correlated normal density of x: the evidence is 5, q0 is logit-normal, the gain a function of a normal a."""
+
+    sbar = -0.4
+    mean = np.array([0.2, -0.5, -1.2, 1.5])
+    factor = np.array([[0.05, 0, 0, 0], [0.6, 0.5, 0, 0], [-0.1, 0.15, 0.1, 0], [0.3, -0.4, 0.2, 0.5]])
+
+    def log_density(self, x):
+        whitened = np.linalg.solve(self.factor, (x - self.mean).T)
+        return 5.0 - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(self.factor)).sum() - 2.0 * np.log(2.0 * np.pi)
+
+    def natural(self, x):
+        return natural(x, self.sbar)
+
+
+class Funnel(Normal):
+    """Independent a, b, l with exponential tails and two humps in mu1 that do not depend on them: c = p (mu1 - sbar) is a funnel."""
+
+    sbar = 0.0
+    humps = ((0.3, -2.0, 0.4), (0.7, 3.0, 0.8))  # weight, mean, standard deviation of mu1
+
+    def log_density(self, x):
+        c, a, b, top = x.T
+        p = MAX_PULL * expit(a)
+        mu1 = np.logaddexp.reduce([np.log(w) + stats.norm.logpdf(c / p, m, s) for w, m, s in self.humps])
+        tails = log_expit(a) + log_expit(-a) + log_expit(2 * top) + log_expit(-2 * top) + np.log(2.0)
+        return mu1 - np.log(p) + tails + stats.norm.logpdf(b, -1.0, 0.4)
+
+
+class PriorOnly(Posterior):
+    """A posterior whose likelihood is 1."""
+
+    def log_density(self, x):
+        return self.parts(x).log_prior
+
+
+class Nowhere(Normal):
+    def log_density(self, x):
+        return np.full(len(x), -np.inf)
+
+
+def logistic_mean(mean, sd, power=1):
+    """Mean of expit(u)^power for a normal u."""
+    return scipy_integrate.quad(lambda u: expit(u) ** power * stats.norm.pdf(u, mean, sd), mean - 9 * sd, mean + 9 * sd)[0]
+
+
+def row(found, name):
+    """Mean, standard deviation and quantiles of one quantity."""
+    i = QUANTITIES.index(name)
+    return found.means[i], found.sds[i], found.quantiles[i]
+
+
+@pytest.fixture(scope="module")
+def normal():
+    return integrate(Normal())
+
+
+@pytest.fixture(scope="module")
+def funnel():
+    return integrate(Funnel())
+
+
+def test_evidence_of_a_normal_density(normal):
+    assert normal.log_evidence == pytest.approx(5.0, abs=normal.log_evidence_error)
+    assert normal.log_evidence_error < TOLERANCE
+
+
+def test_moments_and_quantiles_of_q0_and_gain(normal):
+    sds = np.sqrt((Normal.factor**2).sum(axis=1))
+    for name, i, scale in (("q0", 3, 1.0), ("gain", 1, -MAX_PULL)):
+        mean, sd, quantiles = row(normal, name)
+        first = logistic_mean(Normal.mean[i], sds[i])
+        exact_sd = abs(scale) * np.sqrt(logistic_mean(Normal.mean[i], sds[i], 2) - first**2)
+        assert sd == pytest.approx(exact_sd, rel=1e-3)
+        assert mean == pytest.approx((scale < 0) + scale * first, abs=1e-3 * exact_sd)
+        levels = np.array(LEVELS) if scale > 0 else 1.0 - np.array(LEVELS)
+        exact = (scale < 0) + scale * expit(Normal.mean[i] + sds[i] * stats.norm.ppf(levels))
+        assert quantiles == pytest.approx(exact, abs=2e-3 * exact_sd)
+
+
+def test_quantiles_of_functions_of_two_coordinates(normal):
+    """P(sigma < q) and P(mu1 < q) at the reported q, by one integral over a of an exact conditional probability."""
+    covariance = Normal.factor @ Normal.factor.T
+    mean_a, sd_a = Normal.mean[1], np.sqrt(covariance[1, 1])
+
+    def below(i, threshold):
+        slope = covariance[i, 1] / covariance[1, 1]
+        rest = np.sqrt(covariance[i, i] - slope * covariance[i, 1])
+        return scipy_integrate.quad(
+            lambda a: stats.norm.cdf((threshold(a) - Normal.mean[i] - slope * (a - mean_a)) / rest) * stats.norm.pdf(a, mean_a, sd_a),
+            mean_a - 9 * sd_a,
+            mean_a + 9 * sd_a,
+            limit=400,
+        )[0]
+
+    def thresholds(q):
+        def pull(a):
+            return MAX_PULL * expit(a)
+
+        yield 0, lambda a: pull(a) * (q[0] - Normal.sbar)
+        yield 2, lambda a: np.log(q[1]) - 1.5 * np.log1p(-pull(a))
+        yield 2, lambda a: np.log(q[2]) - 0.5 * np.log1p(-pull(a)) - 0.5 * np.log(pull(a))
+
+    for column, level in enumerate(LEVELS):
+        for i, threshold in thresholds(normal.quantiles[:3, column]):
+            assert below(i, threshold) == pytest.approx(level, abs=3e-4)
+
+
+def test_funnel_with_two_humps(funnel):
+    assert funnel.log_evidence == pytest.approx(0.0, abs=funnel.log_evidence_error)
+    weights, means, sds = np.array(Funnel.humps).T
+    mean, sd, quantiles = row(funnel, "mu1")
+    exact_mean = weights @ means
+    exact_sd = np.sqrt(weights @ (sds**2 + means**2) - exact_mean**2)
+    assert mean == pytest.approx(exact_mean, abs=1e-3 * exact_sd)
+    assert sd == pytest.approx(exact_sd, rel=1e-3)
+    exact = [optimize.brentq(lambda t, level=level: weights @ stats.norm.cdf(t, means, sds) - level, -9, 9) for level in LEVELS]
+    assert quantiles == pytest.approx(exact, abs=2e-3 * exact_sd)
+
+
+def test_exponential_tails(funnel):
+    """The pull is uniform on (0, p_max), and 2 logit q0 is logistic."""
+    mean, sd, quantiles = row(funnel, "gain")
+    assert mean == pytest.approx(1.0 - MAX_PULL / 2, abs=1e-3 * sd)
+    assert sd == pytest.approx(MAX_PULL / np.sqrt(12.0), rel=1e-3)
+    assert quantiles == pytest.approx(1.0 - MAX_PULL * (1.0 - np.array(LEVELS)), abs=2e-3 * sd)
+    mean, sd, quantiles = row(funnel, "q0")
+    assert mean == pytest.approx(0.5, abs=1e-3 * sd)
+    assert quantiles == pytest.approx(expit(0.5 * logit(np.array(LEVELS))), abs=2e-3 * sd)
+
+
+def test_the_prior_has_mass_one():
+    prior = Prior(mu1_mean=1.0, mu1_sd=3.0, sigma_p_scale=0.5)
+    found = integrate(PriorOnly(Subject("S01", [0.0, 0.4], [0.3, 0.1], [1, 1], [2, 2]), prior), tolerance=1e-3)
+    assert found.log_evidence == pytest.approx(0.0, abs=found.log_evidence_error)
+    exact = {"mu1": stats.norm(1.0, 3.0), "sigma_p": stats.halfnorm(0.0, 0.5), "q0": stats.uniform()}
+    for name, density in exact.items():
+        mean, sd, quantiles = row(found, name)
+        assert mean == pytest.approx(density.mean(), abs=5e-3 * sd)
+        assert sd == pytest.approx(density.std(), rel=5e-3)
+        assert quantiles == pytest.approx(density.ppf(LEVELS), abs=1e-2 * sd)
+
+
+def test_shifting_stimuli_and_prior_together_changes_nothing_but_mu1():
+    s1, s2, k, n = [0.0, 0.0, 0.3, 0.5], [0.0, 0.3, 0.0, 0.5], [45, 20, 10, 44], [50, 50, 50, 50]
+    here = integrate(Posterior(Subject("S01", s1, s2, k, n), Prior(0.2, 2.0, 1.0)), tolerance=1e-2)
+    there = integrate(Posterior(Subject("S01", np.add(s1, 7.0), np.add(s2, 7.0), k, n), Prior(7.2, 2.0, 1.0)), tolerance=1e-2)
+    both = here.log_evidence_error + there.log_evidence_error
+    assert there.log_evidence == pytest.approx(here.log_evidence, abs=both)
+    shift = np.array([7.0, 0.0, 0.0, 0.0, 0.0])
+    assert np.all(np.abs(there.means - here.means - shift) < here.means_error + there.means_error)
+
+
+def test_a_smaller_tolerance_stays_within_the_error_of_a_larger_one(normal):
+    rough = integrate(Normal(), tolerance=1e-2)
+    assert rough.evaluations < normal.evaluations
+    assert abs(rough.log_evidence - normal.log_evidence) <= rough.log_evidence_error + normal.log_evidence_error
+    assert np.all(np.abs(rough.means - normal.means) <= rough.means_error + normal.means_error)
+    assert np.all(np.abs(rough.quantiles - normal.quantiles) <= rough.quantiles_error + normal.quantiles_error)
+
+
+def test_a_density_that_is_zero_is_refused():
+    with pytest.raises(NumericalError, match="0 wherever"):
+        integrate(Nowhere())
+
+
+def test_a_stored_case_is_reproduced():
+    found, stored = integrate(Posterior(hard_cases()["stimuli offset by 100"]), tolerance=1e-3), STORED["stimuli offset by 100"]
+    assert abs(found.log_evidence - stored["log_evidence"]) <= found.log_evidence_error + stored["log_evidence_error"]
+    assert np.all(np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"]))

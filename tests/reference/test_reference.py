@@ -1,0 +1,66 @@
+"""Evidence and moments against deterministic integration, stored in tests/reference (scripts/make_reference.py made it)."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference.hard_cases import hard_cases
+
+import bayes_toe as bt
+from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
+
+STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))
+SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+
+
+def test_stored_cases_belong_to_todays_counts_and_prior():
+    for name, case in STORED["cases"].items():
+        s = SUBJECTS[name]
+        columns = np.column_stack((s.s1, s.s2, s.n_equal.astype(float), s.n_trials.astype(float)))
+        assert case["counts"] == hashlib.sha256(columns.tobytes()).hexdigest()
+        assert case["prior"] == bt.Prior().describe()
+        assert case["log_evidence_error"] <= 1.01e-4
+
+
+@pytest.mark.parametrize("name", sorted(STORED["cases"]))
+def test_evidence_agrees_within_four_standard_errors(name):
+    fitted = fit_proposal(bt.Posterior(SUBJECTS[name]), np.random.default_rng(2604))
+    value, error, why_not = importance_evidence(fitted)
+    if value is None:  # said, not hidden
+        assert "withheld" in why_not
+        return
+    case = STORED["cases"][name]
+    assert value == pytest.approx(case["log_evidence"], abs=4 * error + case["log_evidence_error"])
+
+
+@pytest.mark.parametrize("name", ["S01", "one order missing"])
+def test_error_bars_of_the_evidence_are_honest_over_a_hundred_seeds(name):
+    posterior, case = bt.Posterior(SUBJECTS[name]), STORED["cases"][name]
+    maxima = find_maxima(posterior)
+    estimates = [importance_evidence(fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima)) for seed in range(100)]
+    z = np.array([(value - case["log_evidence"]) / error for value, error, _ in estimates if value is not None])
+    assert len(z) >= 95
+    assert 0.8 < z.std(ddof=1) < 1.25
+    assert abs(z.mean()) < 0.4
+
+
+@pytest.mark.parametrize("name", sorted(STORED["cases"]))
+def test_draws_have_the_means_and_quantiles(name):
+    posterior, case = bt.Posterior(SUBJECTS[name]), STORED["cases"][name]
+    chains = sample_chains(fit_proposal(posterior, np.random.default_rng(1)), SamplerSettings(draws=4000), 1)
+    theta = posterior.natural(chains.x)
+    if not chains.converged:
+        assert "required" in chains.reason
+        return
+    for i, key in enumerate(("mu1", "sigma_p", "sigma_l", "q0")):
+        values = getattr(theta, key)
+        # 33 cases, 4 parameters, 4 looks: |z| < 5 for 4,000 effective draws.
+        assert values.mean() == pytest.approx(case["means"][i], abs=5 * case["sds"][i] / np.sqrt(4000) * 1.5)
+        for level, quantile in zip(STORED["levels"], case["quantiles"][i], strict=True):
+            below = (values < quantile).mean()
+            assert below == pytest.approx(level, abs=5 * np.sqrt(level * (1 - level) / 4000) + 0.003)

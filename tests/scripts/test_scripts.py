@@ -1,0 +1,130 @@
+"""The three programs in scripts/, run as a user runs them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import grouped_csv
+from matplotlib.image import imread
+
+import bayes_toe as bt
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+
+
+def call(name, *args, cwd):
+    return subprocess.run([sys.executable, str(SCRIPTS / name), *map(str, args)], capture_output=True, text=True, cwd=cwd)
+
+
+def is_drawn(path):
+    """A picture that reads back and is not blank."""
+    picture = imread(path)[..., :3]
+    return picture.min() < 0.5 < picture.max()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, small_study):
+    """Two subjects, one with a name that no file may have, and their draws."""
+    folder = tmp_path_factory.mktemp("scripts")
+    a, b, _ = small_study
+    grouped_csv(folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_equal, b.n_trials)]))
+    (folder / "taken.png").write_bytes(b"precious")
+    done = call("sample_posteriors.py", "study.csv", "-o", "p.nc", "--draws", "500", "--seed", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "sigma_p" in done.stdout
+    assert "seed 1" in done.stdout
+    return folder
+
+
+def test_the_draws_are_those_of_the_study(folder):
+    draws = bt.load(folder / "p.nc")
+    assert draws.names == ("A", "b/2")
+    assert draws.attrs["seed"] == 1
+
+
+def test_evidence_table_and_figure(folder):
+    arguments = ("evidence_table.py", "study.csv", "-o", "e.csv", "--figure", "e.png")
+    done = call(*arguments, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert is_drawn(folder / "e.png")
+    table = pd.read_csv(folder / "e.csv")
+    assert list(table.subject) == ["A", "b/2"]
+
+    seed = done.stdout.split("seed ")[1].split(";")[0]  # fresh, and printed: the table can be made again
+    again = call(*arguments, "--seed", seed, "--overwrite", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "e.csv"), table, check_exact=True)
+
+
+def test_without_a_figure_only_the_table_is_written(folder, tmp_path):
+    done = call("evidence_table.py", folder / "study.csv", "--seed", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["evidence.csv"]
+
+
+@pytest.mark.parametrize("coordinates", ["natural", "identified", "gain, mu1"])
+def test_corner_plots_of_all_subjects(folder, tmp_path, coordinates):
+    done = call("corner_plots.py", folder / "p.nc", "-o", "corner", "--coordinates", coordinates, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    pictures = sorted((tmp_path / "corner").iterdir())
+    assert len(pictures) == 2
+    assert all(is_drawn(path) for path in pictures)
+
+
+def test_corner_plot_of_one_subject(folder, tmp_path):
+    done = call("corner_plots.py", folder / "p.nc", "--subject", "A", "--prior", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "corner").iterdir()] == ["A.png"]
+    assert is_drawn(tmp_path / "corner" / "A.png")
+
+    refused = call("corner_plots.py", folder / "p.nc", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "A.png: exists" in refused.stderr
+    assert len(list((tmp_path / "corner").iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("sample_posteriors.py", "none.csv", "-o", "z.nc"), "none.csv"),
+        (("sample_posteriors.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),  # refused before the study is read
+        (("sample_posteriors.py", "study.csv", "-o", "z.nc", "--draws", "0"), "draws=0"),
+        (("evidence_table.py", "p.nc", "-o", "z.csv", "--figure", "z.png"), "p.nc"),
+        (("evidence_table.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),
+        (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "taken.png"), "taken.png: exists"),
+        (("evidence_table.py", "none.csv", "-o", "z.csv", "--figure", "z.xyz"), "suffix"),
+        (("evidence_table.py", "none.csv", "-o", "z.png", "--figure", "./z.png"), "same file"),
+        (("corner_plots.py", "none.nc", "-o", "z"), "none.nc"),
+        (("corner_plots.py", "p.nc", "-o", "z", "--subject", "Z"), "no subject 'Z'"),
+        (("corner_plots.py", "p.nc", "-o", "z", "--coordinates", "mu2"), "mu2"),
+        (("calibration.py", "-o", "z", "--studies", "0", "--data-sets", "0"), "studies=0"),
+        (("calibration.py", "-o", "p.nc"), "p.nc"),
+    ],
+)
+def test_problems_are_one_line_and_exit_code_2(folder, arguments, named):
+    before = (folder / "p.nc").read_bytes()
+    done = call(*arguments, cwd=folder)
+    assert done.returncode == 2
+    assert named in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not list(folder.glob("z*"))
+    assert (folder / "p.nc").read_bytes() == before
+
+
+def test_the_bootstrap_benchmark_finds_the_same_optima(folder):
+    done = call("bootstrap_speed.py", "--subjects", "S06", "--replicates", "20", "--loop", "3", "--repeats", "1", cwd=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 / 0 / 0" in done.stdout
+
+
+def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder):
+    done = call("error_bars.py", "-o", "bars", "--seeds", "12", "--cases", "single pair", "--workers", "1", cwd=folder)
+    assert done.returncode in (0, 3), done.stdout + done.stderr
+    row = pd.read_csv(folder / "bars" / "error_bars.csv").iloc[0]
+    assert (row["case"], row["seeds"], row["withheld"]) == ("single pair", 12, 0)
+    assert 0.4 < row["sd_z"] < 1.8
+    assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
+    assert "| single pair |" in (folder / "bars" / "error_bars.md").read_text(encoding="utf-8")
+    assert call("error_bars.py", "-o", "bars2", "--cases", "nobody", cwd=folder).returncode == 2

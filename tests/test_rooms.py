@@ -1,0 +1,86 @@
+"""The house: every file stands in a room, imports point one way, and a library has one owner.
+
+errors arrays seeds workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import bayes_toe
+
+PACKAGE = Path(bayes_toe.__file__).parent
+#: From the ground up: an import leads to something further left, or stays in the room.
+ORDER = (
+    "errors",
+    "arrays",
+    "seeds",
+    "workers",
+    "data",
+    "model",
+    "inference",
+    "classical",
+    "comparison",
+    "analysis",
+    "api",
+    "experiments",
+    "plots",
+    "cli",
+)
+#: Closed by the pipeline of a subject, next.
+OPEN = {("inference.draws", "analysis.Settings"), ("inference.draws", "analysis.SubjectResult")}
+OWNERS = {
+    "emcee": {"inference.sampling"},
+    "arviz": {"inference.diagnostics"},
+    "arviz_stats": {"inference.diagnostics"},
+    "xarray": {"inference.draws"},
+    "matplotlib": {"plots"},
+    "corner": {"plots"},
+    "loky": {"workers"},
+    "typer": {"cli"},
+    "rich": {"cli"},
+    "jinja2": {"cli"},
+}
+
+
+def _modules():
+    """Every module but the package's own face, as its dotted name inside the package."""
+    found = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py"))
+    return sorted(".".join(parts) for parts in found if parts not in {("__init__",), ("__main__",)})
+
+
+def _imported(name):
+    """Dotted names of everything that a module imports, also inside functions."""
+    for node in ast.walk(ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _place(name):
+    return ORDER.index(name.split(".")[0])
+
+
+@pytest.mark.parametrize("name", _modules())
+def test_every_file_stands_in_a_room_and_imports_point_down(name):
+    ours = [other.removeprefix("bayes_toe.") for other in _imported(name) if other.startswith("bayes_toe.")]
+    assert name.count(".") <= 1, "one level of rooms"
+    assert [other for other in ours if other.split(".")[0] in ORDER and _place(other) > _place(name) and (name, other) not in OPEN] == []
+
+
+@pytest.mark.parametrize("library", OWNERS)
+def test_a_library_has_one_owner(library):
+    importers = {name for name in _modules() if library in {other.split(".")[0] for other in _imported(name)}}
+    assert importers
+    assert {name for name in importers if name not in OWNERS[library] and name.split(".")[0] not in OWNERS[library]} == set()
+
+
+@pytest.mark.parametrize("room", ["model", "inference"])
+def test_pandas_is_not_loaded_by_importing(room):
+    for name in (one for one in _modules() if one.split(".")[0] == room):
+        tree = ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))
+        top = [alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names]
+        assert not {"pandas", "xarray", "emcee", "arviz"} & set(top), name
