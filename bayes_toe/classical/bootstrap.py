@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.ellipse import Ellipse
 from bayes_toe.classical.fits import EDGES, Fits, join
 from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject
@@ -21,8 +22,6 @@ from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.prior import LOG_2PI, Prior
 from bayes_toe.seeds import generator
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 #: Counts drawn and fitted at once: memory stays flat however many pairs there are.
 _GROUP = 1 << 20
 #: Smallest eigenvalue of a correlation matrix that still counts as invertible.

@@ -18,13 +18,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.whole_files import write_table
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 
 COVARIATE_COLUMNS = ("covariate", "outcome", "test", "groups", "n", "difference_or_r", "statistic", "df", "p_value", "note")
 _MISSING = frozenset({"", "na", "n/a", "nan", "none"})

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
 
 _STEPS = 200
 #: Share of the points that decides centre and shape: small enough to stay around the peak of a skewed cloud, large enough to be steady.
@@ -101,5 +100,5 @@ def _concentrated(points: FloatArray, inside: int) -> Ellipse | None:
     return Ellipse(middle + spread * centre, np.sqrt(variances[::-1]), float(np.arctan2(axes[1, 1], axes[0, 1])))
 
 
-def _nearest(distance: FloatArray, count: int) -> npt.NDArray[np.intp]:
+def _nearest(distance: FloatArray, count: int) -> IndexArray:
     return np.asarray(np.sort(np.argpartition(distance, count - 1)[:count]))

@@ -18,10 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 #: Largest (n1 + 1)(n2 + 1) for Boschloo's test; beyond it, Fisher's is used, from which it hardly differs there.
 LARGEST_TABLE = 1_000_000

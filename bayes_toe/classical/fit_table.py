@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_level
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.maximum_likelihood import fit_subject
@@ -24,7 +24,6 @@ from bayes_toe.workers import Progress, run_in_order
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 
 #: Bootstrap replicates of a subject, as many as in the paper.
 REPLICATES = 1000

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import LN2
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 #: Where a maximum may lie beyond the open domain, in the order in which `at_edge` names them.
 EDGES = ("gamma=0", "gamma=1", "q0=0", "q0=1", "sigma_p=0", "sigma_p=inf", "not unique")
 

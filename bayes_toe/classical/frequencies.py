@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 def laplace_estimate(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:

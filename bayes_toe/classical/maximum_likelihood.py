@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import xlogy
 
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
 from bayes_toe.data.study import Subject, refuse_intervals
@@ -25,9 +26,6 @@ from bayes_toe.inference.newton import Ascent, ascend
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.prior import Prior
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 #: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
 _FLAT = 1e-6
 #: A pull or a width may change this little along a flat direction and still count as determined.

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.model.closed_form import LN2, MAX_PULL
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
 _BLOCK = 1 << 15
 _TWO_LN2 = 2.0 * LN2

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import betaln, logsumexp
 
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
@@ -28,7 +27,6 @@ from bayes_toe.model.prior import LOG_2PI, Prior
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 
 #: Columns of evidence.csv. New ones are appended only: scripts that read by position go on working.
 EVIDENCE_COLUMNS = (

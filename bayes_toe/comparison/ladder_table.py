@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import softmax
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.model_row import ModelRow, compare_one
 from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
 from bayes_toe.data.study import Study, Subject
@@ -26,7 +26,6 @@ from bayes_toe.workers import Progress, run_in_order
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 #: Columns of compare.csv.
 COMPARE_COLUMNS = (
     "subject",

@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaln
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import log_sum, smoothed_weights
 
-FloatArray = npt.NDArray[np.float64]
 Unit = Literal["trial", "pair"]
 ANSWERS = ("equal", "different")
 #: Pareto k-hat beyond which a value is withheld; with fewer than 2,200 draws less is allowed, 1 - 1/log10(draws).
@@ -62,7 +62,7 @@ class LeaveOneOut:
     se: float
     largest_k: float
     values: FloatArray
-    counts: npt.NDArray[np.int64]
+    counts: IntArray
     pareto_k: FloatArray
     note: str = ""
 
@@ -179,7 +179,7 @@ def _left_out(log_p: FloatArray) -> tuple[float, float]:
     return log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
 
 
-def _sum(values: FloatArray, counts: npt.NDArray[np.int64]) -> tuple[float, float]:
+def _sum(values: FloatArray, counts: IntArray) -> tuple[float, float]:
     """Sum over units and its standard error, sqrt(N var)."""
     given = counts > 0
     v, n = values[given], counts[given].astype(np.float64)
@@ -189,7 +189,7 @@ def _sum(values: FloatArray, counts: npt.NDArray[np.int64]) -> tuple[float, floa
     return float(n @ v), float(np.sqrt(total * (n @ np.square(v - n @ v / total)) / (total - 1.0)))
 
 
-def _note(unit: Unit, bad: npt.NDArray[np.bool_], k: FloatArray, names: tuple[str, ...]) -> str:
+def _note(unit: Unit, bad: BoolArray, k: FloatArray, names: tuple[str, ...]) -> str:
     if not bad.any():
         return ""
     which = [f"pair {names[i]}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}" for a, i in np.argwhere(bad)]
@@ -203,7 +203,7 @@ def _require_unit(unit: Unit) -> Unit:
     return unit
 
 
-def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> npt.NDArray[np.int64]:
+def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
     """Counts of 'equal' and 'different', shape (2, pairs)."""
     k, n = np.asarray(n_equal), np.asarray(n_trials)
     if k.ndim != 1 or k.shape != n.shape or not np.all((k >= 0) & (k <= n)) or not np.any(n > 0):
@@ -211,7 +211,7 @@ def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> npt.NDArray[np.i
     return np.stack([k, n - k]).astype(np.int64)
 
 
-def _logs(name: str, values: npt.ArrayLike, counts: npt.NDArray[np.int64]) -> FloatArray:
+def _logs(name: str, values: npt.ArrayLike, counts: IntArray) -> FloatArray:
     """Checked log probabilities of one answer, shape (pairs, draws), so that the draws of a pair lie side by side in memory."""
     logs = np.asarray(values, np.float64)
     if logs.ndim != 2 or logs.shape[1] != counts.shape[1] or len(logs) < 100:
@@ -221,7 +221,7 @@ def _logs(name: str, values: npt.ArrayLike, counts: npt.NDArray[np.int64]) -> Fl
     return np.ascontiguousarray(logs.T)
 
 
-def _require_possible(logs: FloatArray, counts: npt.NDArray[np.int64]) -> None:
+def _require_possible(logs: FloatArray, counts: IntArray) -> None:
     impossible = (logs.min(axis=-1) == -np.inf) & (counts > 0)
     for answer, pair in np.argwhere(impossible):
         raise InputError(f"pair {pair + 1}: '{ANSWERS[answer]}' was answered but has probability 0 in some draw of the posterior")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, leave_one_out, leave_one_out_frequencies
 from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
@@ -20,7 +20,6 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Target
 from bayes_toe.seeds import generator, root_seed
 
-FloatArray = npt.NDArray[np.float64]
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _FREQUENCY_DRAWS = 2000

@@ -8,15 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betainc, chdtrc, log_expit
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.frequencies import frequencies
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import Answering
 from bayes_toe.seeds import generator
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _BLOCK = 1 << 18  # values of one temporary array
 

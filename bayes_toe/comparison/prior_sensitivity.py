@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import write_table
@@ -35,7 +36,6 @@ from bayes_toe.workers import Progress, run_in_order
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 
 #: What is varied: two scales by factors, and the location by shifts of up to one prior standard deviation.
 SCALES = ("mu1_sd", "sigma_p_scale")

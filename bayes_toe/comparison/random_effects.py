@@ -24,13 +24,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betainc, betaincinv, digamma, expit, gammainc, gammainccinv, gammaincinv, gammaln, logsumexp, softmax
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 #: Smallest concentration of the Dirichlet prior: below it the gamma variables of the exceedance integral spread over too many decades.
 SMALLEST_PRIOR = 0.01

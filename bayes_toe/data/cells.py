@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.data.study import IntArray
+from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.errors import InputError
 
-BoolArray = npt.NDArray[np.bool_]
 _Records = Iterator[tuple[int, list[str] | csv.Error]]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}

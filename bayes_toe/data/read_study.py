@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.cells import (
     DELIMITERS,
     LARGEST_COUNT,
     MOST_SHOWN,
-    BoolArray,
     Column,
     Fault,
     Header,
@@ -36,7 +36,7 @@ from bayes_toe.data.cells import (
     whole_number,
 )
 from bayes_toe.data.read_options import COLUMNS, ReadOptions
-from bayes_toe.data.study import FloatArray, IntArray, Study, Subject, said_intervals
+from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.errors import InputError
 
 _SYNTHETIC, _ISI = "synthetic", "isi"

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import InputError
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53
 _KEYS = ("s1", "s2", "isi")  # what makes a pair

@@ -13,11 +13,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from bayes_toe.analysis import Settings
 from bayes_toe.api import draw, run
 from bayes_toe.api import evidence as evidence_table
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError, NumericalError
@@ -29,8 +29,6 @@ from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, run_in_order
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
@@ -214,7 +212,7 @@ def _ranks(design: str, draws: Draws, subject: Subject, theta: Natural, seed: in
     return Ranks(design, name, tuple(float(v[0]) for v in theta), values, draws.not_converged.get(name, ""))
 
 
-def _last_of_walkers(draws: Draws) -> npt.NDArray[np.intp]:
+def _last_of_walkers(draws: Draws) -> IndexArray:
     """One draw of each walker, its last: walkers of a converged sample move every few steps, so these are as good as independent."""
     walker = draws.group("posterior")["walker"].values
     return np.flatnonzero(np.diff(walker, append=-1))

@@ -8,8 +8,8 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.experiments.calibration import DESIGNS, RANKED, KnownEvidence, Outcome, Plan, Ranks, simulate_and_analyse
 from bayes_toe.experiments.rank_bands import POINTS, ecdf_difference, uniformity
@@ -20,8 +20,6 @@ from bayes_toe.workers import Progress
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Probability of any false alarm among all ranked quantities of all designs.
 FALSE_ALARM = 0.01

@@ -22,13 +22,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import LN2, MAX_PULL, pull
 from bayes_toe.model.coordinates import IDENTIFIED, NATURAL
-
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETERS = 4
 #: The model with all four.

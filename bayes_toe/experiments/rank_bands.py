@@ -14,10 +14,9 @@ import numpy.typing as npt
 from scipy.special import gammaln
 from scipy.stats import binom
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import NumericalError
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 #: Points at which the function is looked at, 1/100 to 99/100.
 POINTS = np.arange(1, 100) / 100.0
 _HALVINGS = 60

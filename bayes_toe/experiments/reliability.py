@@ -13,10 +13,9 @@ import numpy.typing as npt
 from scipy.special import expit, log_expit
 from scipy.stats import beta
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import InputError
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 BINS = 10
 #: Excess of the calibration error over its floor that still counts as calibrated.
 MARGIN = 0.02
@@ -38,7 +37,7 @@ class Bins:
         Exact (Clopper-Pearson) 95 % binomial interval of the frequency.
     """
 
-    count: npt.NDArray[np.int64]
+    count: IntArray
     stated: FloatArray
     observed: FloatArray
     lower: FloatArray
@@ -139,11 +138,11 @@ def _statements(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> tuple[FloatArra
     return odds, y
 
 
-def _bin_index(p: FloatArray) -> npt.NDArray[np.int64]:
+def _bin_index(p: FloatArray) -> IntArray:
     return np.minimum((p * BINS).astype(np.int64), BINS - 1)
 
 
-def _calibration_error(p: FloatArray, index: npt.NDArray[np.int64], y: BoolArray) -> FloatArray:
+def _calibration_error(p: FloatArray, index: IntArray, y: BoolArray) -> FloatArray:
     """Expected calibration error of answers y, shape (sets, statements) -> (sets,)."""
     member = np.eye(BINS)[index]
     return np.asarray(np.abs((y - p) @ member).sum(axis=1) / len(p))

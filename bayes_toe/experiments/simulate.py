@@ -6,16 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, require_intervals
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Amplitudes of the paper's five stimuli in units of the reference (0.087 g). Source: Methods, design of the stimuli.
 PAPER_AMPLITUDES = (1.0, 1.15, 1.36, 1.55, 1.66)
@@ -141,10 +139,10 @@ class Trials:
     """Single trials of one synthetic subject in the order of presentation."""
 
     subject: str
-    batch: npt.NDArray[np.int64]
+    batch: IntArray
     s1: FloatArray
     s2: FloatArray
-    equal: npt.NDArray[np.bool_]
+    equal: BoolArray
     isi: FloatArray | None = None
 
 

@@ -22,13 +22,12 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.special import log_expit, logit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import LN2, log_different, log_equal, normalised_distance, pull, require_natural, variance_ratio, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.prior import Prior
-
-FloatArray = npt.NDArray[np.float64]
 
 #: The coordinates of every matrix here.
 LOG_PARAMETERS = ("mu1", "log_sigma_p", "log_sigma_l", "logit_q0")

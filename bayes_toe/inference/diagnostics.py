@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from bayes_toe.arrays import FloatArray
+
 #: Tail ESS is the smaller of the two at these probabilities; fixed here because ArviZ versions differ in their default.
 TAIL = (0.05, 0.95)
 

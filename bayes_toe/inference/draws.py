@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bayes_toe.analysis import Settings, SubjectResult
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETERS = (*NATURAL, *DERIVED)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}

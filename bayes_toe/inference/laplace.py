@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.inference.modes import Maxima
 from bayes_toe.inference.newton import ascend
 from bayes_toe.model.closed_form import MAX_PULL
@@ -19,7 +19,6 @@ from bayes_toe.model.coordinates import log_jacobian
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import LOG_2PI, jacobian_derivatives, log_sigma_p_derivatives
 
-FloatArray = npt.NDArray[np.float64]
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge
 _STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a point is a maximum and not on its way to an edge
 
@@ -57,7 +56,7 @@ class _NaturalDensity:
 
     posterior: Posterior
 
-    def evaluate(self, x: FloatArray, _: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value, gradient and Hessian, points on the last axis; zeros for derivatives where the density is 0."""
         points = x.T
         log_sigma_p = x[2] + 1.5 * np.log1p(-MAX_PULL / (1.0 + np.exp(-x[1])))

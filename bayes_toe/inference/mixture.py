@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import gammaln
 
-FloatArray = npt.NDArray[np.float64]
+from bayes_toe.arrays import FloatArray
+
 _LEAST_SHARE = 1e-4  # of a component
 _BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache
 

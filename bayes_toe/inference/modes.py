@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.inference.newton import ascend
 from bayes_toe.model.target import Target
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ class _LogDensity:
 
     target: Target
 
-    def evaluate(self, x: FloatArray, _: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value, gradient and Hessian; where the density is 0 there are no derivatives, and no step leads there."""
         value = self.target.log_density(x.T)
         some = np.isfinite(value)
@@ -70,7 +68,7 @@ class _LogDensity:
         return value, gradient, hessian
 
 
-def _distinct(x: FloatArray, value: FloatArray) -> npt.NDArray[np.intp]:
+def _distinct(x: FloatArray, value: FloatArray) -> IndexArray:
     """Indices of maxima that differ visibly and are not hopeless (30 nats below the best), best first."""
     chosen: list[int] = []
     for i in np.argsort(-value):

@@ -10,9 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _TINY = 1e-300
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import generator
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Values of one of the two beyond which both are left out of the file: 20 million log likelihoods are 80 MB.
 POINTWISE_LIMIT = 20_000_000

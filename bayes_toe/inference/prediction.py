@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import QUANTILES, Draws
@@ -19,7 +20,6 @@ from bayes_toe.model.intervals import equal_probability_at, gain_at, require_int
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = npt.NDArray[np.float64]
 _BLOCK = 1 << 20  # values of one temporary array
 
 

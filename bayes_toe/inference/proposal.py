@@ -16,15 +16,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.mixture import StudentMixture
 from bayes_toe.inference.modes import Maxima, find_maxima
 from bayes_toe.model.target import Levels, Target, require_defined
-
-FloatArray = npt.NDArray[np.float64]
 
 _PRIOR_SHARE = 0.01
 _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, convergence
 from bayes_toe.inference.proposal import FittedProposal, Proposal
@@ -21,7 +21,6 @@ from bayes_toe.seeds import stream
 if TYPE_CHECKING:
     import emcee
 
-FloatArray = npt.NDArray[np.float64]
 
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 

@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import LN2, noise_ratio, require_natural, variance_ratio
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Gaussian(NamedTuple):

@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import NumericalError
 
-FloatArray = npt.NDArray[np.float64]
 LN2 = float(np.log(2.0))
 #: Largest pull toward the prior mean that gamma < 1 allows: 1 - 1/phi, phi the golden ratio.
 MAX_PULL = (3.0 - 5.0**0.5) / 2.0

@@ -15,14 +15,12 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import erf, erfinv, ndtri
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import variance_ratio
 from bayes_toe.model.prior import Prior
-
-FloatArray = npt.NDArray[np.float64]
 
 #: The range that is compared.
 RANGE = (0.05, 0.95)

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, log_expit, logit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio, width
-
-FloatArray = npt.NDArray[np.float64]
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 IDENTIFIED = ("offset", "pull", "width", "q0")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from bayes_toe.arrays import FloatArray
+
 #: Between the error of the formula, h^2, and that of rounding, 1e-16 of the value over h^2.
 STEP = 1e-4
 

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_expit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import equal_probability, evolved_mean, gain, pull, variance_ratio, width
 from bayes_toe.model.coordinates import Natural
 
-FloatArray = npt.NDArray[np.float64]
 _BLOCK = 1 << 18  # values of one temporary array
 
 

@@ -14,17 +14,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, pull
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import grouped_intervals, noise_ratio_at, random_walk_scales, typical_interval
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def posterior_of(subject: Subject, prior: Prior | None = None) -> Posterior:
@@ -68,7 +66,7 @@ class IntervalPosterior(Posterior):
             object.__setattr__(self, key, values)
 
     _seconds: FloatArray = field(init=False, repr=False)
-    _which: npt.NDArray[np.intp] = field(init=False, repr=False)
+    _which: IndexArray = field(init=False, repr=False)
 
     def starts(self) -> FloatArray:
         """Points from which to look for maxima, shape (18, 4): on the scale of the stimuli at the typical interval."""
@@ -113,7 +111,7 @@ class _Growth(NamedTuple):
     first: FloatArray
     second: FloatArray
 
-    def of_pairs(self, which: npt.NDArray[np.intp]) -> _Growth:
+    def of_pairs(self, which: IndexArray) -> _Growth:
         return _Growth(self.first[:, which], self.second[:, which])
 
 

@@ -21,11 +21,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import equal_probability, gain
 from bayes_toe.model.coordinates import Natural
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, logit
 
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
@@ -29,7 +30,6 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import MEAN_REVERSION, RANDOM_WALK, UNSCALED, Propagator, Scales, grouped_intervals, typical_interval
 from bayes_toe.model.target import Levels, Target, require_points
 
-FloatArray = npt.NDArray[np.float64]
 _BLOCK = 1 << 16  # values of one temporary array
 
 #: q0, or the peak of the differencing model: uniform, as each frequency under H0.
@@ -233,7 +233,7 @@ class LadderPosterior:
     _counts: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: dict[str, int] = field(init=False, repr=False)
-    _intervals: tuple[FloatArray, npt.NDArray[np.intp]] | None = field(init=False, repr=False)
+    _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()

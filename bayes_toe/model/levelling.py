@@ -16,13 +16,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_expit, log_ndtr, ndtri_exp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.prior import LOG_2PI, Prior
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
 FARTHEST = 37.0

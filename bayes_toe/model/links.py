@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erfinv, expit, log_expit, log_ndtr, ndtri_exp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2, log_different, log_equal
 
-FloatArray = npt.NDArray[np.float64]
 Answers = tuple[FloatArray, FloatArray]
 #: z and the logit of the peak (P(equal) at z = 0), which broadcast -> log P(equal), log P(different).
 Link = Callable[[FloatArray, FloatArray], Answers]

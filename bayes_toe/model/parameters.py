@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, log_expit, logit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.coordinates import derived, natural
 from bayes_toe.model.prior import LOG_2PI, Prior
 
-FloatArray = npt.NDArray[np.float64]
 Random = np.random.Generator | np.random.RandomState
 
 

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, NumericalError
 
-FloatArray = npt.NDArray[np.float64]
 #: log p(phi | s) for broadcast arrays phi and s; normalised over phi.
 LogNoise = Callable[[FloatArray, FloatArray], npt.ArrayLike]
 #: log p(s) for an array s; normalised or not, since p_post does not depend on its constant.

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, hyp1f1, log_expit, logit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.model.closed_form import LN2, MAX_PULL, log_different, log_equal
 from bayes_toe.model.coordinates import UNCONSTRAINED, Natural, derived, natural
@@ -20,7 +21,6 @@ from bayes_toe.model.levelling import Levelling
 from bayes_toe.model.prior import Prior, pull_derivatives
 from bayes_toe.model.target import require_points
 
-FloatArray = npt.NDArray[np.float64]
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
 _BLOCK = 1 << 16
 #: Quantities whose ranks differ, so whose diagnostics do: the four natural parameters, and of the unconstrained and derived ones

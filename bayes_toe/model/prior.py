@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian, natural, reach, unconstrained
 
-FloatArray = npt.NDArray[np.float64]
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 

@@ -36,12 +36,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, exprel
 
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Scales(NamedTuple):
@@ -50,7 +48,7 @@ class Scales(NamedTuple):
     pull: FloatArray
     width: FloatArray
 
-    def of_pairs(self, which: npt.NDArray[np.intp]) -> Scales:
+    def of_pairs(self, which: IndexArray) -> Scales:
         """The scales of pairs, shape (points, pairs), given the place of each pair's interval."""
         return Scales(self.pull[:, which], self.width[:, which])
 
@@ -66,7 +64,7 @@ class Scales(NamedTuple):
 UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
 
 
-def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, IndexArray]:
     """Distinct intervals, seconds, and the place of each pair's among them.
 
     Examples
@@ -78,7 +76,7 @@ def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]
     return seconds, which.ravel()
 
 
-def typical_interval(isi: FloatArray, n_trials: npt.NDArray[np.int64]) -> FloatArray:
+def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
     """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli.
 
     Examples

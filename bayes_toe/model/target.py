@@ -10,10 +10,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison, SubjectAsymmetry
 from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, panel, plain
@@ -14,7 +13,6 @@ from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dr
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = npt.NDArray[np.float64]
 
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
 _ROW, _MARGIN = 0.22, 1.05

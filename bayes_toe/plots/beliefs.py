@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.beliefs import Gaussian, TrialView, noticed, trial_view
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
@@ -15,7 +16,6 @@ from bayes_toe.plots.style import EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = npt.NDArray[np.float64]
 
 BELIEF = "#4B3B8F"
 #: Height of the tallest curve in units of the distance between rows.

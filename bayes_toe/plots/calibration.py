@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.experiments.calibration import DESIGNS, RANKED
 from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, EvidenceRow, log_odds, rank_columns
 from bayes_toe.experiments.rank_bands import POINTS, band, ecdf_difference
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
 _SAID = {"mu1": r"$\mu_1$", "sigma_p": r"$\sigma_p$", "sigma_l": r"$\sigma_l$", "q0": "$q_0$", "gamma": r"$\gamma$"}
@@ -123,7 +122,7 @@ def differences_figure(table: CalibrationTable) -> Figure:
     return figure
 
 
-def _draw_bins(ax: Axes, odds: FloatArray, from_h1: npt.NDArray[np.bool_], design: str, total: int) -> None:
+def _draw_bins(ax: Axes, odds: FloatArray, from_h1: BoolArray, design: str, total: int) -> None:
     bins = reliability_bins(odds, from_h1)
     colour, _, marker = STYLE[design]
     shift = 0.012 * (1 if design == "sparse" else -1)  # so that the two designs do not hide each other

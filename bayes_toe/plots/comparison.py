@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.ladder_table import ModelComparison
 from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain, save_figure
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 _Found = ExactFrequencies | ModelFrequencies
 
 #: Nats below the best model up to which a class of cells goes, what it is called, its colour (even steps of lightness), that of its number.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.closed_form import MAX_PULL
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 Values = Mapping[str, float]
 
 PRIOR, TRUTH = "#999999", WEAKER_FIRST

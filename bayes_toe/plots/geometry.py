@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 Quantity = Literal["prior_uncertainty", "slope", "prefactor"]
 QUANTITIES: tuple[Quantity, ...] = ("prior_uncertainty", "slope", "prefactor")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
 _MAX_PANELS = 6

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 #: Draws or replicates of (mu_1, sigma_p), each of shape (R,), by subject.
 Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SCALES, SensitivityRow, SensitivityTable
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, legend_above, new_figure, panel, plain, save_figure
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 _COLOURS = {"mu1_sd": STRONGER_FIRST, "sigma_p_scale": "#CC79A7"}
 _LABELS = {"mu1_sd": "sd of mu1", "sigma_p_scale": "scale of sigma_p"}

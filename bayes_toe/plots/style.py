@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_files import require_writable, whole_file
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -163,7 +162,7 @@ def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float =
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
-def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: npt.NDArray[np.bool_], mark: Mark) -> None:
+def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b."""
     k, n = counts.n_equal[at], counts.n_trials[at]
     q = (k + 1.0) / (n + 2.0)

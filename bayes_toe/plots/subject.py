@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
 from bayes_toe.comparison.predictive_checks import collapse, universal_curve
 from bayes_toe.data.study import Subject, refuse_intervals
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 PRIOR_BELIEF = "#4B3B8F"
 _ACROSS = 3  # columns of one block of rows

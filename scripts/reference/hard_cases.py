@@ -8,11 +8,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, reference_design
 from bayes_toe.model.closed_form import equal_probability
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def hard_cases() -> dict[str, Subject]:
@@ -38,7 +37,7 @@ def _pairs(amplitudes: npt.ArrayLike = PAPER_AMPLITUDES) -> tuple[FloatArray, Fl
     return design.s1, design.s2
 
 
-def _columns(subject: Subject) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _columns(subject: Subject) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     return subject.s1, subject.s2, subject.n_equal, subject.n_trials
 
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import NumericalError
 from reference.panels import Density, Inner, Panels
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 MAX_NODES = 600_000
 _STEP = 0.8  # first lattice step in units of the local standard deviation

@@ -6,18 +6,16 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 from scipy.special import expit, sici
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import reach
 from reference.lattice import keys
 from reference.lattice_sums import CHARACTERS, Audit
 from reference.panels import COEFFICIENTS, WEIGHTS, joined
-
-FloatArray = npt.NDArray[np.float64]
 
 LEVELS = (0.05, 0.5, 0.95)
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, logsumexp
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import reach
 from reference.lattice import Lattice
-
-FloatArray = npt.NDArray[np.float64]
 
 CHARACTERS = tuple(sign for sign in product((0, 1), repeat=3) if any(sign))
 _SHELL = 2.0  # nats: thickness of the outermost shell whose weight bounds what lies outside

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import chebyshev
 from scipy.special import expit
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import Natural
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _DROP = 18.0  # nats below its own maximum at which an inner integral ends
 _SHARP = 3.0  # nats by which the points fall about a local maximum, above which they may miss its top by 1 nat

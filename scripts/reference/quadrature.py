@@ -21,15 +21,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.coordinates import NATURAL
 from reference.lattice import MAX_NODES, start
 from reference.lattice_quantiles import Quantiles, find_quantiles
 from reference.lattice_sums import Audit
 from reference.panels import Density
-
-FloatArray = npt.NDArray[np.float64]
 
 QUANTITIES = (*NATURAL, "gain")
 TOLERANCE = 1e-4

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import gammaln
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.coordinates import log_jacobian
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import generator
 
-FloatArray = npt.NDArray[np.float64]
 _POINTS = 20
 _DROP = 200.0  # nats below the highest point found, beyond which no sampler goes
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
-
-FloatArray = npt.NDArray[np.float64]
 
 REFERENCE = Path(__file__).resolve().parents[2] / "tests" / "reference" / "reference.json"
 ORDINARY, HARD = "ordinary", "hard"

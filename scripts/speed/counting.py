@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.posterior import Parts, Posterior
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Counting(Posterior):

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import stream
@@ -16,8 +16,6 @@ from speed.counting import Counting
 from speed.method import Prepared
 from speed.natural_target import NaturalTarget
 from speed.outcome import CHAINS, Outcome, Verdict, natural_draws
-
-FloatArray = npt.NDArray[np.float64]
 
 ENSEMBLES, WALKERS, MANY_WALKERS = 4, 64, 256  # the package's own ensembles have 64 to 256
 _NEAR = 20.0  # nats below the highest maximum: starting points are not farther out

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.coordinates import log_jacobian
@@ -15,7 +15,6 @@ from speed.counting import Counting
 from speed.method import Prepared
 from speed.outcome import APPROXIMATION, DoesNotExistError, Outcome, natural_draws
 
-FloatArray = npt.NDArray[np.float64]
 _STEP = 1e-3  # of central differences, in unconstrained coordinates
 
 

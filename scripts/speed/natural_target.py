@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2, log_different, pull, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.posterior import Posterior
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class NaturalTarget:

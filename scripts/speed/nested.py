@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 from scipy.special import log_expit, logit, ndtri, stdtrit
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.coordinates import natural
 from bayes_toe.model.posterior import Posterior
 from speed.agreement import require_same
@@ -22,7 +22,6 @@ from speed.method import Prepared
 from speed.natural_target import NaturalTarget
 from speed.outcome import WEIGHTED, Outcome, natural_draws
 
-FloatArray = npt.NDArray[np.float64]
 #: Base density of offset, logit pull and log width: Student-t, degrees of freedom, centres and scales.
 _DF, _CENTRES, _SCALES = 4.0, np.array([0.0, 0.0, -1.0]), np.array([1.0, 3.0, 1.0])
 _LOG_NORM = float(stats.t.logpdf(0.0, _DF, scale=_SCALES).sum())

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from bayes_toe.arrays import FloatArray
+
 #: Whether a method calls its own result good, and what it says.
 Verdict = Callable[[], tuple[bool, str]]
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import softmax
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.proposal import efficiency
 from speed.cases import LEVELS, Reference
 from speed.outcome import APPROXIMATION, CHAINS, WEIGHTED, Outcome
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.diagnostics import convergence
 from speed.outcome import Verdict
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def nuts_verdict(draws: FloatArray, divergences: int) -> Verdict:
