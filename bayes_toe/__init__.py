@@ -70,7 +70,7 @@ _PLACES = {
     "plane_axes": "plots.geometry",
     "gamma_axes": "plots.geometry",
     "mass_ellipse": "classical.ellipse",
-    "posterior_of": "model.interval_posterior",
+    "posterior_of": "model.ladder",
     "predict_equal": "inference.prediction",
     "predict_gain": "inference.prediction",
     "interval_curves": "plots.intervals",
@@ -129,8 +129,8 @@ if TYPE_CHECKING:
     from bayes_toe.inference.prediction import predict_gain as predict_gain
     from bayes_toe.model.beliefs import noticed as noticed
     from bayes_toe.model.closed_form import equal_probability as equal_probability
-    from bayes_toe.model.interval_posterior import posterior_of as posterior_of
     from bayes_toe.model.ladder import model_posterior as model_posterior
+    from bayes_toe.model.ladder import posterior_of as posterior_of
     from bayes_toe.model.posterior import Posterior as Posterior
     from bayes_toe.model.prior import Prior as Prior
     from bayes_toe.model.prior_file import read_prior as read_prior

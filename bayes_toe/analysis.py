@@ -12,7 +12,7 @@ from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
 from bayes_toe.inference.proposal import adapt_proposal, with_fresh_draws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, run_in_order

@@ -17,7 +17,7 @@ from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.data.whole_files import file_stems, whole_folder, write_table
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner

@@ -27,7 +27,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
 from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
 from bayes_toe.model.coordinates import quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed

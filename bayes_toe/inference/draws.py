@@ -26,7 +26,7 @@ from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.model.contraction import contraction
 from bayes_toe.model.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 if TYPE_CHECKING:

@@ -46,5 +46,5 @@ def pointwise(posterior: Posterior, x: FloatArray, seed: int) -> Pointwise:
     log_likelihood, predicted = np.empty(shape, np.float32), np.empty(shape, np.int32)
     for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
         log_likelihood[chain] = posterior.pair_log_likelihood(points)
-        predicted[chain] = rng.binomial(subject.n_trials, posterior.equal_probability(points))
+        predicted[chain] = rng.binomial(subject.n_trials, np.exp(posterior.log_answers(points)[0]))
     return Pointwise(log_likelihood, predicted)

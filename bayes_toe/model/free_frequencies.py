@@ -1,48 +1,105 @@
-"""H0 as a model that predictive checks can ask: one free frequency per pair, uniform prior, posterior in closed form."""
+"""H0: one free frequency per pair, uniform prior; posterior and evidence are known in closed form, so no MCMC is needed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_expit
+from scipy.special import betaln, expit, log_expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Random, require_points
+
+
+@dataclass(frozen=True)
+class FreeFrequencies:
+    """The record of H0; its attributes are those of :class:`bayes_toe.model.posterior.Model`."""
+
+    name: str = "free frequencies"
+    about: str = "H0: one frequency per pair, and nothing that connects them"
+    knows_intervals: bool = False
+    of_intervals: str = "one frequency for each pair at each interval"
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words; it has no value to choose."""
+        return "every frequency ~ Uniform(0, 1)"
+
+    def posterior(self, subject: Subject, prior: Prior | None = None) -> FrequencyPosterior:
+        """The posterior of a subject."""
+        return FrequencyPosterior(subject, self, Prior() if prior is None else prior)
+
+
+FREE_FREQUENCIES = FreeFrequencies()
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyModel:
+class FrequencyPosterior:
     """Free frequencies of one subject; x, shape (points, pairs), holds their logits.
 
     Examples
     --------
-    >>> model = FrequencyModel(Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]))
-    >>> model.sample(np.random.default_rng(0), 5).shape
+    >>> h0 = FrequencyPosterior(Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]))
+    >>> h0.sample(np.random.default_rng(0), 5).shape
     (5, 2)
+    >>> round(FrequencyPosterior(Subject("S01", [0.0], [0.3], [1], [2])).log_evidence, 12) == round(float(np.log(1 / 6)), 12)
+    True
     """
 
     subject: Subject
+    model: FreeFrequencies = FREE_FREQUENCIES
+    prior: Prior = field(default_factory=Prior)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """One logit per pair."""
-        return tuple(f"logit_q_{i + 1}" for i in range(self.subject.n_pairs))
+        return tuple(f"logit_{name}" for name in self._names)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(f"q_{i + 1}" for i in range(self.subject.n_pairs))
+
+    @property
+    def log_evidence(self) -> float:
+        """Exact log evidence, nats: the sum over pairs of ln B(n_Eq + 1, n_Diff + 1)."""
+        return float(betaln(self.subject.n_equal + 1.0, self.subject.n_trials - self.subject.n_equal + 1.0).sum())
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, pairs) each."""
-        logits = np.asarray(x, np.float64)
+        logits = require_points(x, self.subject.n_pairs)
         return np.asarray(log_expit(logits)), np.asarray(log_expit(-logits))
+
+    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood of each pair, (points, pairs) each."""
+        log_equal, log_different = self.log_answers(x)
+        n_equal, n_trials = self.subject.n_equal, self.subject.n_trials
+        return np.asarray(n_equal * log_equal + (n_trials - n_equal) * log_different)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, pairs) -> (points,)."""
-        log_equal, log_different = self.log_answers(x)
-        n_equal, n_trials = self.subject.n_equal, self.subject.n_trials
-        return np.asarray((n_equal * log_equal + (n_trials - n_equal) * log_different).sum(axis=1))
+        return np.asarray(self.pair_log_likelihood(x).sum(axis=1))
 
-    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density with respect to the logits, (points, pairs) -> (points,)."""
+        log_equal, log_different = self.log_answers(x)
+        return np.asarray((log_equal + log_different).sum(axis=1))
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Their sum, (points, pairs) -> (points,)."""
+        return self.log_likelihood(x) + self.log_prior(x)
+
+    def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent posterior draws, shape (size, pairs); Beta(n_Eq + 1, n_Diff + 1) as a ratio of gammas, whose logit is exact."""
         n_equal, n_trials = self.subject.n_equal, self.subject.n_trials
         shape = (size, self.subject.n_pairs)
         return np.asarray(np.log(rng.standard_gamma(n_equal + 1.0, shape)) - np.log(rng.standard_gamma(n_trials - n_equal + 1.0, shape)))
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every frequency, each with the shape of x without its last axis."""
+        return {name: expit(x[..., i]) for i, name in enumerate(self._names)}
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The same: no frequency follows from another."""
+        return self.quantities(x)

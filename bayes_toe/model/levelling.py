@@ -78,7 +78,7 @@ class Levelling:
     max_pull: float = MAX_PULL
 
     @classmethod
-    def at(cls, posterior: Funnel, modes: FloatArray, *, max_pull: float = MAX_PULL) -> Levelling:
+    def at(cls, posterior: Funnel, modes: FloatArray, *, centre: str = "mu1", max_pull: float = MAX_PULL) -> Levelling:
         """Levelling from what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
         The first coordinates are c, logit(p/max_pull), log w; any others are logits. k is 4 for H1.

@@ -5,7 +5,7 @@ Proposal, sampler and evidence are written against :class:`Target` alone, so eac
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.model.prior import Prior
+
+Random = np.random.Generator | np.random.RandomState
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
@@ -55,12 +58,45 @@ class Levels(Protocol):
         ...
 
 
+class Described(Protocol):
+    """A record of a model, as tables and files name it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def knows_intervals(self) -> bool:
+        """Whether it says how an inter-stimulus interval acts."""
+        ...
+
+    @property
+    def of_intervals(self) -> str:
+        """What it says of inter-stimulus intervals, in a few words."""
+        ...
+
+    def describe(self, prior: Prior) -> str:
+        """The prior of every free parameter, in words."""
+        ...
+
+
 class Answering(Protocol):
     """A model that gives probabilities of both answers to every pair of one subject; x has shape (points, k)."""
 
     @property
     def subject(self) -> Subject:
         """The counts."""
+        ...
+
+    @property
+    def model(self) -> Described:
+        """Which model."""
+        ...
+
+    @property
+    def prior(self) -> Prior:
+        """The prior of its parameters."""
         ...
 
     @property
@@ -72,24 +108,47 @@ class Answering(Protocol):
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         ...
 
+    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """The same of every pair, (points, k) -> (points, pairs)."""
+        ...
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density, (points, k) -> (points,); proper and normalised."""
+        ...
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Sum of log likelihood and log prior, (points, k) -> (points,); its integral over x is the model's evidence."""
+        ...
+
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
         ...
 
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, (..., k) -> (...) each."""
+        ...
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
+        ...
+
+
+@runtime_checkable
+class Conjugate(Answering, Protocol):
+    """A posterior in closed form: its evidence is exact and its draws are independent."""
+
+    @property
+    def log_evidence(self) -> float:
+        """Exact log evidence, nats."""
+        ...
+
+    def sample(self, rng: Random, size: int) -> FloatArray:
+        """Independent posterior draws, shape (size, k)."""
+        ...
+
 
 class Target(Answering, Protocol):
-    """The posterior of one model of one subject over unconstrained x, shape (points, k); both densities are with respect to x.
-
-    The prior is proper and normalised, so the integral of likelihood times prior over x is the model's evidence.
-    """
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density, (points, k) -> (points,)."""
-        ...
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Their sum, (points, k) -> (points,)."""
-        ...
+    """The posterior of one model of one subject over unconstrained x, shape (points, k), as the engines want it."""
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, k) and Hessian (points, k, k) of the log density."""
@@ -99,7 +158,7 @@ class Target(Answering, Protocol):
         """Points from which to look for maxima, shape (starts, k), of finite density."""
         ...
 
-    def sample_prior(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
         ...
 
@@ -109,8 +168,4 @@ class Target(Answering, Protocol):
 
     def for_subject(self, subject: Subject) -> Target:
         """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""
-        ...
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
         ...

@@ -19,7 +19,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import IDENTIFIED, NATURAL, QUANTITIES, Natural, quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import POSTERIOR, WEAKER_FIRST, new_figure, plain
 

@@ -14,7 +14,7 @@ from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     COLUMN,
@@ -177,7 +177,7 @@ def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, ma
         Of the marks, points.
     """
     ax = panel(ax, high=2.2)
-    posterior = Posterior(counts)
+    posterior = posterior_of(counts)
     found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=mass)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
