@@ -12,8 +12,9 @@ import numpy as np
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.model_row import ModelRow, compare_one
-from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
+from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import write_table
 from bayes_toe.errors import InputError
