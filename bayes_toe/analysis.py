@@ -9,9 +9,9 @@ from functools import partial
 from bayes_toe.classical.fit_table import SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.inference.adaptation import adapt_proposal, with_fresh_draws
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
-from bayes_toe.inference.proposal import adapt_proposal, with_fresh_draws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.interval_posterior import posterior_of
 from bayes_toe.model.prior import Prior

@@ -22,8 +22,8 @@ import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import importance_evidence
 from bayes_toe.data.whole_files import require_writable, whole_file, write_table
 from bayes_toe.errors import BayesToeError, InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.workers import run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"

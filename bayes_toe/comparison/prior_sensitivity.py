@@ -25,8 +25,9 @@ from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import write_table
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
-from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
+from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.interval_posterior import posterior_of
 from bayes_toe.model.posterior import Posterior
