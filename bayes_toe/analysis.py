@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from bayes_toe.classical.fit_table import SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.inference.adaptation import adapt_proposal, with_fresh_draws
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
-from bayes_toe.inference.proposal import adapt_proposal, with_fresh_draws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
@@ -74,7 +75,7 @@ def analyse(
     """Analyse every subject; results are in the study's order and do not depend on it or on the number of workers."""
     with_pointwise = with_chains and values_needed(study, settings.sampler) <= POINTWISE_LIMIT
     jobs = [_Job(subject, settings, with_evidence, with_chains, with_pointwise) for subject in study]
-    return run_in_order(_analyse_subject, jobs, workers, progress, lambda job: [job.subject.name])
+    return run_in_order([partial(_analyse_subject, job) for job in jobs], workers, progress, [(name,) for name in study.names])
 
 
 def _analyse_subject(job: _Job) -> SubjectResult:

@@ -11,6 +11,7 @@ import json
 import platform
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import importance_evidence
 from bayes_toe.data.whole_files import require_writable, whole_file, write_table
 from bayes_toe.errors import BayesToeError, InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.workers import run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"
@@ -69,12 +70,12 @@ def measure(seeds: int, names: list[str] | None, workers: int | None) -> pd.Data
     unknown = [name for name in names or [] if name not in subjects]
     if unknown:
         raise InputError(f"--cases: no case named {unknown[0]!r}; there are {', '.join(subjects)}")
-    jobs = [Case(subjects[name], stored[name]["log_evidence"], seeds) for name in names or subjects]
+    cases = [Case(subjects[name], stored[name]["log_evidence"], seeds) for name in names or subjects]
     rows = {}
-    for index, row in run_jobs(z_scores, jobs, workers):
+    for index, row in run_jobs([partial(z_scores, case) for case in cases], workers):
         rows[index] = row
         print(f"{row['case']:32s} sd of z {row['sd_z']:.2f}, {row['withheld']} withheld", flush=True)
-    return pd.DataFrame([rows[index] for index in range(len(jobs))])
+    return pd.DataFrame([rows[index] for index in range(len(cases))])
 
 
 def z_scores(case: Case) -> dict[str, object]:

@@ -19,7 +19,7 @@ from bayes_toe.experiments.checks import check_subject, describe
 from bayes_toe.experiments.recipes import design_from, trial_frame
 from bayes_toe.experiments.simulate import Design, at_intervals, reference_design, simulate_trials
 from bayes_toe.experiments.sloppiness import fisher_information
-from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.model import interval_posterior
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural

@@ -31,7 +31,7 @@ ORDER = (
 #: Closed by the pipeline of a subject, next.
 OPEN = {("inference.draws", "analysis.Settings"), ("inference.draws", "analysis.SubjectResult")}
 OWNERS = {
-    "emcee": {"inference.sampling"},
+    "emcee": {"inference.sampling", "inference.moves"},
     "arviz": {"inference.diagnostics"},
     "arviz_stats": {"inference.diagnostics"},
     "xarray": {"inference.draws"},

@@ -5,6 +5,7 @@ import sys
 
 DYING = """
 import os, time
+from functools import partial
 from bayes_toe.workers import run_jobs
 
 MAIN = os.getpid()
@@ -14,7 +15,7 @@ def job(main):
     if os.getpid() != main:
         os._exit(1)
 
-list(run_jobs(job, [MAIN] * 8, 2))
+list(run_jobs([partial(job, MAIN)] * 8, 2))
 """
 
 

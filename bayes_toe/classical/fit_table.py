@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -109,14 +110,6 @@ class FitTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    prior: Prior
-    replicates: int
-    seed: int = field(repr=False)
-
-
 def fit(
     study: Study,
     *,
@@ -162,13 +155,9 @@ def fit(
         raise InputError(f"replicates={replicates} must be at least 1")
     refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), Prior() if prior is None else prior
-    jobs = [_Job(subject, penalty, replicates, root) for subject in study]
-    rows = run_in_order(_fit_one, jobs, workers, progress, lambda job: [job.subject.name])
+    jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
+    rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty)
-
-
-def _fit_one(job: _Job) -> SubjectFit:
-    return subject_fit(job.subject, job.prior, seed=job.seed, replicates=job.replicates)
 
 
 def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:

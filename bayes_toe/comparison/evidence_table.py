@@ -146,7 +146,7 @@ def importance_evidence(fitted: FittedProposal) -> tuple[float | None, float | N
         If the draws had a say in the choice of the proposal: the estimate would be biased.
     """
     if not fitted.independent:
-        raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.proposal.with_fresh_draws first")
+        raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first")
     if not fitted.trusted:
         return (
             None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,9 @@ import numpy as np
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.model_row import ModelRow, compare_one
-from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
+from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import write_table
 from bayes_toe.errors import InputError
@@ -214,7 +215,8 @@ def compare(
     names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
-    rows = run_in_order(_compare_one, jobs, workers, progress, lambda job: [f"{job.subject.name}: {job.model}"])
+    said = [(f"{job.subject.name}: {job.model}",) for job in jobs]
+    rows = run_in_order([partial(_compare_one, job) for job in jobs], workers, progress, said)
     groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 

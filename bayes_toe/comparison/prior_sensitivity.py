@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,8 +25,9 @@ from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import write_table
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
-from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
+from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
@@ -148,15 +150,6 @@ class SensitivityTable:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    prior: Prior
-    powers: tuple[float, ...]
-    reach: float
-    seed: int
-
-
 def sensitivity(
     study: Study,
     *,
@@ -199,8 +192,8 @@ def sensitivity(
     require_range(reach, steps)
     root, middle = root_seed(seed), Prior() if prior is None else prior
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
-    jobs = [_Job(subject, middle, powers, reach, root) for subject in study]
-    found = run_in_order(_one_subject, jobs, workers, progress, lambda job: [job.subject.name])
+    jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
+    found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return SensitivityTable(tuple(row for rows in found for row in rows), middle, root)
 
 
@@ -218,20 +211,23 @@ def require_range(reach: float, steps: int) -> None:
         raise InputError(f"steps={steps}: allowed is an odd number from 3 to 999, so that the prior itself is among them")
 
 
-def _one_subject(job: _Job) -> list[SensitivityRow]:
-    fitted = fit_proposal(posterior_of(job.subject, job.prior), generator(job.seed, job.subject.name, "proposal"))
-    middle = _under(fitted, job.prior, job)
-    return [
-        _row(job, varied, power, prior, middle if prior == job.prior else _under(fitted, prior, job))
-        for varied in VARIED
-        for power, prior in ((power, _varied(job, varied, power)) for power in job.powers)
-    ]
+def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
+    """Rows of one subject: for each value that is varied, one for each power of the reach."""
+    posterior = posterior_of(subject, middle)
+    fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"))
+    own = _reweighted(fitted, middle, posterior)
+    rows = []
+    for varied, power in product(VARIED, powers):
+        wanted = posterior_of(subject, _varied(middle, varied, power, reach))
+        found = own if wanted.prior == middle else _under(fitted, middle, wanted, seed)
+        rows.append(_row(wanted, varied, reach**power if varied in SCALES else None, found))
+    return rows
 
 
-def _varied(job: _Job, varied: str, power: float) -> Prior:
+def _varied(prior: Prior, varied: str, power: float, reach: float) -> Prior:
     if varied == "mu1_mean":
-        return replace(job.prior, mu1_mean=job.prior.mu1_mean + power * job.prior.mu1_sd)
-    return replace(job.prior, **{varied: getattr(job.prior, varied) * job.reach**power})
+        return replace(prior, mu1_mean=prior.mu1_mean + power * prior.mu1_sd)
+    return replace(prior, **{varied: getattr(prior, varied) * reach**power})
 
 
 class _Weighted(NamedTuple):
@@ -248,14 +244,13 @@ class _Weighted(NamedTuple):
         return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
 
 
-def _under(fitted: FittedProposal, prior: Prior, job: _Job) -> _Weighted:
+def _under(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior, seed: int) -> _Weighted:
     """The draws of a proposal under another prior; fresh ones where those do not do."""
-    old = _reweighted(fitted, job.prior, posterior_of(job.subject, prior))
-    if (old.trusted and old.efficiency * len(old.x) >= _ENOUGH) or prior == job.prior:
+    old = _reweighted(fitted, fitted_prior, wanted)
+    if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
         return old
-    rng = generator(job.seed, job.subject.name, "sensitivity", prior.describe())
-    wanted = posterior_of(job.subject, prior)
-    return _reweighted(fit_proposal(wanted, rng), prior, wanted)._replace(method=RESAMPLED)
+    rng = generator(seed, wanted.subject.name, "sensitivity", wanted.prior.describe())
+    return _reweighted(fit_proposal(wanted, rng), wanted.prior, wanted)._replace(method=RESAMPLED)
 
 
 def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) -> _Weighted:
@@ -269,17 +264,16 @@ def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) 
     return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
 
 
-def _row(job: _Job, varied: str, power: float, prior: Prior, found: _Weighted) -> SensitivityRow:
-    factor = job.reach**power if varied in SCALES else None
+def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted) -> SensitivityRow:
+    name, prior = wanted.subject.name, wanted.prior
     if not found.trusted:
         nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
-        return SensitivityRow(job.subject.name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
+        return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
     evidence = float(logsumexp(found.log_weights) - np.log(n))
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
-    difference = evidence - frequency_evidence(job.subject)
-    quantiles = _quantiles(found, posterior_of(job.subject, prior))
-    return SensitivityRow(job.subject.name, varied, factor, prior, difference, error, found.pareto_k, found.method, quantiles)
+    difference = evidence - frequency_evidence(wanted.subject)
+    return SensitivityRow(name, varied, factor, prior, difference, error, found.pareto_k, found.method, _quantiles(found, wanted))
 
 
 def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -161,7 +162,7 @@ def _portions(design: str, from_h1: bool, numbers: range, wanted: tuple[bool, bo
 
 
 def _collect(plan: Plan, jobs: Sequence[Job], workers: int | None, progress: Progress | None) -> Outcome:
-    done = run_in_order(work, jobs, workers, progress, lambda job: job.names)
+    done = run_in_order([partial(work, job) for job in jobs], workers, progress, [job.names for job in jobs])
     ranks = tuple(one for found, _ in done for one in found)
     return Outcome(plan, ranks, tuple(one for _, found in done for one in found))
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.exact_random_effects import ExactFrequencies
 from bayes_toe.comparison.ladder_table import ModelComparison
-from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies
+from bayes_toe.comparison.random_effects import ModelFrequencies
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain, save_figure
 
 if TYPE_CHECKING:

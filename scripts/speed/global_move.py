@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import adapt_proposal, fit_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.cases import Case

@@ -12,8 +12,8 @@ import numpy as np
 
 import bayes_toe as bt
 from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference.adaptation import adapt_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import adapt_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.counting import Counting

@@ -16,9 +16,9 @@ from bayes_toe.comparison.evidence_table import (
     importance_evidence,
     subject_evidence,
 )
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.laplace import laplace_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.model.posterior import Posterior
 
 CASES = hard_cases()

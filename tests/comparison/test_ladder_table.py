@@ -12,10 +12,10 @@ import bayes_toe as bt
 from bayes_toe.cli import terminal
 from bayes_toe.cli.app import app
 from bayes_toe.comparison.evidence_table import frequency_evidence
+from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
 from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, sample_model
-from bayes_toe.comparison.random_effects import is_affordable
 from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import NAMES
 

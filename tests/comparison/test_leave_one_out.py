@@ -9,8 +9,8 @@ import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.leave_one_out import leave_one_out, leave_one_out_frequencies
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.posterior import Posterior
 

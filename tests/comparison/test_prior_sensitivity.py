@@ -20,7 +20,7 @@ from bayes_toe.comparison.prior_sensitivity import (
     conclusion,
     weighted_quantiles,
 )
-from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.adaptation import fit_proposal
 
 CASES = hard_cases()
 HARD = ["funnel", "all equal", "single pair", "perfect observer", "one batch"]

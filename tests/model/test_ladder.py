@@ -11,8 +11,8 @@ import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import importance_evidence
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.differences import central_derivatives
 from bayes_toe.model.ladder import (

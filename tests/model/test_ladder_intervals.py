@@ -14,7 +14,7 @@ from bayes_toe.comparison.leave_one_out import leave_one_out
 from bayes_toe.comparison.model_row import _log_evidence_without, sample_model
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
-from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.model import ladder
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural

@@ -19,7 +19,7 @@ from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.asymmetry import asymmetry_height
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
-from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, _Drawing, captions, left_out, material_of, products, representative
+from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, left_out, material_of, products, representative
 from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, picture
 from bayes_toe.plots.subject import central, main_weaker
 
@@ -301,7 +301,7 @@ def test_files_are_all_there_and_do_not_depend_on_workers(analysis, tmp_path):
     assert set(files) == set(products(["svg"]))
     assert "maximal asymmetry of 3 subjects" in files[CAPTIONS].decode().lower()
     for name in ("figure_2_filter", "figure_6_gamma", "appendix_c_evidence"):
-        assert _draw(_Drawing(name, material_of(analysis), ("svg",)))["svg"] == files[f"{name}.svg"]
+        assert _draw(name, material_of(analysis), ["svg"])["svg"] == files[f"{name}.svg"]
 
 
 def test_existing_files_are_refused_and_left(analysis, tmp_path):

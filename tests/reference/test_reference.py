@@ -10,8 +10,8 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))
