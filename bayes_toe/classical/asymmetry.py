@@ -21,7 +21,7 @@ import numpy as np
 from bayes_toe.classical.exact_test import equality_test, holm, probability_greater
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.study import Study, Subject, refuse_intervals
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:

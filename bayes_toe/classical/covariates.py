@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.special import stdtr
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:

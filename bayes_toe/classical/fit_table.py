@@ -14,7 +14,7 @@ from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.data.study import Study, Subject, refuse_intervals
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior

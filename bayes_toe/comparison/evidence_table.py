@@ -16,7 +16,7 @@ from scipy.special import betaln, logsumexp
 
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.data.study import Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.modes import Maxima

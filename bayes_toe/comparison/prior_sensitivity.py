@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
 from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
