@@ -9,10 +9,8 @@ The prior of H0, one uniform frequency per pair, has no scale to vary: the log B
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,7 +20,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tables import write_table
+from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
 from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
@@ -92,15 +90,11 @@ class SensitivityRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityTable:
+class SensitivityTable(Table[SensitivityRow]):
     """Rows of every subject of a study, in the study's order; within a subject one value of the prior after the other, ascending."""
 
-    rows: tuple[SensitivityRow, ...]
     prior: Prior
     seed: int
-
-    def __iter__(self) -> Iterator[SensitivityRow]:
-        return iter(self.rows)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -142,10 +136,6 @@ class SensitivityTable:
         import pandas as pd
 
         return pd.DataFrame([_cells(row) for row in self.rows], columns=list(SENSITIVITY_COLUMNS))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write sensitivity.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from folder_trees import tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayes_toe.data.tables import write_table
-from bayes_toe.errors import OutputError
+from bayes_toe.data.tables import SubjectTable, Table, write_table
+from bayes_toe.errors import InputError, OutputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
@@ -60,3 +61,34 @@ def test_a_full_disk_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest
     with pytest.raises(OutputError, match=r"t\.csv: cannot be written \(No space left on device\)"):
         write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
     assert tree(tmp_path) == {}
+
+
+@dataclass(frozen=True)
+class Weight:
+    subject: str
+    kilograms: float
+
+
+@dataclass(frozen=True, eq=False)
+class Weights(SubjectTable[Weight]):
+    unit: str = "kg"
+
+    def frame(self) -> pd.DataFrame:
+        return pd.DataFrame({"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]})
+
+
+def test_a_table_is_gone_through_looked_up_and_saved(tmp_path: Path) -> None:
+    table = Weights((Weight("01", 70.5), Weight("NA", 60.0)))
+    assert [row.subject for row in table] == ["01", "NA"]
+    assert len(table) == 2
+    assert table["NA"].kilograms == 60.0
+    assert table.save(tmp_path / "w.csv").read_text() == "subject,kg\n01,70.5\nNA,60.0\n"
+    with pytest.raises(OutputError, match="exists"):
+        table.save(tmp_path / "w.csv")
+    with pytest.raises(InputError, match=r"^no subject '1' in the table; there are: '01', 'NA'$"):
+        table["1"]
+
+
+def test_a_table_without_columns_is_no_table() -> None:
+    with pytest.raises(TypeError, match="frame"):
+        Table(())  # type: ignore[abstract]
