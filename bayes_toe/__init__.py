@@ -76,7 +76,7 @@ _PLACES = {
     "interval_curves": "plots.intervals",
     "interval_gain_axes": "plots.intervals",
     "interval_answers_axes": "plots.intervals",
-    "file_stems": "data.whole_files",
+    "file_stems": "data.file_names",
     "equal_probability": "model.closed_form",
     "noticed": "model.beliefs",
     "calibrate": "experiments.calibration_table",
@@ -111,11 +111,11 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.prior_sensitivity import sensitivity as sensitivity
     from bayes_toe.data.example import example_study as example_study
     from bayes_toe.data.example import example_truth as example_truth
+    from bayes_toe.data.file_names import file_stems as file_stems
     from bayes_toe.data.read_options import ReadOptions as ReadOptions
     from bayes_toe.data.read_study import read_study as read_study
     from bayes_toe.data.study import Study as Study
     from bayes_toe.data.study import Subject as Subject
-    from bayes_toe.data.whole_files import file_stems as file_stems
     from bayes_toe.errors import BayesToeError as BayesToeError
     from bayes_toe.errors import ConvergenceWarning as ConvergenceWarning
     from bayes_toe.errors import InputError as InputError

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.special import stdtr
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,24 +76,16 @@ class CovariateTest:
 
 
 @dataclass(frozen=True)
-class CovariateTable:
+class CovariateTable(Table[CovariateTest]):
     """Every outcome against every covariate."""
 
-    rows: tuple[CovariateTest, ...]
     notes: tuple[str, ...] = ()
-
-    def __iter__(self) -> Iterator[CovariateTest]:
-        return iter(self.rows)
 
     def frame(self) -> pd.DataFrame:
         """One row per covariate and outcome; empty where a test does not exist."""
         import pandas as pd
 
         return pd.DataFrame([[getattr(row, key) for key in COVARIATE_COLUMNS] for row in self.rows], columns=list(COVARIATE_COLUMNS))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the table, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, float]]) -> CovariateTable:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +13,7 @@ from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.data.study import Study, Subject, refuse_intervals
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
@@ -62,7 +60,7 @@ class SubjectFit:
 
 
 @dataclass(frozen=True, eq=False)
-class FitTable:
+class FitTable(SubjectTable[SubjectFit]):
     """Fits of every subject of a study, in the study's order.
 
     Attributes
@@ -76,23 +74,10 @@ class FitTable:
         Its normal of mu1 is the penalty.
     """
 
-    rows: tuple[SubjectFit, ...]
     level: float
     replicates: int
     seed: int
     prior: Prior | None = None
-
-    def __iter__(self) -> Iterator[SubjectFit]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __getitem__(self, name: str) -> SubjectFit:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the fit table")
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
@@ -104,10 +89,6 @@ class FitTable:
 
     def _cells(self, row: SubjectFit) -> tuple[object, ...]:
         return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write fit.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def fit(

@@ -75,7 +75,7 @@ def run(
     from bayes_toe.api import settings_for
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.data.example import example_truth
-    from bayes_toe.data.whole_files import require_folder
+    from bayes_toe.data.whole_folders import require_folder
 
     require_folder(output, PRODUCTS, overwrite=overwrite)
     read, believed = _opened(study, prior)
@@ -325,7 +325,7 @@ def figures(
     from bayes_toe.api import run as analyse
     from bayes_toe.api import settings_for
     from bayes_toe.data.study import refuse_intervals
-    from bayes_toe.data.whole_files import require_folder
+    from bayes_toe.data.whole_folders import require_folder
     from bayes_toe.plots.paper_figures import FIGURES, products, require_subjects, write_figures
 
     chosen = ["pdf", "png"] if formats is None else formats
@@ -360,7 +360,7 @@ def corner(
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
     from bayes_toe.cli.results_folder import corner_files, draw_corners, write_corners
-    from bayes_toe.data.whole_files import require_folder, whole_folder
+    from bayes_toe.data.whole_folders import require_folder, whole_folder
     from bayes_toe.inference.draws import load
 
     loaded = load(posterior)
@@ -388,7 +388,8 @@ def predict(
 
     [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
     """
-    from bayes_toe.data.whole_files import require_writable, write_table
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_files import require_writable
     from bayes_toe.inference.draws import load
     from bayes_toe.inference.prediction import predict_pairs
 
@@ -423,7 +424,8 @@ def simulate(
 
     [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --subjects 8 --seed 1
     """
-    from bayes_toe.data.whole_files import require_writable, write_table
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_files import require_writable
     from bayes_toe.experiments.recipes import design_from, population_from, trial_frame, truth_frame
     from bayes_toe.experiments.simulate import simulate_trials
     from bayes_toe.model.prior_file import prior_or_default
@@ -462,7 +464,7 @@ def calibrate(
     [bold]Example[/bold]: bayes-toe calibrate -o calibration --studies 200 --data-sets 0 --seed 1
     """
     from bayes_toe.cli.calibration_folder import PRODUCTS, write_calibration
-    from bayes_toe.data.whole_files import require_folder
+    from bayes_toe.data.whole_folders import require_folder
     from bayes_toe.experiments.calibration import Plan, simulate_and_analyse
     from bayes_toe.experiments.calibration_table import judge
     from bayes_toe.seeds import root_seed

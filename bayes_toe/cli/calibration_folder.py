@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from bayes_toe.data.whole_files import whole_folder, write_table
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.experiments.calibration import DESIGNS, DRAWS
 from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM, CalibrationTable, EvidenceRow, RankRow
 from bayes_toe.experiments.reliability import MARGIN

@@ -6,9 +6,7 @@ Source: Appendix C, with the likelihood (not its log) inside the integral.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +14,7 @@ from scipy.special import betaln, logsumexp
 
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.data.study import Subject
-from bayes_toe.data.whole_files import write_table
-from bayes_toe.errors import InputError
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.modes import Maxima
 from bayes_toe.inference.proposal import FittedProposal
@@ -81,21 +78,11 @@ class SubjectEvidence:
 
 
 @dataclass(frozen=True)
-class EvidenceTable:
+class EvidenceTable(SubjectTable[SubjectEvidence]):
     """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to."""
 
-    rows: tuple[SubjectEvidence, ...]
     seed: int | None = None
     prior: Prior | None = None
-
-    def __iter__(self) -> Iterator[SubjectEvidence]:
-        return iter(self.rows)
-
-    def __getitem__(self, name: str) -> SubjectEvidence:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the evidence table")
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior."""
@@ -104,10 +91,6 @@ class EvidenceTable:
         prior = None if self.prior is None else self.prior.describe()
         cells = [[getattr(row, key) for key in EVIDENCE_COLUMNS[:-1]] + [prior] for row in self.rows]
         return pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write evidence.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap | None) -> SubjectEvidence:

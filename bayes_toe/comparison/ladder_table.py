@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_ra
 from bayes_toe.comparison.model_row import ModelRow, compare_one
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.ladder import prior_of, require_models
@@ -50,7 +50,7 @@ _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
 @dataclass(frozen=True, eq=False)
-class ModelComparison:
+class ModelComparison(Table[ModelRow]):
     """Every subject under every model, subjects in the study's order, models in the ladder's.
 
     Attributes
@@ -61,14 +61,10 @@ class ModelComparison:
     prior : Prior
     """
 
-    rows: tuple[ModelRow, ...]
     subjects: tuple[str, ...]
     models: tuple[str, ...]
     seed: int
     prior: Prior
-
-    def __iter__(self) -> Iterator[ModelRow]:
-        return iter(self.rows)
 
     def __getitem__(self, key: tuple[str, str]) -> ModelRow:
         """The row of (subject, model)."""
@@ -138,7 +134,7 @@ class ModelComparison:
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
-        written = write_table(self.frame(), path, overwrite=overwrite)
+        written = super().save(path, overwrite=overwrite)
         write_table(self.study_frame(), beside(path), overwrite=overwrite)
         return written
 

@@ -9,11 +9,9 @@ The prior of H0, one uniform frequency per pair, has no scale to vary: the log B
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,7 +21,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
@@ -94,15 +92,11 @@ class SensitivityRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityTable:
+class SensitivityTable(Table[SensitivityRow]):
     """Rows of every subject of a study, in the study's order; within a subject one value of the prior after the other, ascending."""
 
-    rows: tuple[SensitivityRow, ...]
     prior: Prior
     seed: int
-
-    def __iter__(self) -> Iterator[SensitivityRow]:
-        return iter(self.rows)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -144,10 +138,6 @@ class SensitivityTable:
         import pandas as pd
 
         return pd.DataFrame([_cells(row) for row in self.rows], columns=list(SENSITIVITY_COLUMNS))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write sensitivity.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def sensitivity(

@@ -14,7 +14,7 @@ from bayes_toe.api import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.data.whole_files import whole_folder
+from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
