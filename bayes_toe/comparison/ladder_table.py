@@ -19,7 +19,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.model.ladder import prior_of, require_models
+from bayes_toe.model.ladder import model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
@@ -82,7 +82,7 @@ class ModelComparison(Table[ModelRow]):
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
         import pandas as pd
 
-        believed = {name: prior_of(name, self.prior) for name in self.models}
+        believed = {name: model_named(name).describe(self.prior) for name in self.models}
         cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
         numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
@@ -163,15 +163,6 @@ def beside(path: str | Path) -> Path:
     return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
 
 
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    model: str
-    draws: int
-    seed: int
-    prior: Prior
-
-
 def compare(
     study: Study,
     models: Sequence[str] | None = None,
@@ -210,15 +201,10 @@ def compare(
     """
     names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
-    said = [(f"{job.subject.name}: {job.model}",) for job in jobs]
-    rows = run_in_order([partial(_compare_one, job) for job in jobs], workers, progress, said)
+    jobs = [partial(compare_one, subject, model_named(name), draws=draws, seed=root, prior=chosen) for subject in study for name in names]
+    rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
     groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
-
-
-def _compare_one(job: _Job) -> ModelRow:
-    return compare_one(job.subject, job.model, draws=job.draws, seed=job.seed, prior=job.prior)
 
 
 def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:

@@ -19,7 +19,6 @@ import numpy.typing as npt
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
@@ -27,6 +26,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
 from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.model.coordinates import quantities
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -204,7 +204,7 @@ def require_range(reach: float, steps: int) -> None:
 def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
-    fitted = fit_proposal(posterior, generator(seed, subject.name, "proposal"))
+    fitted = fit_proposal(posterior, generator(seed, subject.name, posterior.model.name, "proposal"))
     own = _reweighted(fitted, middle, posterior)
     rows = []
     for varied, power in product(VARIED, powers):

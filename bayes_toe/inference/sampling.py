@@ -12,8 +12,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, convergence
 from bayes_toe.inference.moves import moves
 from bayes_toe.inference.proposal import FittedProposal
-from bayes_toe.model.target import Target, require_defined
-from bayes_toe.seeds import stream
+from bayes_toe.model.target import Conjugate, Target, require_defined
+from bayes_toe.seeds import generator, stream
 
 if TYPE_CHECKING:
     import emcee
@@ -111,6 +111,25 @@ class Chains:
     converged: bool
     reason: str
 
+    @property
+    def least_ess(self) -> float:
+        """The smallest bulk or tail effective sample size of a judged quantity; all draws where they are independent."""
+        return min((min(one[:2]) for one in self.diagnostics.values()), default=float(self.log_posterior.size))
+
+    @property
+    def largest_r_hat(self) -> float:
+        """The largest R-hat of a judged quantity; 1 where draws are independent."""
+        return max((one.r_hat for one in self.diagnostics.values()), default=1.0)
+
+
+def independent_chains(target: Conjugate, settings: SamplerSettings, seed: int) -> Chains:
+    """Draws of a posterior in closed form, in the shape of an ensemble's: independent, so that there is no convergence to judge."""
+    random = generator(seed, target.subject.name, target.model.name, "draws")
+    size = settings.walkers * settings.kept_steps
+    x = target.sample(random, settings.ensembles * size).reshape(settings.ensembles, size, -1)
+    log_posterior = np.stack([target.log_density(points) for points in x])
+    return Chains(x, log_posterior, np.ones(settings.ensembles), {}, 1, settings.kept_steps, True, "")
+
 
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
@@ -147,7 +166,7 @@ class _Ensemble:
     def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
         posterior = fitted.proposal.posterior
         name = posterior.subject.name
-        random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
+        random = np.random.RandomState(np.random.MT19937(stream(seed, name, posterior.model.name, "ensemble", index)))
         self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -46,15 +47,25 @@ def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
     return prior.sigma_p_scale * _scaled_quantile(parameter, probability)
 
 
-def contraction(prior: Prior, parameter: str, low: float, high: float) -> float:
+class HasPrior(Protocol):
+    """What knows the prior quantiles of its quantities."""
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a named quantity."""
+        ...
+
+
+def contraction(target: HasPrior, parameter: str, low: float, high: float) -> float:
     """Contraction of a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
 
     Examples
     --------
-    >>> round(contraction(Prior(), "q0", 0.5, 0.59), 2)
+    >>> from bayes_toe.data.study import Subject
+    >>> from bayes_toe.model.ladder import posterior_of
+    >>> round(contraction(posterior_of(Subject("S01", [0.0], [0.3], [20], [50])), "q0", 0.5, 0.59), 2)
     0.99
     """
-    before = prior_quantile(prior, parameter, RANGE[1]) - prior_quantile(prior, parameter, RANGE[0])
+    before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
     return 1.0 - ((high - low) / before) ** 2
 
 

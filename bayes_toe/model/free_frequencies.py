@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaln, expit, log_expit
+from scipy.special import betaln, expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Random, require_points
+from bayes_toe.model.target import Names, Random, require_points
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,11 @@ class FreeFrequencies:
     about: str = "H0: one frequency per pair, and nothing that connects them"
     knows_intervals: bool = False
     of_intervals: str = "one frequency for each pair at each interval"
+
+    @property
+    def units_at_intervals(self) -> Mapping[str, str]:
+        """None: a frequency has no unit."""
+        return MappingProxyType({})
 
     def describe(self, prior: Prior) -> str:
         """The prior in words; it has no value to choose."""
@@ -35,6 +42,17 @@ class FreeFrequencies:
 FREE_FREQUENCIES = FreeFrequencies()
 
 
+def frequency_evidence(subject: Subject) -> float:
+    """Exact log evidence of H0, nats: one frequency per pair, uniform prior; sum of ln B(n_Eq + 1, n_Diff + 1).
+
+    Examples
+    --------
+    >>> round(frequency_evidence(Subject("S01", [0.0], [0.3], [1], [1])), 12) == round(float(np.log(0.5)), 12)
+    True
+    """
+    return float(betaln(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0).sum())
+
+
 @dataclass(frozen=True, eq=False)
 class FrequencyPosterior:
     """Free frequencies of one subject; x, shape (points, pairs), holds their logits.
@@ -44,8 +62,6 @@ class FrequencyPosterior:
     >>> h0 = FrequencyPosterior(Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]))
     >>> h0.sample(np.random.default_rng(0), 5).shape
     (5, 2)
-    >>> round(FrequencyPosterior(Subject("S01", [0.0], [0.3], [1], [2])).log_evidence, 12) == round(float(np.log(1 / 6)), 12)
-    True
     """
 
     subject: Subject
@@ -63,8 +79,8 @@ class FrequencyPosterior:
 
     @property
     def log_evidence(self) -> float:
-        """Exact log evidence, nats: the sum over pairs of ln B(n_Eq + 1, n_Diff + 1)."""
-        return float(betaln(self.subject.n_equal + 1.0, self.subject.n_trials - self.subject.n_equal + 1.0).sum())
+        """Exact log evidence, nats: :func:`frequency_evidence`."""
+        return frequency_evidence(self.subject)
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, pairs) each."""
@@ -96,6 +112,15 @@ class FrequencyPosterior:
         shape = (size, self.subject.n_pairs)
         return np.asarray(np.log(rng.standard_gamma(n_equal + 1.0, shape)) - np.log(rng.standard_gamma(n_trials - n_equal + 1.0, shape)))
 
+    @property
+    def names(self) -> Names:
+        """q_1, q_2 ...: the frequencies of the pairs, in the subject's order."""
+        return Names(self._names, self._names)
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, pairs)."""
+        return np.asarray(logit(rng.uniform(size=(size, self.subject.n_pairs))))
+
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every frequency, each with the shape of x without its last axis."""
         return {name: expit(x[..., i]) for i, name in enumerate(self._names)}
@@ -103,3 +128,11 @@ class FrequencyPosterior:
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The same: no frequency follows from another."""
         return self.quantities(x)
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Logits of the frequencies."""
+        return np.stack([logit(quantities[name]) for name in self._names], axis=-1)
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Of a uniform."""
+        return probability

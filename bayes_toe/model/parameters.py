@@ -8,40 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
-from scipy.special import expit, log_expit, logit
+from scipy.special import expit, log_expit, logit, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, softplus_jet
 from bayes_toe.model.prior import LOG_2PI, Prior
-from bayes_toe.model.target import Random
+from bayes_toe.model.target import Names, Random
 
 Derivatives = tuple[FloatArray, FloatArray]
-
-
-class Names(NamedTuple):
-    """Names of a block's quantities: as many natural and as many identified ones as it has coordinates.
-
-    Attributes
-    ----------
-    natural : tuple of str
-        What the model is written in.
-    identified : tuple of str
-        What the answers depend on.
-    derived : tuple of str
-        Further ones that tables report.
-    monotone : tuple of str
-        Those that are a monotone function of a single other one, so that their ranks say nothing new.
-    """
-
-    natural: tuple[str, ...]
-    identified: tuple[str, ...]
-    derived: tuple[str, ...] = ()
-    monotone: tuple[str, ...] = ()
 
 
 class Block(Protocol):
@@ -78,7 +58,11 @@ class Block(Protocol):
         ...
 
     def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
-        """The inverse of :meth:`named`: coordinates (..., k) from named quantities (...)."""
+        """The inverse of :meth:`named`: coordinates (..., k) from natural quantities (...)."""
+        ...
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Prior quantile of a named quantity; None where it has no short form, and draws have to tell it."""
         ...
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
@@ -123,6 +107,10 @@ class Shift:
         """The offset itself."""
         return quantities["offset"][..., None]
 
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Of a normal."""
+        return float(self.sd * ndtri(probability))
+
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three, off the round numbers at which a distance may be exactly 0."""
         return ((-0.93 * scale, 0.07 * scale, 1.01 * scale),)
@@ -163,6 +151,10 @@ class Width:
     def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
         """Its log."""
         return np.log(quantities["width"])[..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Of a half-normal."""
+        return prior_quantile(prior, "sigma_p", probability)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three about the scale of the stimuli."""
@@ -211,6 +203,10 @@ class Share:
         """The logit of its share of the top; infinite where rounding has it at an end."""
         return np.asarray(logit(quantities[self.name] / self.top))[..., None]
 
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Of a uniform."""
+        return self.top * probability
+
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """The starts given, or the largest frequency."""
         return (self.starts if self.starts else (peak,),)
@@ -256,6 +252,12 @@ class Update:
         """From the natural parameters."""
         mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
         return unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Exact, but for the offset."""
+        if name == "pull":
+            return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
+        return None if name == "offset" else prior_quantile(prior, name, probability)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
@@ -363,6 +365,12 @@ class Memory:
         x = np.stack([pull * reach, np.log(pull) + lost, np.zeros_like(lost), np.log(log_rho / log_gain)], axis=-1)
         x[..., 2] = log_sigma1 + self._log_stretch(x)
         return x
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Exact where the prior names the quantity."""
+        if name == "rho":
+            return probability
+        return prior_quantile(prior, {"sigma1": "sigma_p"}.get(name, name), probability) if name in ("mu1", "sigma1") else None
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Those of the predictive update, half way between all gain and all memory."""

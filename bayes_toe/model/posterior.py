@@ -19,6 +19,7 @@ from scipy.special import expit, logit
 
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
 from bayes_toe.model.levelling import Levelling, Probits
@@ -26,9 +27,10 @@ from bayes_toe.model.links import LAPSE, Answers, Link
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
-from bayes_toe.model.target import Levels, Random, require_points
+from bayes_toe.model.target import Levels, Names, Random, require_points
 
 _PEAK = "logit_q0"
+_PRIOR_DRAWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,11 @@ class Model:
     def of_intervals(self) -> str:
         """What it says of inter-stimulus intervals, in a few words."""
         return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
+
+    @property
+    def units_at_intervals(self) -> Mapping[str, str]:
+        """Units of quantities that are those at one second where there are several intervals."""
+        return {} if self.propagator is None else dict(self.propagator.units)
 
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
@@ -232,7 +239,19 @@ class Posterior:
         """The same model with the same prior for other answers or other pairs, offsets counted from the same intensity."""
         return replace(self, subject=subject, centre=self.sbar)
 
+    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
+        propagator, pull = self.model.propagator, self._pulled(x).pull
+        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
+        return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
+
     # --- What readers ask for -------------------------------------------------------------------------
+
+    @property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        first, *others = (block.names for block in self.model.free)
+        return sum(others, start=first)
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis."""
@@ -240,12 +259,24 @@ class Posterior:
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged: those that are no monotone function of a single other one."""
-        repeated = {name for block in self.model.free for name in block.names.monotone}
+        repeated = self.names.monotone
         return {name: values for name, values in self.quantities(x).items() if name not in repeated}
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
         return np.concatenate([block.coordinates_from(quantities, self.sbar) for block in self.model.free], axis=-1)
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
+        for block in self.model.free:
+            if name in block.names.all:
+                known = block.prior_quantile(name, probability, self.prior)
+                return self._drawn_quantile(name, probability) if known is None else known
+        raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+
+    def _drawn_quantile(self, name: str, probability: float) -> float:
+        drawn = self.quantities(self.sample_prior(np.random.default_rng(0), _PRIOR_DRAWS))[name]
+        return float(np.quantile(drawn, probability))
 
     def natural(self, x: npt.ArrayLike) -> Natural:
         """The paper's parameters, of a model that has them all, at unconstrained points, shape (..., k)."""

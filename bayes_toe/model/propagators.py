@@ -204,15 +204,29 @@ class Propagator:
         From these coordinates, each of shape (points,), and the seconds, shape (intervals,), to :class:`Scales`.
     growth : callable
         From the same to the logarithmic derivatives of the scales, :class:`Growth`.
+    units : tuple of (name, unit)
+        Of quantities that are those at one second.
     """
 
     about: str
     coordinates: tuple[str, ...]
     scales: Callable[..., Scales]
     growth: Callable[..., Growth]
+    units: tuple[tuple[str, str], ...]
 
 
-RANDOM_WALK = Propagator("memory's variance grows by sigma_p^2 a second", ("logit_pull",), random_walk_scales, random_walk_growth)
+_SHARE, _INTENSITY = "1, at 1 s", "ln intensity, at 1 s"
+RANDOM_WALK = Propagator(
+    "memory's variance grows by sigma_p^2 a second, with a self-consistent prior for each interval",
+    ("logit_pull",),
+    random_walk_scales,
+    random_walk_growth,
+    (("sigma_p", "ln intensity / s^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+)
 MEAN_REVERSION = Propagator(
-    "memory keeps rho over one second, rho^t over t", ("logit_pull", "logit_split"), mean_reverting_scales, mean_reverting_growth
+    "memory keeps rho over one second, rho^t over t",
+    ("logit_pull", "logit_split"),
+    mean_reverting_scales,
+    mean_reverting_growth,
+    (("rho", _SHARE), ("gain", _SHARE), ("width", _INTENSITY)),
 )

@@ -5,6 +5,8 @@ Proposal, sampler and evidence are written against :class:`Target` alone, so eac
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -16,6 +18,54 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.model.prior import Prior
 
 Random = np.random.Generator | np.random.RandomState
+
+
+#: The order in which tables and figures name quantities.
+ORDER = ("mu1", "sigma_p", "sigma_l", "rho", "q0", "gamma", "sigma1", "gain", "width", "offset", "pull")
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of quantities: as many natural and as many identified ones as there are coordinates.
+
+    Attributes
+    ----------
+    natural : tuple of str
+        What the model is written in.
+    identified : tuple of str
+        What the answers depend on.
+    derived : tuple of str
+        Further ones that tables report.
+    monotone : tuple of str
+        Those that are a monotone function of a single other one, so that their ranks say nothing new.
+    """
+
+    natural: tuple[str, ...]
+    identified: tuple[str, ...]
+    derived: tuple[str, ...] = ()
+    monotone: tuple[str, ...] = ()
+
+    @property
+    def reported(self) -> tuple[str, ...]:
+        """What tables and files hold: natural and derived, in order."""
+        return _ordered((*self.natural, *self.derived))
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Every name, in order."""
+        return _ordered((*self.natural, *self.derived, *self.identified))
+
+    def __add__(self, other: Names) -> Names:
+        return Names(
+            self.natural + other.natural,
+            self.identified + other.identified,
+            self.derived + other.derived,
+            self.monotone + other.monotone,
+        )
+
+
+def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(sorted(dict.fromkeys(names), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER)))
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
@@ -76,6 +126,11 @@ class Described(Protocol):
         """What it says of inter-stimulus intervals, in a few words."""
         ...
 
+    @property
+    def units_at_intervals(self) -> Mapping[str, str]:
+        """Units of quantities that are those at one second where there are several intervals."""
+        ...
+
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
         ...
@@ -124,8 +179,25 @@ class Answering(Protocol):
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
         ...
 
+    @property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        ...
+
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, (..., k) -> (...) each."""
+        ...
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """The inverse: x, shape (..., k), from natural quantities, each of shape (...)."""
+        ...
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a named quantity."""
+        ...
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
         ...
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
@@ -158,8 +230,8 @@ class Target(Answering, Protocol):
         """Points from which to look for maxima, shape (starts, k), of finite density."""
         ...
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
+    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals (seconds), (points, k) and (intervals,) -> (points, intervals)."""
         ...
 
     def levelling(self, modes: FloatArray) -> Levels:
