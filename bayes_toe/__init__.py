@@ -54,9 +54,9 @@ _PLACES = {
     "sample_model": "comparison.model_row",
     "model_posterior": "model.ladder",
     "corner": "plots.corner",
-    "curves": "plots.style",
-    "evidence_figure": "plots.style",
-    "save_figure": "plots.style",
+    "curves": "plots.curves",
+    "evidence_figure": "plots.evidence",
+    "save_figure": "plots.figure_files",
     "figures": "plots.paper_figures",
     "write_figures": "plots.paper_figures",
     "asymmetry_axes": "plots.asymmetry",
@@ -142,6 +142,9 @@ if TYPE_CHECKING:
     from bayes_toe.plots.comparison import comparison_figure as comparison_figure
     from bayes_toe.plots.comparison import model_frequency_axes as model_frequency_axes
     from bayes_toe.plots.corner import corner as corner
+    from bayes_toe.plots.curves import curves as curves
+    from bayes_toe.plots.evidence import evidence_figure as evidence_figure
+    from bayes_toe.plots.figure_files import save_figure as save_figure
     from bayes_toe.plots.geometry import gamma_axes as gamma_axes
     from bayes_toe.plots.geometry import plane_axes as plane_axes
     from bayes_toe.plots.intervals import interval_answers_axes as interval_answers_axes
@@ -152,9 +155,6 @@ if TYPE_CHECKING:
     from bayes_toe.plots.paper_figures import write_figures as write_figures
     from bayes_toe.plots.sensitivity import sensitivity_axes as sensitivity_axes
     from bayes_toe.plots.sensitivity import sensitivity_figure as sensitivity_figure
-    from bayes_toe.plots.style import curves as curves
-    from bayes_toe.plots.style import evidence_figure as evidence_figure
-    from bayes_toe.plots.style import save_figure as save_figure
     from bayes_toe.plots.subject import answers_axes as answers_axes
     from bayes_toe.plots.subject import collapse_axes as collapse_axes
     from bayes_toe.plots.subject import prior_axes as prior_axes

@@ -11,7 +11,7 @@ from pathlib import Path
 import bayes_toe as bt
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
-from bayes_toe.plots.style import require_figure
+from bayes_toe.plots.figure_files import require_figure
 
 
 def main() -> int:

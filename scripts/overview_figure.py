@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.plots.style import evidence_axes, order_panel, thinned
+from bayes_toe.plots.curves import order_panel, thinned
+from bayes_toe.plots.evidence import evidence_axes
 
 
 def main() -> None:

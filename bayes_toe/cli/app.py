@@ -177,7 +177,7 @@ def compare(
     from bayes_toe.data.whole_files import require_writable
     from bayes_toe.model.ladder import require_models
     from bayes_toe.plots.comparison import save_comparison
-    from bayes_toe.plots.style import picture_beside
+    from bayes_toe.plots.figure_files import picture_beside
 
     models, picture = require_models(model), picture_beside(output)
     for path in (output, beside(output), picture):
@@ -214,8 +214,8 @@ def sensitivity(
     from bayes_toe.comparison.prior_sensitivity import require_range
     from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
     from bayes_toe.data.whole_files import require_writable
+    from bayes_toe.plots.figure_files import picture_beside
     from bayes_toe.plots.sensitivity import save_sensitivity
-    from bayes_toe.plots.style import picture_beside
 
     picture = picture_beside(output)
     require_range(reach, steps)

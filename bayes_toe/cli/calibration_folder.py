@@ -14,7 +14,7 @@ from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM,
 from bayes_toe.experiments.reliability import MARGIN
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
-from bayes_toe.plots.style import save_figure
+from bayes_toe.plots.figure_files import save_figure
 
 _OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
 _OF_EVIDENCE = (

@@ -23,9 +23,12 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
+from bayes_toe.plots.curves import curves
+from bayes_toe.plots.evidence import evidence_figure
+from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes, without_pointwise
-from bayes_toe.plots.style import curves, evidence_figure, new_figure, png
+from bayes_toe.plots.style import new_figure
 from bayes_toe.workers import Progress, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]

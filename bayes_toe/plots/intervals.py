@@ -16,21 +16,16 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import at_interval, equal_probability_at, gain_at, require_intervals
+from bayes_toe.plots.curves import draw_band, draw_points, order_panel, thinned
 from bayes_toe.plots.style import (
     EQUAL,
+    ORDERS,
     POSTERIOR,
-    STRONGER_FIRST,
-    WEAKER_FIRST,
-    Mark,
-    draw_band,
-    draw_points,
     dress,
     legend_below,
     new_figure,
-    order_panel,
     panel,
     plain,
-    thinned,
 )
 from bayes_toe.plots.subject import main_weaker
 
@@ -99,19 +94,15 @@ def interval_answers_axes(
     counts, tested = draws.subject(subject), _tested(draws, subject)
     ax, x, theta = panel(ax), _range(tested, isi), thinned(draws.natural(subject))
     weak, strong = sorted(_shown_pair(counts) if pair is None else pair)
-    orders = [
-        (weak, strong, Mark(WEAKER_FIRST, "o", "weaker first", _SIZE)),
-        (strong, weak, Mark(STRONGER_FIRST, "s", "stronger first", _SIZE)),
-    ]
-    if weak == strong:
-        orders = [(weak, weak, Mark(EQUAL, "D", "equal stimuli", _SIZE))]
-    for s1, s2, mark in orders:
+    orders = {-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}
+    for order, (s1, s2) in orders.items():
+        mark = ORDERS[order]
         draw_band(ax, x, equal_probability_at(s1, s2, x, theta), mark.colour, 1.3)
         at = (counts.s1 == s1) & (counts.s2 == s2)
         if counts.isi is not None and at.any():
             shown = Subject(subject, counts.s1[at], counts.s2[at], counts.n_equal[at], counts.n_trials[at], counts.isi[at])
-            beside = (x[-1] / x[0]) ** (_APART * np.sign(s1 - s2))
-            draw_points(ax, counts.isi[at] * beside, shown, np.ones(shown.n_pairs, np.bool_), mark)
+            beside = (x[-1] / x[0]) ** (_APART * order)
+            draw_points(ax, counts.isi[at] * beside, shown, np.ones(shown.n_pairs, np.bool_), mark, size=_SIZE)
     _dress(ax, x, tested)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
     ax.set(ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])

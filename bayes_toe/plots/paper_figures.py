@@ -19,21 +19,11 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes
+from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
-from bayes_toe.plots.style import (
-    COLUMN,
-    PAGE,
-    SMALL,
-    any_characters,
-    dress,
-    evidence_axes,
-    evidence_plane_axes,
-    legend_above,
-    new_figure,
-    picture,
-    plain,
-)
+from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, run_in_order
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SCALES, SensitivityRow, SensitivityTable
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, legend_above, new_figure, panel, plain, save_figure
+from bayes_toe.plots.figure_files import save_figure
+from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, legend_above, new_figure, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,11 +63,8 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
     figure = new_figure(max(_WIDE * across + 0.4, 3.4), _HIGH * down + 1.0)
-    panels = figure.subplots(down, across, squeeze=False)
-    for ax, name in zip(panels.ravel(), names, strict=False):
+    for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         sensitivity_axes(table, name, ax).set(xlabel="", ylabel="")
-    for ax in panels.ravel()[len(names) :]:
-        ax.remove()
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
     figure.supxlabel("factor on the prior's scale" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS)
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
@@ -76,7 +74,7 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
 
 
 def save_sensitivity(table: SensitivityTable, path: str | Path, *, synthetic: bool = False, overwrite: bool = False) -> Path:
-    """Draw :func:`sensitivity_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.style.save_figure`."""
+    """Draw :func:`sensitivity_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.figure_files.save_figure`."""
     return save_figure(sensitivity_figure(table, synthetic=synthetic), path, overwrite=overwrite)
 
 

@@ -11,7 +11,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.corner import LABELS, TRUTH
-from bayes_toe.plots.style import png
+from bayes_toe.plots.figure_files import png
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 

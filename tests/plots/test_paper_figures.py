@@ -18,9 +18,10 @@ from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.asymmetry import asymmetry_height
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
 from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, left_out, material_of, products, representative
-from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, picture
+from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST
 from bayes_toe.plots.subject import central, main_weaker
 
 NAMES = tuple(FIGURES)
