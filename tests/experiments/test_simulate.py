@@ -111,8 +111,8 @@ def test_designs_and_populations_from_files(tmp_path):
         ("subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n", "column q0: missing"),
         ("subject,mu1,sigma_p,sigma_l,q0\nx,0,abc,0.1,0.9\n", "row 2, column sigma_p: found 'abc'"),
         ("subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n", "sigma_p must be finite and positive"),
-        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n", "repeated"),
-        ("subject,mu1,sigma_p,sigma_l,q0\n", "no row"),
+        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n", "found .x., allowed: each name once, and row 2 has it"),
+        ("subject,mu1,sigma_p,sigma_l,q0\n", "row 1: found a header only"),
     ],
 )
 def test_bad_populations_are_refused(tmp_path, text, named):
