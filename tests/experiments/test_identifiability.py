@@ -115,14 +115,14 @@ def predicted(subject, c, p, log_width, q0):
     return q0 * 2.0 ** -np.square((subject.s2 - subject.s1 - c + p * lever) * np.exp(-log_width))
 
 
-def misfit(subject, target, model, rng):
-    """The smallest error with which a model reproduces the probabilities, from many starts."""
+def reproduces(subject, target, model, rng, error):
+    """Whether a model reproduces the probabilities within this error from one of many starts; the first that does ends the search."""
     size, full = SMALLER[model]
     fits = (
         least_squares(lambda v: predicted(subject, *full(np.clip(v, -40, 40))) - target, rng.normal(0.0, 1.5, size), xtol=1e-14, ftol=1e-14)
         for _ in range(30)
     )
-    return min(np.abs(fit.fun).max() for fit in fits)
+    return any(np.abs(fit.fun).max() < error for fit in fits)
 
 
 def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one_does_not():
@@ -131,12 +131,13 @@ def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one
         subject, model = made(pairs), EXPECTED[name][1]
         targets = [
             predicted(subject, rng.normal(0, 0.1), rng.uniform(0.05, 0.35), np.log(rng.uniform(0.2, 0.6)), rng.uniform(0.6, 0.95))
-            for _ in range(6)
+            for _ in range(20)
         ]
         if model in SMALLER:
-            assert max(misfit(subject, target, model, rng) for target in targets) < 1e-5, name
+            assert all(reproduces(subject, target, model, rng, 1e-5) for target in targets[:6]), name
         for smaller in [m for m in SMALLER if model == "predictive update" or SMALLER[m][0] < SMALLER[model][0]]:
-            assert max(misfit(subject, target, smaller, rng) for target in targets) > 1e-4, (name, smaller)
+            # The first prediction that is out of reach from every start is enough.
+            assert not all(reproduces(subject, target, smaller, rng, 1e-4) for target in targets), (name, smaller)
 
 
 def test_the_finding_names_the_model_and_what_stays_open():
