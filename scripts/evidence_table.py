@@ -35,8 +35,8 @@ def main() -> int:
         table = bt.evidence(study, seed=seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:
-            figure = bt.evidence_figure(table, synthetic=study.synthetic)
-            bt.save_figure(figure, options.figure, overwrite=options.overwrite)
+            figure = bt.plots.evidence_figure(table, synthetic=study.synthetic)
+            bt.plots.save_figure(figure, options.figure, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2

@@ -16,7 +16,7 @@ REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
     """Rounded expected counts in the paper's design."""
     design = reference_design()
-    q = bt.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
+    q = bt.model.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
     return design.s1, design.s2, np.rint(n * q).astype(int), np.full(len(q), n)
 
 
