@@ -33,8 +33,8 @@ def main() -> int:
             require_writable(path, overwrite=options.overwrite)
         prior = draws.prior if options.prior else None
         for name, path in paths.items():
-            figure = bt.corner(draws, name, coordinates=coordinates, prior=prior)
-            print(bt.save_figure(figure, path, overwrite=options.overwrite))
+            figure = bt.plots.corner(draws, name, coordinates=coordinates, prior=prior)
+            print(bt.plots.save_figure(figure, path, overwrite=options.overwrite))
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2

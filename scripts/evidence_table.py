@@ -31,12 +31,12 @@ def main() -> int:
             if Path(options.figure).resolve() == Path(options.output).resolve():
                 raise OutputError(f"{options.output}: --output and --figure name the same file")
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
-        seed = bt.settings_for(seed=options.seed).seed
+        seed = seed=options.seed.seed
         table = bt.evidence(study, seed=seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:
-            figure = bt.evidence_figure(table, synthetic=study.synthetic)
-            bt.save_figure(figure, options.figure, overwrite=options.overwrite)
+            figure = bt.plots.evidence_figure(table, synthetic=study.synthetic)
+            bt.plots.save_figure(figure, options.figure, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2

@@ -19,7 +19,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="docs/overview.png")
     output = parser.parse_args().output
     study = bt.example_study()
-    analysis = bt.run(study, bt.settings_for(seed=1))
+    analysis = bt.run(study, seed=1)
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(1, 1, 1.15))
     kinds = {"S06": "A: prior below the stimuli", "S04": "B: prior above", "S13": "C: prior among them"}

@@ -37,7 +37,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def analysis(study):
-    return bt.run(study, bt.settings_for(draws=1000, seed=2), workers=1)
+    return bt.run(study, draws=1000, seed=2, workers=1)
 
 
 # --- reading ------------------------------------------------------------------------------------------------------------------------
@@ -300,7 +300,7 @@ def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, stu
     with pytest.raises(InputError, match="positive finite"):
         bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0)
     with pytest.raises(InputError, match="has no intervals"):
-        bt.interval_gain_axes(plain, "S01")
+        bt.plots.interval_gain_axes(plain, "S01")
 
 
 def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
@@ -322,13 +322,13 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
-    ax = bt.interval_answers_axes(analysis.draws, "S01")
+    ax = bt.plots.interval_answers_axes(analysis.draws, "S01")
     points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
     assert len(points) >= 3  # both orders, and the bars that mark tested intervals
     assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
-    assert bt.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
-    assert len(bt.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
-    equal = bt.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
+    assert bt.plots.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
+    assert len(bt.plots.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
+    equal = bt.plots.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
     assert "0 twice" in equal.get_title()
 
 
@@ -346,11 +346,11 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
     [
         lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
         lambda study, analysis: bt.asymmetry(study),
-        lambda study, analysis: bt.figures(analysis),
-        lambda study, analysis: bt.curves(analysis.draws, "S01"),
-        lambda study, analysis: bt.plane_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.answers_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.collapse_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.figures(analysis),
+        lambda study, analysis: bt.plots.curves(analysis.draws, "S01"),
+        lambda study, analysis: bt.plots.plane_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
         lambda study, analysis: bt.Posterior(study["S01"]),
     ],
@@ -371,7 +371,7 @@ def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
 
     for name in ("random_walk_scales", "_growth"):
         monkeypatch.setattr(interval_posterior, name, never)
-    results = analyse(small_study.select(["A"]), bt.settings_for(draws=200, seed=1), workers=1)
+    results = analyse(small_study.select(["A"]), draws=200, seed=1, workers=1)
     assert type(bt.posterior_of(small_study["A"])) is bt.Posterior
     assert results[0].fit is not None
     draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)

@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-errors arrays seeds workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
+version errors arrays seeds workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
 """
 
 import ast
@@ -13,6 +13,7 @@ import bayes_toe
 PACKAGE = Path(bayes_toe.__file__).parent
 #: From the ground up: an import leads to something further left, or stays in the room.
 ORDER = (
+    "version",
     "errors",
     "arrays",
     "seeds",

@@ -71,8 +71,8 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.api import run as analyse
-    from bayes_toe.api import settings_for
+    from bayes_toe.analysis import run as analyse
+    from bayes_toe.analysis import settings_for
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.data.example import example_truth
     from bayes_toe.data.whole_folders import require_folder
@@ -108,7 +108,7 @@ def sample(
 
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
     """
-    from bayes_toe.api import draw, settings_for
+    from bayes_toe.analysis import draw, settings_for
     from bayes_toe.data.whole_files import require_writable
 
     require_writable(output, overwrite=overwrite)
@@ -138,7 +138,7 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.api import evidence as compute
+    from bayes_toe.analysis import evidence as compute
     from bayes_toe.data.whole_files import require_writable
     from bayes_toe.seeds import root_seed
 
@@ -322,8 +322,8 @@ def figures(
 
     [bold]Example[/bold]: bayes-toe figures study.csv -o figures --subject S06 --subject S04 --seed 1
     """
-    from bayes_toe.api import run as analyse
-    from bayes_toe.api import settings_for
+    from bayes_toe.analysis import run as analyse
+    from bayes_toe.analysis import settings_for
     from bayes_toe.data.study import refuse_intervals
     from bayes_toe.data.whole_folders import require_folder
     from bayes_toe.plots.paper_figures import FIGURES, products, require_subjects, write_figures

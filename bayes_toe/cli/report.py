@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.comparison.evidence_table import SubjectEvidence

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
@@ -66,7 +66,7 @@ def write_results(
     truth : mapping, optional
         True natural parameters by subject, for synthetic studies; shown in the corner plots.
     workers, progress
-        As in :func:`bayes_toe.api.run`.
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------

@@ -185,7 +185,7 @@ def compare(
     draws : int
         Effective draws to reach for every named quantity of every model.
     seed, prior, workers, progress
-        As in :func:`bayes_toe.api.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
+        As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
     ------

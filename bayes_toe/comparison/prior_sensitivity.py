@@ -163,9 +163,9 @@ def sensitivity(
     steps : int
         Values of each, an odd number from 3, so that the prior itself is among them.
     seed : int, optional
-        Root seed; with the same one the row of the prior itself uses the draws behind :func:`bayes_toe.api.evidence`.
+        Root seed; with the same one the row of the prior itself uses the draws behind :func:`bayes_toe.analysis.evidence`.
     workers, progress
-        As in :func:`bayes_toe.api.run`.
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals

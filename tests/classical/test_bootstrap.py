@@ -91,7 +91,7 @@ def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
     for i, (low, high) in enumerate(replicates.intervals(0.9)):
         assert ((values[:, i] >= low) & (values[:, i] <= high)).mean() == pytest.approx(0.9, abs=0.01)
     subject = SUBJECTS["S01"]
-    q = np.array([bt.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
+    q = np.array([bt.model.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
     assert replicates.bands(subject.s1, subject.s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
     squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
     assert replicates.covariance() == pytest.approx(np.cov(squares.T))

@@ -58,7 +58,7 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
     for _ in range(40):
         theta = bt.Prior().sample(rng, 50_000)
         columns = [v[:, None] for v in theta]
-        q = bt.equal_probability(subject.s1, subject.s2, *columns)
+        q = bt.model.equal_probability(subject.s1, subject.s2, *columns)
         with np.errstate(divide="ignore", invalid="ignore"):
             log_equal = np.where(subject.n_equal > 0, subject.n_equal * np.log(q), 0.0)
             rest = subject.n_trials - subject.n_equal

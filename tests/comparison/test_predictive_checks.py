@@ -116,7 +116,7 @@ def test_p_values_are_uniform_when_the_truth_is_known():
     theta = Natural(*map(np.asarray, (-0.4, 0.25, 0.15, 0.9)))
     rng = np.random.default_rng(8)
     s1, s2 = rng.uniform(0, 0.6, (2, 500))
-    q = bt.equal_probability(s1, s2, *theta)
+    q = bt.model.equal_probability(s1, s2, *theta)
     subject = bt.Subject("S", s1, s2, rng.binomial(400, q), np.full(500, 400))
     posterior = bt.Posterior(subject)
     check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)

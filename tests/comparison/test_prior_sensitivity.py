@@ -212,12 +212,12 @@ def test_ranges_that_cannot_be_walked(small_study, bad):
 def test_figures_show_every_value_and_mark_the_turns(table):
     rows = [*made([2.0, 1.0, -1.0, -3.5]), *made([1.0, None, -1.0], "sigma_p_scale"), *made([-1.0, 3.0], "mu1_mean")]
     turning = SensitivityTable(tuple(rows), bt.Prior(mu1_sd=1.0), 1)
-    ax = bt.sensitivity_axes(turning, "S")
+    ax = bt.plots.sensitivity_axes(turning, "S")
     crosses = [line for line in ax.lines if line.get_marker() == "x"]
     assert [float(line.get_xdata()) if np.ndim(line.get_xdata()) == 0 else line.get_xdata()[0] for line in crosses] == pytest.approx(
         [2**1.5]
     )
-    figure = bt.sensitivity_figure(table)
+    figure = bt.plots.sensitivity_figure(table)
     assert [ax.get_title() for ax in figure.axes] == ["A", "B", "C"]
     for ax, name in zip(figure.axes, "ABC", strict=True):
         shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() in "os"])

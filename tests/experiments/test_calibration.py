@@ -89,7 +89,7 @@ def test_the_ranked_likelihood_is_the_posteriors():
     x = np.random.default_rng(1).normal(size=(20, 4))
     found = ranked_quantities(subject, posterior.natural(x))
     np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)
-    held = bt.equal_probability(np.log(1.15), np.log(1.55), *posterior.natural(x))
+    held = bt.model.equal_probability(np.log(1.15), np.log(1.55), *posterior.natural(x))
     np.testing.assert_allclose(np.exp(found["q(1.15, 1.55)"]), held, rtol=1e-12)
 
 

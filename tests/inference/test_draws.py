@@ -87,7 +87,7 @@ def test_pointwise_groups_follow_from_the_draws(analysis):
     at = tree["observed_data"]["subject"].values == name
     theta = [analysis.draws.values(name, key)[..., None] for key in ("mu1", "sigma_p", "sigma_l", "q0")]
     s = analysis.study[name]
-    q = bt.equal_probability(s.s1, s.s2, *theta)
+    q = bt.model.equal_probability(s.s1, s.s2, *theta)
     expected = s.n_equal * np.log(q) + (s.n_trials - s.n_equal) * np.log1p(-q)
     assert tree["log_likelihood"]["n_equal"].values[..., at] == pytest.approx(expected, rel=1e-4, abs=1e-4)
     predicted = tree["posterior_predictive"]["n_equal"].values[..., at]

@@ -7,10 +7,10 @@ from bayes_toe.plots.style import plain
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     marked = bt.Draws(analysis.draws.tree.copy())
     marked.tree.attrs["synthetic"] = 1
-    for figure in (bt.corner(marked, "A"), bt.curves(marked, "A")):
+    for figure in (bt.plots.corner(marked, "A"), bt.plots.curves(marked, "A")):
         words = " ".join(text.get_text() for text in figure.texts) + (figure.get_suptitle() or "")
         assert "synthetic" in words
-    figure = bt.evidence_figure(analysis.evidence, synthetic=True)
+    figure = bt.plots.evidence_figure(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.axes[0].get_title(loc="right")
 
 
