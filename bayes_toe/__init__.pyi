@@ -19,11 +19,11 @@ from .comparison.prior_sensitivity import SensitivityTable as SensitivityTable
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.example import example_study as example_study
 from .data.example import example_truth as example_truth
+from .data.file_names import file_stems as file_stems
 from .data.read_options import ReadOptions as ReadOptions
 from .data.read_study import read_study as read_study
 from .data.study import Study as Study
 from .data.study import Subject as Subject
-from .data.file_names import file_stems as file_stems
 from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError

@@ -1,4 +1,4 @@
-"""The verbs of a study: sample, evidence, or both at once; every subject goes through the one pipeline of :mod:`bayes_toe.inference.subject`.
+"""The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
 
 All take the same options: seed, prior, draws, workers, progress.
 """

@@ -31,7 +31,7 @@ def main() -> int:
             if Path(options.figure).resolve() == Path(options.output).resolve():
                 raise OutputError(f"{options.output}: --output and --figure name the same file")
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
-        seed = seed=options.seed.seed
+        seed = seed = options.seed.seed
         table = bt.evidence(study, seed=seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:

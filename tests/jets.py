@@ -61,5 +61,19 @@ class Jet:
         e = mpmath.exp(self.value)
         return self._chain(e, e, e)
 
+    def ndtr(self):
+        """Standard normal distribution function."""
+        density = mpmath.npdf(self.value)
+        return self._chain(mpmath.ncdf(self.value), density, -self.value * density)
+
+    def criterion(self):
+        """k with 2 Phi(k) - 1 equal to this probability."""
+        k = mpmath.sqrt(2) * mpmath.erfinv(self.value)
+        rate = 1 / (2 * mpmath.npdf(k))
+        return self._chain(k, rate, k * rate**2)
+
+    def expit(self):
+        return 1 / (1 + (-self).exp())
+
     def log(self):
         return self._chain(mpmath.log(self.value), 1 / self.value, -1 / self.value**2)

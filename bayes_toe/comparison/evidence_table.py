@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable

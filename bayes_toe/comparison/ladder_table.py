@@ -15,7 +15,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.model_row import ModelRow, compare_one
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings

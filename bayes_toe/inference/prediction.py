@@ -77,7 +77,8 @@ def equal_at(target: Target, x: FloatArray, s1: FloatArray, s2: FloatArray, isi:
     """P(equal) of any pairs, (points, k) and (pairs,) -> (points, pairs); natural-log intensities, intervals in seconds."""
     keys = np.column_stack([s1, s2] if isi is None else [s1, s2, isi])
     pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
-    asked = Subject(target.subject.name, *pairs[:, :2].T, [0] * len(pairs), [1] * len(pairs), None if isi is None else pairs[:, 2])
+    once = np.ones(len(pairs), np.int64)
+    asked = Subject(target.subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else pairs[:, 2])
     return np.asarray(np.exp(target.for_subject(asked).log_answers(x)[0])[:, which.ravel()])
 
 

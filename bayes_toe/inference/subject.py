@@ -1,4 +1,4 @@
-"""One subject under one model: modes, proposal, chains, evidence, values per pair, goodness of fit. The one pipeline that all verbs share."""
+"""The one pipeline of a subject under a model: modes, proposal, chains, evidence, values per pair, goodness of fit."""
 
 from __future__ import annotations
 

@@ -6,6 +6,9 @@ from .comparison import comparison_axes as comparison_axes
 from .comparison import comparison_figure as comparison_figure
 from .comparison import model_frequency_axes as model_frequency_axes
 from .corner import corner as corner
+from .curves import curves as curves
+from .evidence import evidence_figure as evidence_figure
+from .figure_files import save_figure as save_figure
 from .geometry import gamma_axes as gamma_axes
 from .geometry import plane_axes as plane_axes
 from .intervals import interval_answers_axes as interval_answers_axes
@@ -16,9 +19,6 @@ from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
 from .sensitivity import sensitivity_axes as sensitivity_axes
 from .sensitivity import sensitivity_figure as sensitivity_figure
-from .curves import curves as curves
-from .evidence import evidence_figure as evidence_figure
-from .figure_files import save_figure as save_figure
 from .subject import answers_axes as answers_axes
 from .subject import collapse_axes as collapse_axes
 from .subject import prior_axes as prior_axes

@@ -15,7 +15,6 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.curves import order_panel, thinned
 from bayes_toe.plots.style import (
     BELIEF,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bayes_toe.model.differences import central_derivatives
 from reference.hard_cases import hard_cases
 from scipy.integrate import cubature
 from scipy.special import expit, logsumexp
@@ -14,7 +15,6 @@ from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
-from bayes_toe.model.differences import central_derivatives
 from bayes_toe.model.ladder import (
     CONSTANT_BIAS,
     DIFFERENCING,

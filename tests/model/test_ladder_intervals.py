@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_toe.model.interval_posterior import IntervalPosterior
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp, roots_legendre
 from typer.testing import CliRunner
@@ -18,7 +19,6 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.model import ladder
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.interval_posterior import IntervalPosterior
 from bayes_toe.model.intervals import equal_probability_at
 from bayes_toe.model.ladder import (
     IGNORES_INTERVALS,
