@@ -13,9 +13,9 @@ from bayes_toe.api import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.data.whole_files import file_stems, whole_folder, write_table
 from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.interval_posterior import posterior_of
 from bayes_toe.model.prior import Prior

@@ -9,10 +9,10 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, leave_one_out, leave_one_out_frequencies
-from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal, with_fresh_draws
 from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.free_frequencies import FrequencyModel
 from bayes_toe.model.ladder import FREE_FREQUENCIES, PREDICTIVE_UPDATE, knows_intervals, model_named, model_posterior, said_of_intervals
