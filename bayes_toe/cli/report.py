@@ -15,10 +15,10 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.comparison.evidence_table import SubjectEvidence
-from bayes_toe.comparison.predictive_checks import FitSummary
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.experiments.checks import Finding, check_study
+from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.contraction import DOMINATED
 from bayes_toe.model.coordinates import NATURAL
 

@@ -13,11 +13,12 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
+from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior

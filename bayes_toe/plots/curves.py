@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.closed_form import equal_probability, normalised_distance
@@ -78,7 +79,7 @@ def order_panel(ax: Axes, counts: Subject, theta: Natural, weaker: float, *, tit
     fixed = np.full_like(x, weaker)
     pairs = {-1: (fixed, x), 1: (x, fixed), 0: (x, x)}
     for order, mark in ORDERS.items():
-        at = shown & (np.sign(counts.s1 - counts.s2) == order)
+        at = shown & (presentation_order(counts) == order)
         if at.any():
             draw_band(ax, x, equal_probability(*pairs[order], *theta), mark.colour, 0.3 * size)
             draw_points(ax, stronger[at], counts, at, mark, size=size)
@@ -96,7 +97,7 @@ def distance_panel(ax: Axes, counts: Subject, theta: Natural) -> Axes:
     x = np.linspace(-reach, reach, 200)
     draw_band(ax, x, theta.q0 * 2.0 ** -np.square(x), "#333333")
     for order, mark in ORDERS.items():
-        at = np.sign(counts.s1 - counts.s2) == order
+        at = presentation_order(counts) == order
         if at.any():
             draw_points(ax, z[at], counts, at, mark)
     ax.set(xlabel=r"normalised distance $(s_2 - \mu_2)/w$", ylabel="P('equal')", ylim=(-0.03, 1.03))
@@ -113,8 +114,8 @@ def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float =
 def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks in points."""
     k, n = counts.n_equal[at], counts.n_trials[at]
-    q = (k + 1.0) / (n + 2.0)
-    error = np.sqrt(q * (1.0 - q) / (n + 3.0))
     crowded = len(counts.s1) > 60
     style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
-    ax.errorbar(x, q, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style)
+    ax.errorbar(
+        x, laplace_estimate(k, n), laplace_error(k, n), fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style
+    )

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
@@ -79,7 +80,7 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
     for edge in (line.s2[0], line.s2[2]):
         ax.plot(side, edge, ":", color=AXIS, lw=0.9)
     refuse_intervals([counts], "plane of pairs")
-    order, crowded = np.sign(counts.s1 - counts.s2), counts.n_pairs > 60
+    order, crowded = presentation_order(counts), counts.n_pairs > 60
     for kind, mark in ORDERS.items():
         at = order == kind
         if at.any():

@@ -35,7 +35,7 @@ class Mark(NamedTuple):
     label: str
 
 
-#: By the order of the stimuli, the sign of s1 - s2.
+#: By the order of the stimuli, as `presentation_order` has it: the sign of s1 - s2.
 ORDERS = {
     -1: Mark(WEAKER_FIRST, "o", "weaker first"),
     1: Mark(STRONGER_FIRST, "s", "stronger first"),

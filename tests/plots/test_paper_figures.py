@@ -11,7 +11,7 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
-from bayes_toe.comparison.predictive_checks import collapse
+from bayes_toe.classical.collapse import collapse
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain

@@ -1,4 +1,4 @@
-"""Deviance against many digits and against the log likelihood; predictive p-values against scipy and simulation; the collapse."""
+"""Deviance against many digits and against the log likelihood; predictive p-values against scipy and simulation."""
 
 import mpmath
 import numpy as np
@@ -9,8 +9,8 @@ from reference.hard_cases import hard_cases
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.comparison import predictive_checks as gof
 from bayes_toe.errors import NumericalError
+from bayes_toe.inference import predictive_checks as gof
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.coordinates import Natural, unconstrained
 
@@ -121,31 +121,6 @@ def test_p_values_are_uniform_when_the_truth_is_known():
     posterior = bt.Posterior(subject)
     check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)
     assert stats.kstest(check.p_mid, "uniform").pvalue > 1e-4
-
-
-def test_both_orders_collapse_on_one_curve(small_study):
-    truth = Natural(*map(np.asarray, (-0.7, 0.25, 0.17, 0.92)))
-    subject = small_study["A"]  # rounded expected counts of this observer
-    posterior = bt.Posterior(subject)
-    found = gof.collapse(posterior, unconstrained(truth, posterior.sbar))
-    expected = (subject.s2 - (subject.s1 + (1 - 1 / G(truth)) * (-0.7 - subject.s1))) / (0.25 * G(truth) ** 1.5)
-    assert found.z == pytest.approx(expected, rel=1e-12)
-    assert (found.z_low == found.z).all()
-    assert (np.abs(found.ratio - gof.universal_curve(found.z)) < 0.03).all()
-    assert (found.error > 0).all()
-    assert set(found.order) == {-1, 0, 1}
-
-
-def G(theta):  # noqa: N802 - the paper's symbol
-    return float((1 + np.sqrt(1 + 4 * theta.gamma)) / 2)
-
-
-def test_bands_of_the_collapse_hold_their_mass(small_study):
-    posterior, x = posterior_and_draws(small_study["C"])
-    found = gof.collapse(posterior, x, mass=0.6)
-    z = posterior.distance(x)
-    inside = ((z >= found.z_low) & (z <= found.z_high)).mean(axis=0)
-    assert inside == pytest.approx(np.full(13, 0.6), abs=1e-3)
 
 
 @pytest.mark.parametrize("bad", [np.zeros((0, 4)), np.zeros((3, 3)), np.zeros(4), np.full((2, 4), np.nan)])
