@@ -90,7 +90,7 @@ def say_prior(console: Console, prior: Prior) -> None:
 
 def say_penalty(console: Console, prior: Prior) -> None:
     """The part of the prior that a maximum-likelihood fit uses."""
-    console.print(f"  penalty: {prior.describe_mu1()}", highlight=False, soft_wrap=True)
+    console.print(f"  penalty: {prior.describe_penalty()}", highlight=False, soft_wrap=True)
 
 
 def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
