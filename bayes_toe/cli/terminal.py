@@ -228,9 +228,9 @@ def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> Non
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
-    from bayes_toe.comparison.prior_sensitivity import RESAMPLED, VARIED
+    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
 
-    turning = [name for name in table.names if any(table.turns(name, varied) for varied in VARIED)]
+    turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
     for name, line in zip(table.names, table.summary(), strict=True):
         shown = safe(line)
         console.print(f"[yellow]{shown}[/yellow]" if name in turning else shown, highlight=False, soft_wrap=True)

@@ -30,6 +30,7 @@ from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.interval_posterior import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: What is varied: two scales by factors, and the location by shifts of up to one prior standard deviation.
-SCALES = ("mu1_sd", "sigma_p_scale")
-VARIED = (*SCALES, "mu1_mean")
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 REWEIGHTED, RESAMPLED = "reweighted", "resampled"
@@ -62,9 +60,9 @@ class SensitivityRow:
     Attributes
     ----------
     subject, varied : str
-        `varied` is the value of the prior that differs from the default: one of :data:`VARIED`.
+        `varied` is the number of the prior that differs from the one given, by its name.
     factor : float or None
-        By which a scale is multiplied; None where the location is varied.
+        By which a scale or shape is multiplied; None where a location is varied.
     prior : Prior
     log_bayes_factor, se : float or None
         H1 minus H0, natural log, with its standard error; None where k-hat says that neither can be trusted.
@@ -107,6 +105,16 @@ class SensitivityTable:
         """Subjects."""
         return tuple(dict.fromkeys(row.subject for row in self.rows))
 
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """What is varied: the numbers that the prior declares, scales and shapes first."""
+        return tuple(one.name for one in self.prior.varied())
+
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """What is varied by factors: scales and shapes."""
+        return tuple(one.name for one in self.prior.varied() if one.positive)
+
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
         """Rows of one subject and one varied value.
 
@@ -117,12 +125,12 @@ class SensitivityTable:
         """
         found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
         if not found:
-            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(VARIED)}")
+            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}")
         return found
 
     def default(self, subject: str) -> SensitivityRow:
         """The row of the prior that was given, of one subject."""
-        return next(row for row in self.of(subject, VARIED[0]) if row.prior == self.prior)
+        return next(row for row in self.of(subject, self.varied[0]) if row.prior == self.prior)
 
     def turns(self, subject: str, varied: str, level: float = 0.0) -> tuple[float, ...]:
         """Values of the prior at which the log Bayes factor crosses a level, between neighbouring rows.
@@ -175,8 +183,8 @@ def sensitivity(
     prior : Prior, optional
         The middle of the range.
     reach : float
-        Scales are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. The mean of mu1 is shifted by up
-        to one prior standard deviation to both sides.
+        Scales and shapes are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. Locations are shifted
+        by up to one prior standard deviation of their parameter to both sides.
     steps : int
         Values of each, an odd number from 3, so that the prior itself is among them.
     seed : int, optional
@@ -223,15 +231,15 @@ def _one_subject(job: _Job) -> list[SensitivityRow]:
     middle = _under(fitted, job.prior, job)
     return [
         _row(job, varied, power, prior, middle if prior == job.prior else _under(fitted, prior, job))
-        for varied in VARIED
+        for varied in job.prior.varied()
         for power, prior in ((power, _varied(job, varied, power)) for power in job.powers)
     ]
 
 
-def _varied(job: _Job, varied: str, power: float) -> Prior:
-    if varied == "mu1_mean":
-        return replace(job.prior, mu1_mean=job.prior.mu1_mean + power * job.prior.mu1_sd)
-    return replace(job.prior, **{varied: getattr(job.prior, varied) * job.reach**power})
+def _varied(job: _Job, varied: PriorField, power: float) -> Prior:
+    value: float = getattr(job.prior, varied.name)
+    moved = value * job.reach**power if varied.positive else value + power * job.prior.distribution(varied.parameter).spread
+    return replace(job.prior, **{varied.name: moved})
 
 
 class _Weighted(NamedTuple):
@@ -269,17 +277,17 @@ def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) 
     return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
 
 
-def _row(job: _Job, varied: str, power: float, prior: Prior, found: _Weighted) -> SensitivityRow:
-    factor = job.reach**power if varied in SCALES else None
+def _row(job: _Job, varied: PriorField, power: float, prior: Prior, found: _Weighted) -> SensitivityRow:
+    factor = job.reach**power if varied.positive else None
     if not found.trusted:
         nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
-        return SensitivityRow(job.subject.name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
+        return SensitivityRow(job.subject.name, varied.name, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
     evidence = float(logsumexp(found.log_weights) - np.log(n))
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
     difference = evidence - frequency_evidence(job.subject)
     quantiles = _quantiles(found, posterior_of(job.subject, prior))
-    return SensitivityRow(job.subject.name, varied, factor, prior, difference, error, found.pareto_k, found.method, quantiles)
+    return SensitivityRow(job.subject.name, varied.name, factor, prior, difference, error, found.pareto_k, found.method, quantiles)
 
 
 def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:
@@ -320,7 +328,7 @@ def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> fl
     if (below < 0) == (above < 0):
         return None
     share = below / (below - above)
-    if first.varied in SCALES:
+    if first.prior.declared_as(first.varied).positive:
         return float(first.value * (second.value / first.value) ** share)
     return first.value + share * (second.value - first.value)
 
@@ -342,8 +350,8 @@ def conclusion(log_bayes_factor: float | None) -> str:
 def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
-    parts = [part for varied in VARIED for part in _turning(table, name, varied)]
-    firm = [varied for varied in VARIED if not table.turns(name, varied)]
+    parts = [part for varied in table.varied for part in _turning(table, name, varied)]
+    firm = [varied for varied in table.varied if not table.turns(name, varied)]
     if firm:
         parts.append("does not turn within " + ", ".join(_span(table.of(name, varied)) for varied in firm))
     return "; ".join([start, *parts])
