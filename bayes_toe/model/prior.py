@@ -214,7 +214,7 @@ _BENDS: Mapping[str, Callable[[FloatArray, float], _Bend]] = {
 
 
 def _noise_ratio(a: FloatArray) -> FloatArray:
-    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); rounding would carry it beyond its limit, 1."""
+    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
     p = MAX_PULL * expit(a)
     return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
 
