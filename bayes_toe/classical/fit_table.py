@@ -83,7 +83,7 @@ class FitTable(SubjectTable[SubjectFit]):
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         import pandas as pd
 
-        penalty = None if self.prior is None else self.prior.describe_mu1()
+        penalty = None if self.prior is None else self.prior.describe_penalty()
         cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
         return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
 

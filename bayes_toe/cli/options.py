@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayes_toe.errors import BayesToeError
+from bayes_toe.model.prior_fields import PriorFields
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -26,9 +27,20 @@ Workers = Annotated[
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
-PriorFile = Annotated[
-    Path | None, typer.Option("--prior", metavar="prior.toml", help="Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.")
-]
+
+
+def prior_help(kind: type[PriorFields] = PriorFields) -> str:
+    """What a prior file may hold, for the help text of --prior.
+
+    Examples
+    --------
+    >>> prior_help()
+    'Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.'
+    """
+    return f"Prior: any of {', '.join(one.name for one in kind.declared())}; see check --prior."
+
+
+PriorFile = Annotated[Path | None, typer.Option("--prior", metavar="prior.toml", help=prior_help())]
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def say_prior(console: Console, prior: Prior) -> None:
 
 def say_penalty(console: Console, prior: Prior) -> None:
     """The part of the prior that a maximum-likelihood fit uses."""
-    console.print(f"  penalty: {prior.describe_mu1()}", highlight=False, soft_wrap=True)
+    console.print(f"  penalty: {prior.describe_penalty()}", highlight=False, soft_wrap=True)
 
 
 def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
@@ -228,9 +228,9 @@ def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> Non
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
-    from bayes_toe.comparison.prior_sensitivity import RESAMPLED, VARIED
+    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
 
-    turning = [name for name in table.names if any(table.turns(name, varied) for varied in VARIED)]
+    turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
     for name, line in zip(table.names, table.summary(), strict=True):
         shown = safe(line)
         console.print(f"[yellow]{shown}[/yellow]" if name in turning else shown, highlight=False, soft_wrap=True)

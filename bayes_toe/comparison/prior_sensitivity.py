@@ -25,11 +25,13 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
 from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -37,9 +39,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: What is varied: two scales by factors, and the location by shifts of up to one prior standard deviation.
-SCALES = ("mu1_sd", "sigma_p_scale")
-VARIED = (*SCALES, "mu1_mean")
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 REWEIGHTED, RESAMPLED = "reweighted", "resampled"
@@ -62,9 +61,9 @@ class SensitivityRow:
     Attributes
     ----------
     subject, varied : str
-        `varied` is the value of the prior that differs from the default: one of :data:`VARIED`.
+        `varied` is the number of the prior that differs from the one given, by its name.
     factor : float or None
-        By which a scale is multiplied; None where the location is varied.
+        By which a scale or shape is multiplied; None where a location is varied.
     prior : Prior
     log_bayes_factor, se : float or None
         H1 minus H0, natural log, with its standard error; None where k-hat says that neither can be trusted.
@@ -103,6 +102,16 @@ class SensitivityTable(Table[SensitivityRow]):
         """Subjects."""
         return tuple(dict.fromkeys(row.subject for row in self.rows))
 
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """What is varied: the numbers that the prior declares, scales and shapes first."""
+        return tuple(one.name for one in self.prior.varied())
+
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """What is varied by factors: scales and shapes."""
+        return tuple(one.name for one in self.prior.varied() if one.positive)
+
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
         """Rows of one subject and one varied value.
 
@@ -113,12 +122,12 @@ class SensitivityTable(Table[SensitivityRow]):
         """
         found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
         if not found:
-            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(VARIED)}")
+            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}")
         return found
 
     def default(self, subject: str) -> SensitivityRow:
         """The row of the prior that was given, of one subject."""
-        return next(row for row in self.of(subject, VARIED[0]) if row.prior == self.prior)
+        return next(row for row in self.of(subject, self.varied[0]) if row.prior == self.prior)
 
     def turns(self, subject: str, varied: str, level: float = 0.0) -> tuple[float, ...]:
         """Values of the prior at which the log Bayes factor crosses a level, between neighbouring rows.
@@ -158,8 +167,8 @@ def sensitivity(
     prior : Prior, optional
         The middle of the range.
     reach : float
-        Scales are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. The mean of mu1 is shifted by up
-        to one prior standard deviation to both sides.
+        Scales and shapes are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. Locations are shifted
+        by up to one prior standard deviation of their parameter to both sides.
     steps : int
         Values of each, an odd number from 3, so that the prior itself is among them.
     seed : int, optional
@@ -204,20 +213,20 @@ def require_range(reach: float, steps: int) -> None:
 def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
-    fitted = fit_proposal(posterior, generator(seed, subject.name, posterior.model.name, "proposal"))
+    fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
     own = _reweighted(fitted, middle, posterior)
     rows = []
-    for varied, power in product(VARIED, powers):
+    for varied, power in product(middle.varied(), powers):
         wanted = posterior_of(subject, _varied(middle, varied, power, reach))
         found = own if wanted.prior == middle else _under(fitted, middle, wanted, seed)
-        rows.append(_row(wanted, varied, reach**power if varied in SCALES else None, found))
+        rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))
     return rows
 
 
-def _varied(prior: Prior, varied: str, power: float, reach: float) -> Prior:
-    if varied == "mu1_mean":
-        return replace(prior, mu1_mean=prior.mu1_mean + power * prior.mu1_sd)
-    return replace(prior, **{varied: getattr(prior, varied) * reach**power})
+def _varied(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+    value: float = getattr(prior, varied.name)
+    moved = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
+    return replace(prior, **{varied.name: moved})
 
 
 class _Weighted(NamedTuple):
@@ -304,7 +313,7 @@ def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> fl
     if (below < 0) == (above < 0):
         return None
     share = below / (below - above)
-    if first.varied in SCALES:
+    if first.prior.declared_as(first.varied).positive:
         return float(first.value * (second.value / first.value) ** share)
     return first.value + share * (second.value - first.value)
 
@@ -326,8 +335,8 @@ def conclusion(log_bayes_factor: float | None) -> str:
 def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
-    parts = [part for varied in VARIED for part in _turning(table, name, varied)]
-    firm = [varied for varied in VARIED if not table.turns(name, varied)]
+    parts = [part for varied in table.varied for part in _turning(table, name, varied)]
+    firm = [varied for varied in table.varied if not table.turns(name, varied)]
     if firm:
         parts.append("does not turn within " + ", ".join(_span(table.of(name, varied)) for varied in firm))
     return "; ".join([start, *parts])

@@ -6,17 +6,18 @@ from reference.hard_cases import hard_cases
 from scipy.special import log_expit
 
 from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
+from bayes_toe.model.distributions import Normal
 from bayes_toe.model.posterior import Posterior
 
 CASES = hard_cases()
 
 
-def objective(subject, row=None, equal=None, **penalty):
+def objective(subject, row=None, equal=None, mean=0.0, sd=10.0):
     """Of one subject, or of many count vectors in its design."""
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     counts = np.asarray(subject.n_equal if equal is None else equal, float).reshape(-1, subject.n_pairs).T.copy()
     row = np.zeros(1000, int) if row is None else row
-    return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, **penalty)
+    return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, Normal(mean, sd))
 
 
 def points(n=30, seed=3):

@@ -12,9 +12,7 @@ import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.prior_sensitivity import (
     REWEIGHTED,
-    SCALES,
     SENSITIVITY_COLUMNS,
-    VARIED,
     SensitivityRow,
     SensitivityTable,
     conclusion,
@@ -96,7 +94,7 @@ def test_medians_are_those_of_draws_under_that_prior(table, small_study):
 def test_the_middle_row_is_the_evidence_table(table, small_study):
     evidence = bt.evidence(small_study, seed=5, workers=1)
     for row in evidence:
-        for varied in VARIED:
+        for varied in table.varied:
             middle = next(found for found in table.of(row.subject, varied) if found.prior == bt.Prior())
             assert middle.log_bayes_factor == pytest.approx(row.log_bayes_factor, abs=2.0 * row.log_evidence_h1_se)
 
@@ -152,9 +150,9 @@ def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
     assert tuple(frame.columns) == SENSITIVITY_COLUMNS
     assert len(frame) == 3 * 3 * 5
-    assert set(frame["varied"]) == set(VARIED)
+    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()
-    scales = frame[frame["varied"].isin(SCALES)]
+    scales = frame[frame["varied"].isin(table.scales)]
     assert np.allclose(sorted(set(scales["factor"].round(9))), [0.25, 0.5, 1.0, 2.0, 4.0])
     for name, group in frame.groupby("subject"):
         assert all(np.diff(values["value"]).min() > 0 for _, values in group.groupby("varied")), name
