@@ -15,6 +15,7 @@ import pytest
 from commands import call, inside
 
 import bayes_toe as bt
+from bayes_toe.cli.app import COMMANDS
 from bayes_toe.cli.results_folder import corner_files
 
 
@@ -255,7 +256,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in ("run", "sample", "evidence", "asymmetry", "fit", "figures", "corner", "simulate", "calibrate", "check"):
+    for command in (one.__name__ for one in COMMANDS):
         done = (call if command == "run" else inside)(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example
