@@ -19,7 +19,7 @@ import pandas as pd
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.errors import BayesToeError, InputError
@@ -81,7 +81,7 @@ def measure(seeds: int, names: list[str] | None, workers: int | None) -> pd.Data
 
 def z_scores(case: Case) -> dict[str, object]:
     """The row of one case."""
-    posterior = bt.Posterior(case.subject)
+    posterior = bt.posterior_of(case.subject)
     maxima = find_maxima(posterior)
     fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima) for seed in range(case.seeds)]
     given = [(value, error) for value, error, _ in map(importance_evidence, fitted) if value is not None]

@@ -12,7 +12,7 @@ import bayes_toe as bt
 from bayes_toe.analysis import analyse
 from bayes_toe.cli.app import app
 from bayes_toe.cli.results_folder import write_results
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
@@ -352,7 +352,7 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
         lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
-        lambda study, analysis: bt.Posterior(study["S01"]),
+        lambda study, analysis: bt.posterior_of(study["S01"]),
     ],
 )
 def test_what_knows_one_interval_refuses_several(call, study, analysis):

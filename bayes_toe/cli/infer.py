@@ -137,8 +137,8 @@ def sensitivity(
     """
     from bayes_toe.comparison.prior_sensitivity import require_range
     from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
-    from bayes_toe.plots.sensitivity import save_sensitivity
     from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.sensitivity import save_sensitivity
 
     picture = picture_beside(output)
     require_range(reach, steps)

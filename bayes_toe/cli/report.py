@@ -132,7 +132,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
             "predictive p": _p_value(fit.p_overall),
             "predictive p, worst pair": _p_value(fit.worst_p),
-            "worst pair (s1, s2)": f"({fit.worst_pair[0]:.3g}, {fit.worst_pair[1]:.3g})"
+            "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g})"
             + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),

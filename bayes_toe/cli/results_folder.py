@@ -7,20 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
-from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
@@ -136,19 +131,13 @@ def _pictures_of_subjects(analysis: Analysis, truth: Truth) -> list[Callable[[],
 
 def _draw_subject(draws: Draws, subject: str, prior: Prior, truth: Mapping[str, float] | None) -> _Drawn:
     fitted = interval_curves if draws.intervals else curves
-    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120), _fit(draws, subject))
+    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120), draws.fit(subject))
 
 
 def _corner(
     draws: Draws, subject: str, *, coordinates: str = "natural", prior: Prior | None = None, truth: Mapping[str, float] | None = None
 ) -> bytes:
     return png(corner(draws, subject, coordinates=coordinates, truths=truth, prior=prior), dpi=110)
-
-
-def _fit(draws: Draws, subject: str) -> FitSummary:
-    posterior = posterior_of(draws.subject(subject), draws.prior)
-    theta = Natural(*map(np.ravel, draws.natural(subject)))
-    return summarise_fit(posterior, unconstrained(theta, posterior.sbar), draws.seed)
 
 
 def _draw_evidence(table: EvidenceTable, *, synthetic: bool) -> bytes:

@@ -21,22 +21,30 @@ if TYPE_CHECKING:
     from bayes_toe.inference.draws import Draws
 
 
+#: What order effects show in: these have their range beside the median.
+_WITH_RANGE = ("mu1", "offset", "gain")
+_MOST_SHOWN = 7  # of a model with a parameter for each pair
+
+
 def say_draws(console: Console, draws: Draws) -> None:
     """Medians and convergence of every subject."""
     import numpy as np
 
     stats, missed = draws.group("sample_stats"), draws.not_converged
+    natural = draws.posterior(draws.names[0]).names.natural
+    known = [key for key in ("mu1", "offset", "gain") if key in draws.parameters]
+    shown = [*known, *(key for key in natural if key not in known)][:_MOST_SHOWN]
     rows = []
     for i, name in enumerate(draws.names):
         row: dict[Any, Any] = {"subject": name}
-        for key in ("mu1", "gain", "sigma_p", "sigma_l", "q0"):
+        for key in shown:
             low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
-            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in ("mu1", "gain") else "")
+            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in _WITH_RANGE else "")
         row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
         row["converged"] = "NO" if name in missed else "yes"
         rows.append(row)
-    say_table(console, "posterior: medians (5 %, 95 %)", rows)
+    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows)
     for name, shortfall in missed.items():
         say_note(console, f"{name}: {shortfall}", "not converged", "red")
     if draws.attrs["left_out"]:

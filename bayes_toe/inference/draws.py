@@ -24,11 +24,14 @@ from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import Chains
-from bayes_toe.inference.subject import AnyPosterior, Settings, SubjectResult
+from bayes_toe.inference.subject import Settings, SubjectResult
 from bayes_toe.model.contraction import contraction
 from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Answering
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,7 +139,7 @@ class Draws:
         s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
         return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
 
-    def posterior(self, name: str) -> AnyPosterior:
+    def posterior(self, name: str) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""
         return posterior_of(self.subject(name), self.prior, model=self.model)
 
@@ -398,7 +401,7 @@ def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
     return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
-def _summary_row(values: FloatArray, target: AnyPosterior, parameter: str) -> tuple[float, ...]:
+def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
     quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
     narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
     return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,13 +15,64 @@ from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import QUANTILES, Draws
+from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
-from bayes_toe.model.target import Conjugate, Target
+from bayes_toe.model.posterior import Posterior
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _BLOCK = 1 << 20  # values of one temporary array
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """What posterior draws of one subject predict, under whichever model they are of.
+
+    Attributes
+    ----------
+    target : Posterior
+    x : array, shape (draws, k)
+        Draws in unconstrained coordinates.
+    """
+
+    target: Posterior
+    x: FloatArray
+
+    @classmethod
+    def of(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
+        """Of a subject's draws, all of them or about `most`, evenly spaced.
+
+        Raises
+        ------
+        InputError
+            For an unknown subject, or a model that says nothing of pairs that were not tested.
+        """
+        target = draws.posterior(subject)
+        if isinstance(target, FrequencyPosterior):
+            raise InputError(f"model {draws.model!r} says nothing of pairs and intervals that were not tested")
+        x = np.concatenate(list(draws.points(subject)))
+        return cls(target, x if most is None else x[:: max(1, len(x) // most)])
+
+    def equal(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
+        """P(equal) of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
+        keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
+        pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
+        once = np.ones(len(pairs), np.int64)
+        asked = Subject(self.target.subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else pairs[:, 2])
+        return np.asarray(np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()])
+
+    def gain(self, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals, (intervals,) -> (draws, intervals)."""
+        return self.target.gain(self.x, seconds)
+
+    def distance(self) -> FloatArray:
+        """Normalised distance of every pair that was tested, shape (draws, pairs)."""
+        return self.target.distance(self.x)
+
+    def equal_at_distance(self, z: FloatArray) -> FloatArray:
+        """P(equal) at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
+        return self.target.equal_at_distance(self.x, z)
 
 
 def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
@@ -57,7 +109,7 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
     >>> predict_equal(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    target, x = _flat(draws, subject)
+    fitted = Predictor.of(draws, subject)
     if isi is None:
         _require_no_intervals(draws)
         first, second = _broadcast(s1, s2)
@@ -68,18 +120,9 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
         columns = {"s1": first, "s2": second, "isi": seconds}
 
     def predicted(rows: slice) -> FloatArray:
-        return equal_at(target, x, *(values[rows] for values in columns.values()))
+        return fitted.equal(*(values[rows] for values in columns.values()))
 
-    return _table(columns, len(x), predicted)
-
-
-def equal_at(target: Target, x: FloatArray, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
-    """P(equal) of any pairs, (points, k) and (pairs,) -> (points, pairs); natural-log intensities, intervals in seconds."""
-    keys = np.column_stack([s1, s2] if isi is None else [s1, s2, isi])
-    pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
-    once = np.ones(len(pairs), np.int64)
-    asked = Subject(target.subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else pairs[:, 2])
-    return np.asarray(np.exp(target.for_subject(asked).log_answers(x)[0])[:, which.ravel()])
+    return _table(columns, len(fitted.x), predicted)
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
@@ -114,8 +157,8 @@ def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame
     """
     _require_intervals(draws)
     (seconds,) = _broadcast(require_intervals(isi))
-    target, x = _flat(draws, subject)
-    return _table({"isi": seconds}, len(x), lambda rows: target.gain(x, seconds[rows]))
+    fitted = Predictor.of(draws, subject)
+    return _table({"isi": seconds}, len(fitted.x), lambda rows: fitted.gain(seconds[rows]))
 
 
 def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
@@ -128,14 +171,6 @@ def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[s
     mean = np.concatenate([part.mean(axis=0) for part in values])
     quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
-
-
-def _flat(draws: Draws, subject: str) -> tuple[Target, FloatArray]:
-    """The posterior of a subject and all its draws, shape (draws, k)."""
-    target = draws.posterior(subject)
-    if isinstance(target, Conjugate):
-        raise InputError(f"model {draws.model!r} says nothing of pairs and intervals that were not tested")
-    return target, np.concatenate(list(draws.points(subject)))
 
 
 def _broadcast(*arrays: npt.ArrayLike) -> list[FloatArray]:

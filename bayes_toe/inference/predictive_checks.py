@@ -206,8 +206,8 @@ class FitSummary:
         Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
     worst_p : float
         Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
-    worst_pair : tuple of float
-        That pair, (s1, s2) in natural-log intensity.
+    worst_s1, worst_s2 : float
+        That pair, natural-log intensity.
     worst_isi : float, optional
         Its interval, seconds, where the subject has intervals.
     """
@@ -217,7 +217,8 @@ class FitSummary:
     p_overall: float
     p_overall_se: float
     worst_p: float
-    worst_pair: tuple[float, float]
+    worst_s1: float
+    worst_s2: float
     worst_isi: float | None = None
 
 
@@ -241,7 +242,8 @@ def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: in
         check.p_overall,
         check.p_overall_se,
         float(check.p_value[worst]),
-        (float(subject.s1[worst]), float(subject.s2[worst])),
+        float(subject.s1[worst]),
+        float(subject.s2[worst]),
         None if subject.isi is None else float(subject.isi[worst]),
     )
 

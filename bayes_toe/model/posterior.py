@@ -245,6 +245,10 @@ class Posterior:
         scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
         return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
 
+    def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
+        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), self._peak(x))[0]))
+
     # --- What readers ask for -------------------------------------------------------------------------
 
     @property

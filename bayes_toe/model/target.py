@@ -230,10 +230,6 @@ class Target(Answering, Protocol):
         """Points from which to look for maxima, shape (starts, k), of finite density."""
         ...
 
-    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
-        """Weight of the first stimulus at intervals (seconds), (points, k) and (intervals,) -> (points, intervals)."""
-        ...
-
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
         ...

@@ -15,7 +15,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import order_panel, thinned
+from bayes_toe.plots.curves import natural_curve, order_panel
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -84,7 +84,7 @@ def answers_axes(
     ax = panel(ax, high=2.4)
     reference = main_weaker(counts) if weaker is None else weaker
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
-    order_panel(ax, counts, thinned(theta), low, size=size)
+    order_panel(ax, counts, natural_curve(theta), low, size=size)
     high = _strongest(counts, low)
     pad = max(0.06 * (high - low), 0.05)
     ax.set(xlim=(low - pad, high + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains

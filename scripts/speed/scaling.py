@@ -97,7 +97,7 @@ def _subject(pairs: int, trials: int) -> bt.Subject:
 
 
 def _timed(subject: bt.Subject, seed: int) -> Timing:
-    posterior = Counting(bt.Posterior(subject))
+    posterior = Counting(bt.posterior_of(subject))
     clock = [time.perf_counter()]
     maxima = find_maxima(posterior)
     clock.append(time.perf_counter())

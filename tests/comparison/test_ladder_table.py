@@ -12,7 +12,7 @@ import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.summaries import say_comparison
 from bayes_toe.cli.terminal import new_console
-from bayes_toe.comparison.evidence_table import frequency_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out

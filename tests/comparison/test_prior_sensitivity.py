@@ -9,7 +9,8 @@ from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.comparison.prior_sensitivity import (
     REWEIGHTED,
     SENSITIVITY_COLUMNS,
@@ -43,7 +44,7 @@ def hard():
 
 def fresh(subject, row):
     """Evidence and draws of a proposal fitted under the row's own prior, from a stream of its own."""
-    fitted = fit_proposal(bt.Posterior(subject, row.prior), np.random.default_rng(77))
+    fitted = fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77))
     value, error, why_not = importance_evidence(fitted)
     assert not why_not
     return fitted, value - frequency_evidence(subject), error

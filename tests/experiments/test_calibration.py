@@ -85,7 +85,7 @@ def test_alone_or_with_evidence_the_ranks_are_the_same(table):
 
 def test_the_ranked_likelihood_is_the_posteriors():
     subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
-    posterior = bt.Posterior(subject)
+    posterior = bt.posterior_of(subject)
     x = np.random.default_rng(1).normal(size=(20, 4))
     found = ranked_quantities(subject, posterior.natural(x))
     np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)

@@ -95,7 +95,7 @@ def test_rank_is_that_of_the_closed_form(pairs):
 
 @pytest.mark.parametrize("name", DESIGNS)
 def test_rank_is_that_of_finite_differences_of_the_probabilities(name):
-    posterior = Posterior(made(DESIGNS[name]))
+    posterior = posterior_of(made(DESIGNS[name]))
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
     sides = [posterior.equal_probability(np.stack([x + h * axis, x - h * axis])) for axis in np.eye(4)]
     jacobian = np.stack([(up - down) / (2 * h) for up, down in sides], axis=1)

@@ -74,7 +74,7 @@ def test_it_is_the_curvature_of_the_log_likelihood_where_data_are_the_models_own
     theta, n = observer(-0.5, 0.25, 0.14, 0.9), 10**11
     d = reference_design()
     q = bt.model.equal_probability(d.s1, d.s2, *theta)
-    posterior = bt.Posterior(bt.Subject("S", d.s1, d.s2, np.rint(n * q).astype(np.int64), np.full(13, n)))
+    posterior = bt.posterior_of(bt.Subject("S", d.s1, d.s2, np.rint(n * q).astype(np.int64), np.full(13, n)))
     sbar = posterior.sbar
 
     def x_of(phi):

@@ -98,7 +98,7 @@ def test_pointwise_groups_follow_from_the_draws(analysis):
 
 def test_log_posterior_is_the_density_of_the_draws(analysis):
     name = "A"
-    x = bt.Posterior(analysis.study[name])
+    x = bt.posterior_of(analysis.study[name])
     theta = analysis.draws.natural(name)
     from bayes_toe.model.coordinates import unconstrained
 
@@ -123,7 +123,7 @@ def test_offset_and_pull_are_the_identified_ones(analysis):
     gamma = draws.values("A", "gamma")
     big = (1 + np.sqrt(1 + 4 * gamma)) / 2
     assert draws.values("A", "pull") == pytest.approx(1 - 1 / big, rel=1e-9)
-    sbar = Posterior(draws.subject("A")).sbar
+    sbar = posterior_of(draws.subject("A")).sbar
     assert draws.values("A", "offset") == pytest.approx((1 - 1 / big) * (draws.values("A", "mu1") - sbar), rel=1e-7, abs=1e-9)
 
 

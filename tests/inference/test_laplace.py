@@ -50,7 +50,7 @@ def _hessian(function, x, steps):
 @pytest.mark.parametrize("name", ["S04", "S07", "S14", "funnel", "stimuli spanning 10 log units"])
 def test_value_is_that_of_the_definition_in_natural_coordinates(name):
     subject = CASES[name]
-    value, why_not = laplace_evidence_natural(bt.Posterior(subject))
+    value, why_not = laplace_evidence_natural(bt.posterior_of(subject))
     assert why_not == ""
     simplex = {"maxiter": 20_000, "maxfev": 20_000, "xatol": 1e-10, "fatol": 1e-12}
     best = None
@@ -74,12 +74,12 @@ def test_no_value_where_the_maximum_lies_on_an_edge():
         "all different": "sigma_p = 0",
         "perfect observer": "gamma = 0",
     }.items():
-        value, why_not = laplace_evidence_natural(bt.Posterior(CASES[name]))
+        value, why_not = laplace_evidence_natural(bt.posterior_of(CASES[name]))
         assert value is None, name
         assert edge in why_not
 
 
 def test_it_becomes_exact_with_many_trials():
     for name in ("a million trials a pair", "a hundred million trials"):
-        value, _ = laplace_evidence_natural(bt.Posterior(CASES[name]))
+        value, _ = laplace_evidence_natural(bt.posterior_of(CASES[name]))
         assert value == pytest.approx(EVIDENCE[name], abs=0.01)

@@ -6,14 +6,14 @@ from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
 
 
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "guessing at 0.5", "400 pairs with 3 trials"])
 def test_newton_is_never_beaten_by_a_general_optimiser(name):
-    posterior = Posterior(CASES[name])
+    posterior = posterior_of(CASES[name])
     found = find_maxima(posterior)
     assert found.arrived
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
@@ -28,7 +28,7 @@ def test_newton_is_never_beaten_by_a_general_optimiser(name):
 
 
 def test_two_maxima_are_both_found():
-    found = find_maxima(Posterior(CASES["all different"]))
+    found = find_maxima(posterior_of(CASES["all different"]))
     assert len(found.x) >= 2
     assert found.x[:, 0].min() < 0 < found.x[:, 0].max()
     assert list(found.value) == sorted(found.value, reverse=True)
@@ -36,4 +36,4 @@ def test_two_maxima_are_both_found():
 
 def test_a_maximum_that_does_not_exist_is_not_claimed():
     # A perfect observer's density rises without end toward gamma = 0.
-    assert not find_maxima(Posterior(CASES["perfect observer"])).arrived
+    assert not find_maxima(posterior_of(CASES["perfect observer"])).arrived

@@ -8,7 +8,7 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.moves import GlobalMove, moves
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
@@ -93,14 +93,14 @@ def test_the_moment_test_catches_emcees_snooker_move():
 
 
 def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "x"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
     assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
     assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
 
 
 def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "move", "proposal"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "move", "proposal"))
     prior, sbar = fitted.proposal.posterior.prior, fitted.proposal.posterior.sbar
 
     def log_density(x):

@@ -46,7 +46,7 @@ def test_deviance_where_an_answer_is_impossible():
 
 
 def test_deviance_is_twice_what_the_saturated_model_has_more(small_study):
-    posterior = bt.Posterior(small_study["A"])
+    posterior = bt.posterior_of(small_study["A"])
     x = posterior.prior.sample_unconstrained(np.random.default_rng(0), 50, posterior.sbar)
     k, n = small_study["A"].n_equal, small_study["A"].n_trials
     saturated = stats.binom.logpmf(k, n, k / n) - stats.binom.logpmf(k, n, 0.5) + n * np.log(0.5)
@@ -56,14 +56,14 @@ def test_deviance_is_twice_what_the_saturated_model_has_more(small_study):
 
 def test_the_fit_at_a_maximum(small_study):
     subject = small_study["A"]
-    posterior = bt.Posterior(subject)
+    posterior = bt.posterior_of(subject)
     fit = gof.fit_at(posterior, find_maxima(posterior).x[0])
     assert fit.degrees_of_freedom == 9
     assert (np.sign(fit.residual) == np.sign(subject.n_equal / subject.n_trials - fit.q)).all()
     assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
     assert fit.p_value == pytest.approx(stats.chi2.sf(fit.deviance, 9))
-    assert np.isnan(gof.fit_at(bt.Posterior(hard_cases()["single pair"]), np.zeros(4)).p_value)
+    assert np.isnan(gof.fit_at(bt.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
 
 
 def test_binomial_tails_against_scipy():
@@ -77,7 +77,7 @@ def test_binomial_tails_against_scipy():
 
 def posterior_and_draws(subject, size=4000):
     """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
-    posterior = bt.Posterior(subject)
+    posterior = bt.posterior_of(subject)
     rng = np.random.default_rng(2)
     return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [0.2, 1, 0.5, 1]
 
@@ -118,7 +118,7 @@ def test_p_values_are_uniform_when_the_truth_is_known():
     s1, s2 = rng.uniform(0, 0.6, (2, 500))
     q = bt.model.equal_probability(s1, s2, *theta)
     subject = bt.Subject("S", s1, s2, rng.binomial(400, q), np.full(500, 400))
-    posterior = bt.Posterior(subject)
+    posterior = bt.posterior_of(subject)
     check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)
     assert stats.kstest(check.p_mid, "uniform").pvalue > 1e-4
 
@@ -126,14 +126,14 @@ def test_p_values_are_uniform_when_the_truth_is_known():
 @pytest.mark.parametrize("bad", [np.zeros((0, 4)), np.zeros((3, 3)), np.zeros(4), np.full((2, 4), np.nan)])
 def test_bad_draws_are_refused(small_study, bad):
     with pytest.raises(NumericalError, match="draws must have shape"):
-        gof.predictive_check(bt.Posterior(small_study["A"]), bad, seed=1)
+        gof.predictive_check(bt.posterior_of(small_study["A"]), bad, seed=1)
 
 
 @pytest.mark.slow
 def test_real_draws_of_a_subject(analysis):
     for name in analysis.draws.names:
         subject = analysis.study[name]
-        posterior = bt.Posterior(subject)
+        posterior = bt.posterior_of(subject)
         theta = analysis.draws.natural(name)
         x = unconstrained(theta, posterior.sbar).reshape(-1, 4)
         check = gof.predictive_check(posterior, x, seed=1)
@@ -142,7 +142,7 @@ def test_real_draws_of_a_subject(analysis):
 
 
 def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
-    posterior = bt.Posterior(small_study["B"])
+    posterior = bt.posterior_of(small_study["B"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
     found = gof.summarise_fit(posterior, x, seed=3, most=len(x))
     check = gof.predictive_check(posterior, x, seed=3)

@@ -6,14 +6,14 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.proposal import efficiency, importance_draws
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
 
 
 def test_log_proposal_density_integrates_to_one():
     # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
-    posterior = Posterior(CASES["one batch"])
+    posterior = posterior_of(CASES["one batch"])
     proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
     draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
     ratio = np.exp(draws.log_prior - draws.log_proposal)
@@ -21,7 +21,7 @@ def test_log_proposal_density_integrates_to_one():
 
 
 def test_draws_come_with_the_densities_that_their_points_have():
-    proposal = fit_proposal(Posterior(CASES["funnel"]), np.random.default_rng(11)).proposal
+    proposal = fit_proposal(posterior_of(CASES["funnel"]), np.random.default_rng(11)).proposal
     x, log_prior, log_proposal = proposal.sample(np.random.default_rng(12), 20_000)
     prior, sbar = proposal.posterior.prior, proposal.posterior.sbar
     assert log_prior == pytest.approx(prior.log_density_unconstrained(x, sbar), rel=1e-12)

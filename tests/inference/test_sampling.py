@@ -22,7 +22,7 @@ QUICK = SamplerSettings(draws=1000)
 
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "x"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
     steps = [burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)]
     assert steps == [3, 5, 8, 8]  # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
     assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
@@ -33,7 +33,7 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
 @pytest.mark.parametrize("name", ["S01", "S07", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
     # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
-    posterior = Posterior(bt.example_study()[name])
+    posterior = posterior_of(bt.example_study()[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
     draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
@@ -50,7 +50,7 @@ def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
     # emcee itself refuses such a start with an error.
     from bayes_toe.inference import sampling
 
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "line"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "line"))
     start = sampling._dispersed
 
     def on_a_line(*arguments):
@@ -68,7 +68,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     sampler = analysis.settings.sampler
     assert dict(tree["posterior"].sizes) == {"chain": 4, "draw": sampler.walkers * sampler.kept_steps, "subject": 3}
     for name in analysis.draws.names:
-        posterior = Posterior(analysis.draws.subject(name))
+        posterior = posterior_of(analysis.draws.subject(name))
         for parameter in ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "gain", "width"):
             found = convergence(analysis.draws.values(name, parameter))
             assert min(found.ess_bulk, found.ess_tail) >= 2000
@@ -80,7 +80,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
 
 
 def test_claimed_effective_sizes_hold_over_independent_runs():
-    posterior = Posterior(CASES["one order missing"])
+    posterior = posterior_of(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
     runs = [sample_chains(fitted, QUICK, seed) for seed in range(40)]
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
@@ -94,7 +94,7 @@ def test_claimed_effective_sizes_hold_over_independent_runs():
 
 def test_draws_agree_with_weighted_draws_of_the_proposal():
     for name in ("funnel", "single pair"):
-        posterior = Posterior(CASES[name])
+        posterior = posterior_of(CASES[name])
         fitted = fit_proposal(posterior, generator(5, name))
         chains = sample_chains(fitted, SamplerSettings(draws=8000), 5)
         assert chains.converged
@@ -170,5 +170,5 @@ def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
 
 
 def test_judged_quantities_are_all_there():
-    posterior = Posterior(CASES["funnel"])
+    posterior = posterior_of(CASES["funnel"])
     assert tuple(posterior.judged(np.zeros((2, 3, 4)))) == JUDGED

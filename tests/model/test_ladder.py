@@ -9,7 +9,7 @@ from scipy.special import expit, logsumexp
 from scipy.stats import binom, halfnorm, norm, uniform
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.comparison.leave_one_out import leave_one_out
 from bayes_toe.comparison.model_row import _log_evidence_without, sample_model
 from bayes_toe.data.study import Subject

@@ -13,7 +13,8 @@ from scipy.special import betaln, gammainc, gammaincinv, gammaln
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.cli.options import prior_help
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.contraction import contraction, prior_quantile
@@ -152,14 +153,14 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
     assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
     for row in (rows[0], rows[2]):
-        value, error, _ = importance_evidence(fit_proposal(bt.Posterior(subject, row.prior), np.random.default_rng(77)))
+        value, error, _ = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
         assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
     ax = bt.sensitivity_axes(table, "B")
     assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
 
 
 def test_it_is_in_the_posterior(small_study):
-    posterior, plain, x = (*(bt.Posterior(small_study["A"], prior) for prior in (CHI, PRIORS[0])), points())
+    posterior, plain, x = (*(bt.posterior_of(small_study["A"], prior) for prior in (CHI, PRIORS[0])), points())
     theta = posterior.natural(x)
     by_hand = stats.chi.logpdf(theta.sigma_p, 3.0, scale=0.3) - stats.halfnorm.logpdf(theta.sigma_p, scale=0.3)
     assert posterior.log_density(x) - plain.log_density(x) == pytest.approx(by_hand, rel=1e-7, abs=1e-9)

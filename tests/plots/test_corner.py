@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.corner import LABELS, TRUTH
 from bayes_toe.plots.figure_files import png
 
@@ -86,7 +86,7 @@ def test_drawn_into_a_part_of_a_figure(analysis):
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
     theta = Natural(*map(np.float64, TRUE.values()))
     gain = derived(theta)["gain"]
-    true = {**TRUE, **derived(theta), "pull": 1 - gain, "offset": (1 - gain) * (TRUE["mu1"] - Posterior(analysis.study["A"]).sbar)}
+    true = {**TRUE, **derived(theta), "pull": 1 - gain, "offset": (1 - gain) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)}
     axes = np.array(bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
     for i, name in enumerate(names):
         assert marked(axes[i, i])[0] == pytest.approx([float(true[name])])

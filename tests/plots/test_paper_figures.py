@@ -16,7 +16,7 @@ from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.asymmetry import asymmetry_height
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
@@ -102,7 +102,7 @@ def test_the_central_point_lies_among_the_draws(analysis):
 def test_both_orders_collapse_on_one_curve(analysis):
     ax = bt.plots.collapse_axes(analysis.study["A"], analysis.draws.natural("A"))
     curve = next(line for line in ax.lines if len(line.get_xdata()) == 300)
-    posterior = Posterior(analysis.study["A"])
+    posterior = posterior_of(analysis.study["A"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
     found = collapse(posterior, x, mass=0.6)
     drawn = sorted((x, y) for x, y, *_ in points_of(ax))

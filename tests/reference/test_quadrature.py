@@ -16,7 +16,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import natural
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))["cases"]
@@ -167,8 +167,8 @@ def test_the_prior_has_mass_one():
 
 def test_shifting_stimuli_and_prior_together_changes_nothing_but_mu1():
     s1, s2, k, n = [0.0, 0.0, 0.3, 0.5], [0.0, 0.3, 0.0, 0.5], [45, 20, 10, 44], [50, 50, 50, 50]
-    here = integrate(Posterior(Subject("S01", s1, s2, k, n), Prior(0.2, 2.0, 1.0)), tolerance=1e-2)
-    there = integrate(Posterior(Subject("S01", np.add(s1, 7.0), np.add(s2, 7.0), k, n), Prior(7.2, 2.0, 1.0)), tolerance=1e-2)
+    here = integrate(posterior_of(Subject("S01", s1, s2, k, n), Prior(0.2, 2.0, 1.0)), tolerance=1e-2)
+    there = integrate(posterior_of(Subject("S01", np.add(s1, 7.0), np.add(s2, 7.0), k, n), Prior(7.2, 2.0, 1.0)), tolerance=1e-2)
     both = here.log_evidence_error + there.log_evidence_error
     assert there.log_evidence == pytest.approx(here.log_evidence, abs=both)
     shift = np.array([7.0, 0.0, 0.0, 0.0, 0.0])
@@ -189,6 +189,6 @@ def test_a_density_that_is_zero_is_refused():
 
 
 def test_a_stored_case_is_reproduced():
-    found, stored = integrate(Posterior(hard_cases()["stimuli offset by 100"]), tolerance=1e-3), STORED["stimuli offset by 100"]
+    found, stored = integrate(posterior_of(hard_cases()["stimuli offset by 100"]), tolerance=1e-3), STORED["stimuli offset by 100"]
     assert abs(found.log_evidence - stored["log_evidence"]) <= found.log_evidence_error + stored["log_evidence_error"]
     assert np.all(np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"]))

@@ -9,7 +9,7 @@ import pytest
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
@@ -29,7 +29,7 @@ def test_stored_cases_belong_to_todays_counts_and_prior():
 
 @pytest.mark.parametrize("name", sorted(STORED["cases"]))
 def test_evidence_agrees_within_four_standard_errors(name):
-    fitted = fit_proposal(bt.Posterior(SUBJECTS[name]), np.random.default_rng(2604))
+    fitted = fit_proposal(bt.posterior_of(SUBJECTS[name]), np.random.default_rng(2604))
     value, error, why_not = importance_evidence(fitted)
     if value is None:  # said, not hidden
         assert "withheld" in why_not
@@ -40,7 +40,7 @@ def test_evidence_agrees_within_four_standard_errors(name):
 
 @pytest.mark.parametrize("name", ["S01", "one order missing"])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_seeds(name):
-    posterior, case = bt.Posterior(SUBJECTS[name]), STORED["cases"][name]
+    posterior, case = bt.posterior_of(SUBJECTS[name]), STORED["cases"][name]
     maxima = find_maxima(posterior)
     estimates = [importance_evidence(fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima)) for seed in range(100)]
     z = np.array([(value - case["log_evidence"]) / error for value, error, _ in estimates if value is not None])
@@ -51,7 +51,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_seeds(name):
 
 @pytest.mark.parametrize("name", sorted(STORED["cases"]))
 def test_draws_have_the_means_and_quantiles(name):
-    posterior, case = bt.Posterior(SUBJECTS[name]), STORED["cases"][name]
+    posterior, case = bt.posterior_of(SUBJECTS[name]), STORED["cases"][name]
     chains = sample_chains(fit_proposal(posterior, np.random.default_rng(1)), SamplerSettings(draws=4000), 1)
     theta = posterior.natural(chains.x)
     if not chains.converged:
