@@ -19,11 +19,11 @@ import pandas as pd
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.errors import BayesToeError, InputError
 from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.workers import run_jobs
 

@@ -9,10 +9,8 @@ from scipy.special import betaln, roots_legendre
 from typer.testing import CliRunner
 
 import bayes_toe as bt
-from bayes_toe.analysis import analyse
 from bayes_toe.cli.app import app
 from bayes_toe.cli.results_folder import write_results
-from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
@@ -20,10 +18,11 @@ from bayes_toe.experiments.recipes import design_from, trial_frame
 from bayes_toe.experiments.simulate import Design, at_intervals, reference_design, simulate_trials
 from bayes_toe.experiments.sloppiness import fisher_information
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.model import interval_posterior
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, gain_at
+from bayes_toe.model.posterior import Posterior
 
 OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
 THREE = (0.25, 1.0, 4.0)
@@ -218,7 +217,8 @@ def test_evidence_agrees_with_brute_force():
     prior = bt.Prior(mu1_sd=1.0)
     coarse, fine = (brute_force(subject, prior, orders) for orders in ((80, 90, 12, 12), (110, 120, 16, 16)))
     assert fine == pytest.approx(coarse, abs=1e-4)
-    value, error, _ = importance_evidence(fitted(subject, prior))
+    estimate = importance_evidence(fitted(subject, prior))
+    value, error = estimate.value, estimate.se
     assert error < 0.005
     assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
 
@@ -227,7 +227,8 @@ def test_evidence_and_moments_agree_with_quadrature():
     # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
     evidence, means, sds = -890.1292755, (-0.6155167, 0.2134129, 0.1408259, 0.9295392), (0.0428065, 0.0106820, 0.0053121, 0.0123957)
     found = fitted(expected(THREE, 50))
-    value, error, _ = importance_evidence(found)
+    estimate = importance_evidence(found)
+    value, error = estimate.value, estimate.se
     assert value == pytest.approx(evidence, abs=4.5 * error)
     weights = np.exp(found.draws.log_weights - found.draws.log_weights.max())
     theta = found.proposal.posterior.natural(found.draws.x)
@@ -352,7 +353,6 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
         lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
-        lambda study, analysis: bt.posterior_of(study["S01"]),
     ],
 )
 def test_what_knows_one_interval_refuses_several(call, study, analysis):
@@ -369,13 +369,11 @@ def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
     def never(*_):
         raise AssertionError("evaluated without intervals")
 
-    for name in ("random_walk_scales", "_growth"):
-        monkeypatch.setattr(interval_posterior, name, never)
-    results = analyse(small_study.select(["A"]), draws=200, seed=1, workers=1)
-    assert type(bt.posterior_of(small_study["A"])) is bt.Posterior
-    assert results[0].fit is not None
+    for name in ("_scales_at", "_growth"):
+        monkeypatch.setattr(Posterior, name, never)
     draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)
     assert draws.intervals == ()
     assert set(draws.group("observed_data").coords) == {"obs", "subject", "s1", "s2"}
-    assert draws.attrs["model"] == "predictive update (H1), arXiv 2604.19662"
+    assert draws.attrs["model"] == "predictive update"
+    assert "interval" not in draws.attrs["about_model"]
     assert json.loads(draws.attrs["settings"])["prior"]["sigma_p_scale"] == 1.0

@@ -67,7 +67,8 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
         sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)
     mean = sums / n
     error = math.sqrt((squares / n - mean**2) / n) / mean
-    value, own_error, why_not = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(22)))
+    estimate = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(22)))
+    value, own_error, why_not = estimate.value, estimate.se, estimate.why_not
     assert why_not == ""
     assert error < 0.08
     assert value == pytest.approx(math.log(mean) + top, abs=4 * math.hypot(error, own_error))
@@ -112,7 +113,8 @@ def test_untrusted_weights_give_no_number():
     from dataclasses import replace
 
     fitted = fit_proposal(posterior_of(CASES["one batch"]), np.random.default_rng(1))
-    value, error, why_not = importance_evidence(replace(fitted, pareto_k=0.9))
+    estimate = importance_evidence(replace(fitted, pareto_k=0.9))
+    value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert (value, error) == (None, None)
     assert "0.90" in why_not
 

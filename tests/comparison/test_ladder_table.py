@@ -6,18 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from one_subject import sample_model
 from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.summaries import say_comparison
 from bayes_toe.cli.terminal import new_console
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, sample_model
+from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without
 from bayes_toe.errors import InputError
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
 
 FEW = ("free frequencies", "symmetric", "predictive update")

@@ -9,8 +9,6 @@ from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
 import bayes_toe as bt
-from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.comparison.prior_sensitivity import (
     REWEIGHTED,
     SENSITIVITY_COLUMNS,
@@ -20,6 +18,8 @@ from bayes_toe.comparison.prior_sensitivity import (
     weighted_quantiles,
 )
 from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 
 CASES = hard_cases()
 HARD = ["funnel", "all equal", "single pair", "perfect observer", "one batch"]
@@ -45,7 +45,8 @@ def hard():
 def fresh(subject, row):
     """Evidence and draws of a proposal fitted under the row's own prior, from a stream of its own."""
     fitted = fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77))
-    value, error, why_not = importance_evidence(fitted)
+    estimate = importance_evidence(fitted)
+    value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not
     return fitted, value - frequency_evidence(subject), error
 

@@ -125,11 +125,11 @@ def test_an_empty_plan_is_refused():
         Plan(0, 0, 1)
 
 
-def test_the_command(tmp_path, monkeypatch):
+def test_the_command(table, tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
     from bayes_toe.cli.app import app
-    from bayes_toe.experiments import calibration_table
+    from bayes_toe.experiments import calibration, calibration_table
 
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1"])
@@ -138,6 +138,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert "seed 1" in done.output
     assert not (out / "evidence_calibration.csv").exists()
     monkeypatch.setattr(calibration_table.CalibrationTable, "failures", ("made to fail",))
+    monkeypatch.setattr(calibration, "simulate_and_analyse", lambda *_, **__: table.outcome)  # no need to do the work again
     again = ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1", "--overwrite"]
     failed = CliRunner().invoke(app, again)
     assert failed.exit_code == 3

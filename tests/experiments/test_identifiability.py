@@ -13,7 +13,6 @@ import bayes_toe as bt
 from bayes_toe.experiments.checks import check_subject
 from bayes_toe.experiments.identifiability import identifiability
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.posterior import Posterior
 
 STEPS = (0.0, 0.13, 0.31, 0.42, 0.55)
 DESIGNS = {

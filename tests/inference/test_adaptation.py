@@ -7,10 +7,10 @@ import pytest
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 
-from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal, with_fresh_draws
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator
 

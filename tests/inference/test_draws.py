@@ -13,7 +13,6 @@ from bayes_toe import analysis as analysis_module
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.draws import PARAMETERS, SUMMARY_COLUMNS
-from bayes_toe.model.posterior import Posterior
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +122,7 @@ def test_offset_and_pull_are_the_identified_ones(analysis):
     gamma = draws.values("A", "gamma")
     big = (1 + np.sqrt(1 + 4 * gamma)) / 2
     assert draws.values("A", "pull") == pytest.approx(1 - 1 / big, rel=1e-9)
-    sbar = posterior_of(draws.subject("A")).sbar
+    sbar = bt.posterior_of(draws.subject("A")).sbar
     assert draws.values("A", "offset") == pytest.approx((1 - 1 / big) * (draws.values("A", "mu1") - sbar), rel=1e-7, abs=1e-9)
 
 

@@ -3,15 +3,13 @@
 import mpmath
 import numpy as np
 import pytest
-from bayes_toe.model.interval_posterior import IntervalPosterior, posterior_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
@@ -120,11 +118,3 @@ def test_slopes_hold_where_the_pull_is_tiny_and_the_interval_extreme():
         slope = (posterior.log_density(x + step) - posterior.log_density(x - step)) / (2 * step[i])
         assert gradient[:, i] == pytest.approx(slope, rel=1e-4, abs=1e-6 * np.abs(gradient).max())
         assert hessian[:, i] == pytest.approx((ahead[0] - behind[0]) / (2 * step[i]), rel=1e-3, abs=1e-6 * np.abs(hessian).max())
-
-
-def test_intervals_are_never_pooled_in_silence():
-    with pytest.raises(InputError, match=r"not for intervals \(column isi\), which subject 'uneven' has \(0.2, 1, 5, 30 s\)"):
-        posterior_of(UNEVEN)
-    with pytest.raises(InputError, match="has no intervals"):
-        posterior_of(CASES["funnel"])
-    assert type(posterior_of(CASES["funnel"])) is Posterior

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.model.levelling import Levelling, nowhere
 from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.levelling import Levelling, nowhere
 
 CASES = hard_cases()
 

@@ -40,13 +40,13 @@ def slack(posterior, x):
 
     |d log q / dz| = 2 ln2 |z| and |d log(1 - q) / dz| <= 2 ln2 |z| / ((1 - q0) + ln2 z^2 / 2) where z is small.
     """
-    c, a, b, top = x
-    parts = np.abs(posterior._step) + 0.382 / (1 + np.exp(-a)) * np.abs(posterior._lever) + abs(c)
+    (c, a, b, top), subject = x, posterior.subject
+    parts = np.abs(subject.s2 - subject.s1) + 0.382 / (1 + np.exp(-a)) * np.abs(subject.s1 - posterior.sbar) + abs(c)
     error = 4 * np.finfo(float).eps * parts * np.exp(-b)
     z = np.abs(posterior.distance(np.array([x]))[0]) + error
     lapse = 1 / (1 + np.exp(top))
     steep = 2 * np.log(2) * z
-    return float(np.sum(error * steep * (posterior._equal + posterior._different / (lapse + np.minimum(z**2, 1) / 3))))
+    return float(np.sum(error * steep * (subject.n_equal + (subject.n_trials - subject.n_equal) / (lapse + np.minimum(z**2, 1) / 3))))
 
 
 moderate = st.tuples(st.floats(-1, 1), st.floats(-20, 20), st.floats(-4, 3), st.floats(-10, 30))
@@ -94,9 +94,9 @@ def test_pairs_add_up_and_counts_weigh():
     s = CASES["maximum on gamma = 1"]
     x = np.random.default_rng(1).normal(size=(20, 4))
     posterior = posterior_of(s)
-    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(posterior.parts(x).log_likelihood, rel=1e-13)
+    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(posterior.log_likelihood(x), rel=1e-13)
     thrice = posterior_of(Subject("x3", s.s1, s.s2, 3 * s.n_equal, 3 * s.n_trials))
-    assert thrice.parts(x).log_likelihood == pytest.approx(3 * posterior.parts(x).log_likelihood, rel=1e-13)
+    assert thrice.log_likelihood(x) == pytest.approx(3 * posterior.log_likelihood(x), rel=1e-13)
 
 
 def test_trials_one_by_one_have_the_likelihood_of_their_counts():
@@ -109,7 +109,7 @@ def test_trials_one_by_one_have_the_likelihood_of_their_counts():
     gain = 1 / ((1 + np.sqrt(1 + 4 * theta.gamma)) / 2)
     z = (s2 - gain * s1 - (1 - gain) * theta.mu1) / (theta.sigma_p * gain**-1.5)
     q = theta.q0 * 2 ** -(z**2)
-    assert posterior.parts(x).log_likelihood[0] == pytest.approx(np.log(np.where(equal, q, 1 - q)).sum(), rel=1e-12)
+    assert posterior.log_likelihood(x)[0] == pytest.approx(np.log(np.where(equal, q, 1 - q)).sum(), rel=1e-12)
 
 
 def test_shifting_stimuli_and_prior_mean_together_changes_nothing():
@@ -132,4 +132,4 @@ def test_nan_raises_and_impossible_is_minus_infinity():
 def test_an_answer_never_given_costs_nothing_even_where_it_is_impossible():
     # All 'different' at z^2 = inf: P(different) is 1, so the log likelihood is exactly 0, not 0 times infinity.
     posterior = posterior_of(CASES["all different"])
-    assert posterior.parts([[0.1, 0.0, -400.0, 0.0]]).log_likelihood[0] == 0.0
+    assert posterior.log_likelihood([[0.1, 0.0, -400.0, 0.0]])[0] == 0.0

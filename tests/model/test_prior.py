@@ -14,12 +14,12 @@ import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.cli.options import prior_help
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.contraction import contraction, prior_quantile
 from bayes_toe.model.coordinates import natural, quantities
 from bayes_toe.model.distributions import HalfNormal, Normal, Uniform
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorFields, prior_field
 from bayes_toe.model.prior_file import example_file, read_prior
@@ -153,7 +153,8 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
     assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
     for row in (rows[0], rows[2]):
-        value, error, _ = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
+        estimate = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
+        value, error = estimate.value, estimate.se
         assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
     ax = bt.sensitivity_axes(table, "B")
     assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
