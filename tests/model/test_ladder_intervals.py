@@ -30,6 +30,7 @@ from bayes_toe.model.ladder import (
     PREDICTIVE_UPDATE,
     posterior_of,
 )
+from bayes_toe.model.posterior import Model
 
 CASES = hard_cases()
 RUNGS = [model for model in MODELS if isinstance(model, Model)]
