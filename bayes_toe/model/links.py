@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erfcx, erfinv, expit, hyp1f1, log_expit, log_ndtr, ndtri_exp
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import LN2, log_different, log_equal
 
 Answers = tuple[FloatArray, FloatArray]
@@ -149,7 +149,7 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
     apart = np.where(np.isfinite(upper), lower - np.where(np.isfinite(upper), upper, 0.0), -np.inf)
     result = upper + np.log1p(-np.exp(apart))
     # Where the window is narrow and the density in it nearly level the two nearly cancel: its integral, by positive terms.
-    level = (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
+    level = _level(distance, k)
     if level.any():
         d, half = distance[level], k[level]
         t = 0.5 * half[:, None] * (_NODES + 1.0)
@@ -158,48 +158,71 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
     return np.asarray(result)
 
 
+def _level(distance: FloatArray, k: FloatArray) -> BoolArray:
+    """Where the window is narrow and the density in it nearly level."""
+    return np.asarray((k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5))
+
+
 class _Logarithm(NamedTuple):
-    """Derivatives of the log of a probability in z and in the criterion k, z >= 0."""
+    """Derivatives of the log of a probability in z, z >= 0, and in the logit l of the peak."""
 
     z: FloatArray
-    k: FloatArray
+    peak: FloatArray
     zz: FloatArray
-    zk: FloatArray
-    kk: FloatArray
+    z_peak: FloatArray
+    peak_peak: FloatArray
 
     def of_complement(self, odds: FloatArray) -> _Logarithm:
         """Derivatives of log(1 - P) from those of log P and the odds P/(1 - P)."""
         more = 1.0 + odds
         return _Logarithm(
             -odds * self.z,
-            -odds * self.k,
+            -odds * self.peak,
             -odds * (self.zz + more * np.square(self.z)),
-            -odds * (self.zk + more * self.z * self.k),
-            -odds * (self.kk + more * np.square(self.k)),
+            -odds * (self.z_peak + more * self.z * self.peak),
+            -odds * (self.peak_peak + more * np.square(self.peak)),
         )
 
 
+class _Criterion(NamedTuple):
+    """Criterion k with its derivatives in l: 2 phi(k) dk/dl = expit(l) expit(-l)."""
+
+    k: FloatArray
+    rate: FloatArray
+    bend: FloatArray
+
+    @classmethod
+    def at(cls, logit_peak: FloatArray, shape: tuple[int, ...]) -> _Criterion:
+        k = criterion(logit_peak)
+        rate = np.exp(log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + _LOG_2PI) - LN2)
+        return cls(*(np.broadcast_to(part, shape) for part in (k, rate, rate * (k * rate - np.tanh(0.5 * logit_peak)))))
+
+    def chained(self, z: FloatArray, k: FloatArray, zz: FloatArray, zk: FloatArray, kk: FloatArray) -> _Logarithm:
+        """Derivatives in l from those in k."""
+        return _Logarithm(z, k * self.rate, zz, zk * self.rate, kk * np.square(self.rate) + k * self.bend)
+
+
 def differencing_slopes(z: FloatArray, logit_peak: FloatArray, equal: FloatArray, different: FloatArray) -> Slopes:
-    """Slopes of :func:`differencing_answers`, by the criterion k(l): 2 phi(k) dk/dl = expit(l) expit(-l)."""
-    side, distance = np.where(z < 0.0, -1.0, 1.0), np.abs(z)
-    distance, k = np.broadcast_arrays(distance, criterion(logit_peak))
+    """Slopes of :func:`differencing_answers`."""
+    side, distance, at = np.where(z < 0.0, -1.0, 1.0), np.abs(z), _Criterion.at(logit_peak, z.shape)
     inside, outside = differencing_answers(distance, logit_peak)
-    of_equal = _inside_slopes(distance, k, inside)
     many = inside > -LN2
     with np.errstate(over="ignore", invalid="ignore"):  # branches not taken
-        far, near = _outside_slopes(distance, k, outside), of_equal.of_complement(np.exp(inside - outside))
-        of_different = _Logarithm(*(np.where(many, one, other) for one, other in zip(far, near, strict=True)))
+        of_equal = _chosen(_level(distance, at.k), _narrow_slopes(distance, at, logit_peak), _inside_slopes(distance, at, inside))
+        of_different = _chosen(many, _outside_slopes(distance, at, outside), of_equal.of_complement(np.exp(inside - outside)))
     total = _Logarithm(*(_weighed(equal, one) + _weighed(different, other) for one, other in zip(of_equal, of_different, strict=True)))
-    rate = np.exp(log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + _LOG_2PI) - LN2)
-    bend = rate * (k * rate - np.tanh(0.5 * logit_peak))
     return Slopes(
         z=side * total.z,
         zz=total.zz,
         stretch=side * (total.z + distance * total.zz),
-        peak=total.k * rate,
-        z_peak=side * total.zk * rate,
-        peak_peak=total.kk * np.square(rate) + total.k * bend,
+        peak=total.peak,
+        z_peak=side * total.z_peak,
+        peak_peak=total.peak_peak,
     )
+
+
+def _chosen(where: BoolArray, one: _Logarithm, other: _Logarithm) -> _Logarithm:
+    return _Logarithm(*(np.where(where, a, b) for a, b in zip(one, other, strict=True)))
 
 
 def _weighed(counts: FloatArray, values: FloatArray) -> FloatArray:
@@ -207,41 +230,70 @@ def _weighed(counts: FloatArray, values: FloatArray) -> FloatArray:
     return np.where(counts > 0.0, counts * np.where(counts > 0.0, values, 0.0), 0.0)
 
 
-def _inside_slopes(z: FloatArray, k: FloatArray, log_inside: FloatArray) -> _Logarithm:
+def _inside_slopes(z: FloatArray, at: _Criterion, log_inside: FloatArray) -> _Logarithm:
     """Derivatives of log P(|z + e| <= k), e standard normal, with edges at d = z - k and e = z + k from its mean.
 
     With hazards a = phi(d)/P and b = phi(e)/P, and s the mean distance from the near edge inside the window, d - a + b = -s and
     e + b - a = 2 k - s, so that all second derivatives become sums of terms of one sign: nothing cancels.
     """
-    d, wide = z - k, 2.0 * k
-    easy = (d <= 2.0) & (k >= 1.0)
-    with np.errstate(over="ignore", under="ignore"):
-        near = np.exp(-0.5 * (np.square(d) + _LOG_2PI) - log_inside)
-        far = near * np.exp(-2.0 * z * k)
-        depth = near - far - d
+    d, wide = z - at.k, 2.0 * at.k
+    easy = (d <= 2.0) & (at.k >= 1.0)
+    near = np.exp(-0.5 * (np.square(d) + _LOG_2PI) - log_inside)
+    far = near * np.exp(-2.0 * z * at.k)
+    depth = near - far - d
     if not easy.all():
         mass, mean = _from_edge(d[~easy], wide[~easy])
         near[~easy], depth[~easy] = 1.0 / mass, mean
-        far[~easy] = np.exp(-2.0 * z[~easy] * k[~easy]) / mass
+        far[~easy] = np.exp(-2.0 * z[~easy] * at.k[~easy]) / mass
     rest = wide - depth
-    return _Logarithm(
-        z=far - near,
+    return at.chained(
+        z=near * np.expm1(-2.0 * z * at.k),
         k=near + far,
         zz=-(near * depth + far * rest),
         zk=near * depth - far * rest,
-        kk=-(near * (depth + 3.0 * far) + far * (z + k + far)),
+        kk=-(near * (depth + 3.0 * far) + far * (z + at.k + far)),
     )
 
 
-def _outside_slopes(z: FloatArray, k: FloatArray, log_outside: FloatArray) -> _Logarithm:
+def _narrow_slopes(z: FloatArray, at: _Criterion, logit_peak: FloatArray) -> _Logarithm:
+    """The same where the window is narrow: the log of the peak is taken out, because what is left depends on k only a little.
+
+    log P(z, k) = log peak + F(z, k) - F(0, k) with F the log of the mean density in the window: with t normal about z and inside it,
+    F_k = (z E t - E t^2)/k and F_kk = (Var(z t - t^2) - E t^2)/k^2, all by positive terms.
+    """
+    k = np.minimum(at.k, 0.5)
+    (t1, t2, t3, t4), (_, u2, _, u4) = _moments(np.minimum(z, 0.5 / np.maximum(k, 1e-300)), k), _moments(np.zeros_like(z), k)
+    first, first_0 = z * t1 - t2, -u2
+    slope = (first - first_0) / k
+    bend = (z * z * t2 - 2.0 * z * t3 + t4 - np.square(first) - t2 - (u4 - np.square(u2) - u2)) / np.square(k)
+    lapse, peak = expit(-logit_peak), expit(logit_peak)
+    return _Logarithm(
+        z=t1 - z,
+        peak=lapse + slope * at.rate,
+        zz=t2 - np.square(t1) - 1.0,
+        z_peak=(t1 + z * t2 - t3 - t1 * first) / k * at.rate,
+        peak_peak=-peak * lapse + bend * np.square(at.rate) + slope * at.bend,
+    )
+
+
+def _moments(z: FloatArray, k: FloatArray) -> list[FloatArray]:
+    """E t, E t^2, E t^3 and E t^4 of a normal about z inside -k..k, narrow; odd ones without cancellation, because z >= 0."""
+    t = 0.5 * k[..., None] * (_NODES + 1.0)
+    weights = np.exp(-0.5 * np.square(t)) * _WEIGHTS
+    even, odd = weights * np.cosh(z[..., None] * t), weights * np.sinh(z[..., None] * t)
+    mass = even.sum(axis=-1)
+    return [((odd if power % 2 else even) * t**power).sum(axis=-1) / mass for power in (1, 2, 3, 4)]
+
+
+def _outside_slopes(z: FloatArray, at: _Criterion, log_outside: FloatArray) -> _Logarithm:
     """Derivatives of log P(|z + e| > k): two half lines with weights w, hazards h and mean excesses m over their edges."""
-    edges = (k - z, k + z)
+    edges = (at.k - z, at.k + z)
     weights = [np.exp(log_ndtr(-edge) - log_outside) for edge in edges]
     hazards = [np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)) for edge in edges]
     within = [w * h * _excess(edge, h) for w, h, edge in zip(weights, hazards, edges, strict=True)]
     upper, lower = (w * h for w, h in zip(weights, hazards, strict=True))
     between = weights[0] * weights[1]
-    return _Logarithm(
+    return at.chained(
         z=upper - lower,
         k=-(upper + lower),
         zz=between * np.square(hazards[0] + hazards[1]) - within[0] - within[1],

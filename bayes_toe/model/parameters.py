@@ -17,7 +17,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
-from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, softplus_jet
+from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
 from bayes_toe.model.prior import LOG_2PI, Prior
 from bayes_toe.model.target import Names, Random
 
@@ -389,8 +389,8 @@ class Memory:
         one = Jet(np.ones_like(fall), np.zeros_like(fall), np.zeros_like(fall))
         twice, mixed = log_lost_growth(lost, one, 2.0), log_lost_growth(lost, split._replace(value=1.0 + split.value), 1.0)
         first, second = (a - 0.5 * b for a, b in zip(twice, mixed, strict=True))
-        ratio = np.exp(log_expit(x[:, 1]) - _log_lost(x[:, 1]))
-        # Both leave out log l, one of them by half; and log stretch has l expit(-split).
+        # Where l is small both leave out log l, one of them by half; and log stretch has l expit(-split).
+        ratio = np.where(small(lost), np.exp(log_expit(x[:, 1]) - _log_lost(x[:, 1])), 0.0)
         first[0] += 0.5 * ratio + lost.first * fall
         second[0, 0] += 0.5 * ratio * (expit(-x[:, 1]) - ratio) + lost.second * fall
         first[1] -= lost.value * split.first

@@ -172,8 +172,7 @@ def random_walk_growth(logit_pull: FloatArray, seconds: FloatArray) -> Growth:
 def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, seconds: FloatArray) -> Growth:
     """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split).
 
-    All four exponentials have the form E(y) = log(1 - e^-y) with y = l f(s), f linear in t. E' = 1/(e^y - 1) is 1/y + h(y) with a smooth
-    h, and in the slope along l the terms 1/y are the same at t and at one second: only h is left, and nothing cancels.
+    Both are differences, at t less at one second, of logs of what was lost: see :func:`bayes_toe.model.decay.log_lost_growth`.
     """
     lost, split, kept = softplus_jet(logit_pull[:, None]), expit_jet(logit_split[:, None]), expit(-logit_split[:, None])
 

@@ -54,7 +54,7 @@ def pull_of(name, at):
 def log_answers(name, z, peak):
     """Log P(equal) and log P(different)."""
     if name == "differencing":
-        k = peak.criterion()
+        k, z = peak.criterion(), -z if z.value < 0 else z
         inside = (k - z).ndtr() - (-k - z).ndtr()
         return inside.log(), (1 - inside).log()
     log_q = -mpmath.log(2) * z * z if peak is None else peak.log() - mpmath.log(2) * z * z
