@@ -267,7 +267,8 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
     assert np.array_equal(back.subject("S02").isi, study["S02"].isi)
     assert back.select("S02").intervals == THREE
     assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / s^(1/2)"
-    assert "self-consistent prior for each interval" in back.attrs["model"]
+    assert back.attrs["model"] == "predictive update"
+    assert "self-consistent prior for each interval" in back.attrs["about_model"]
     assert back.values("S01", "offset").shape == back.values("S01", "mu1").shape
 
 

@@ -67,10 +67,10 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
 
     Examples
     --------
-    >>> from bayes_toe.model.posterior import Posterior
+    >>> from bayes_toe.model.ladder import posterior_of
     >>> from bayes_toe.data.study import Subject
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> fit_proposal(Posterior(subject), np.random.default_rng(1)).trusted
+    >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
     True
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws), rng)

@@ -83,8 +83,8 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     Examples
     --------
     >>> from bayes_toe.data.study import Subject
-    >>> from bayes_toe.model.posterior import Posterior
-    >>> posterior = Posterior(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
+    >>> from bayes_toe.model.ladder import posterior_of
+    >>> posterior = posterior_of(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
     >>> fit = fit_at(posterior, [0.0, 0.0, -1.0, 2.2])
     >>> fit.residual.shape, fit.degrees_of_freedom
     ((3,), -1)

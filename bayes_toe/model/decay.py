@@ -40,7 +40,7 @@ def log_lost_growth(lost: Jet, exponent: Jet, factor: float) -> tuple[FloatArray
     """
     across, f = factor * lost.value, exponent.value
     y = across * f
-    (h, h1), (rate, bend) = smooth_rate(y), plain_rate(y)
+    (h, h1), (rate, bend) = smooth_rate(y), plain_rate(np.maximum(y, 1e-100))
     left_out, near = small(lost), y < 1.0
     along, along_bend = factor * f * np.where(left_out, h, rate), np.square(factor * f) * np.where(left_out, h1, bend)
     full = np.where(near, h * across + 1.0 / f, rate * across)

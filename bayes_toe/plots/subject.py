@@ -172,6 +172,7 @@ def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, ma
         Of the marks, points.
     """
     ax = panel(ax, high=2.2)
+    refuse_intervals([counts], "collapse of both orders")
     posterior = posterior_of(counts)
     found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=mass)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))

@@ -11,14 +11,15 @@ import bayes_toe as bt
 from bayes_toe.classical.bootstrap import bootstrap_subject
 from bayes_toe.comparison.evidence_table import (
     EVIDENCE_COLUMNS,
-    frequency_evidence,
     frequency_evidence_laplace,
-    importance_evidence,
     subject_evidence,
 )
 from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.laplace import laplace_evidence
 from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
@@ -86,13 +87,8 @@ def test_laplace_is_exact_for_a_normal_density():
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
-    maxima = find_maxima(posterior_of(subject))
-    row = subject_evidence(
-        posterior_of(subject),
-        maxima,
-        fit_proposal(posterior_of(subject), np.random.default_rng(1), maxima=maxima),
-        bootstrap_subject(subject, seed=1),
-    )
+    result, found = fitted_result(posterior_of(subject), 1, Wanted(evidence_draws=20_000))
+    row = subject_evidence(posterior_of(subject), result, found.maxima, bootstrap_subject(subject, seed=1))
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None

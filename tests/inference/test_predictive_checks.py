@@ -87,7 +87,7 @@ def test_predictive_p_values_against_simulated_repetitions(small_study, monkeypa
     posterior, x = posterior_and_draws(subject)
     found = gof.predictive_check(posterior, x, seed=1)
     rng = np.random.default_rng(3)
-    q = posterior.equal_probability(x)
+    q = np.exp(posterior.log_answers(x)[0])
     again = rng.binomial(subject.n_trials, np.repeat(q, 25, axis=0))
     error = 5 * 0.5 / np.sqrt(len(again))
     assert found.expected == pytest.approx(q.mean(axis=0))
@@ -149,7 +149,7 @@ def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(a
     assert (found.p_overall, found.p_overall_se) == (check.p_overall, check.p_overall_se)
     assert found.worst_p == check.p_value.min()
     at = int(np.argmin(check.p_value))
-    assert found.worst_pair == (posterior.subject.s1[at], posterior.subject.s2[at])
+    assert (found.worst_s1, found.worst_s2) == (posterior.subject.s1[at], posterior.subject.s2[at])
     assert found.deviance == pytest.approx(gof.deviance(posterior, x).sum(axis=1).min())
     best = min(gof.fit_at(posterior, start).deviance for start in find_maxima(posterior).x)
     assert best - 0.2 < found.deviance < best + 0.1

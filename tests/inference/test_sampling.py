@@ -8,17 +8,21 @@ from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe.analysis import Settings, analyse
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
+from bayes_toe.inference.subject import Settings, Wanted, infer
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
 QUICK = SamplerSettings(draws=1000)
+
+
+def sampled(study, settings):
+    return [infer(posterior_of(subject, settings.prior), settings.seed, Wanted(settings.sampler)) for subject in study]
 
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
@@ -111,8 +115,8 @@ def test_draws_agree_with_weighted_draws_of_the_proposal():
 
 def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     hard = bt.Study([CASES["guessing at 0.5"]])
-    settings = Settings(seed=1, sampler=SamplerSettings(max_r_hat=1.000001, max_thin=1))
-    [result] = analyse(hard, settings, with_chains=True, workers=1)
+    settings = Settings(seed=1, sampler=SamplerSettings(max_r_hat=1.000001, max_thin=1), model="predictive update")
+    [result] = sampled(hard, settings)
     assert not result.chains.converged
     assert "required" in result.chains.reason
     draws = bt.Draws(__import__("bayes_toe.inference.draws", fromlist=["build_draws"]).build_draws(hard, [result], settings).tree)
@@ -120,29 +124,36 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
 
 
 def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
-    from bayes_toe import api
+    from bayes_toe import analysis as module
 
-    monkeypatch.setattr(api, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
+    monkeypatch.setattr(module, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
     with pytest.warns(ConvergenceWarning, match="did not converge"):
         bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(small_study):
-    settings = Settings(seed=9, sampler=QUICK)
-    forward = analyse(small_study, settings, with_chains=True, workers=1)
-    backward = analyse(small_study.select(["C", "B", "A"]), settings, with_chains=True, workers=2)
-    alone = analyse(small_study.select(["B"]), settings, with_chains=True, workers=1)
-    for one, other in [*zip(forward, reversed(backward), strict=True), (forward[1], alone[0])]:
-        assert one.subject.name == other.subject.name
-        assert np.array_equal(one.chains.x, other.chains.x)
-        assert one.evidence == other.evidence
-    changed = analyse(small_study.select(["B"]), Settings(seed=10, sampler=QUICK), with_chains=True, workers=1)
-    assert not np.array_equal(changed[0].chains.x, alone[0].chains.x)
+    forward = bt.run(small_study, draws=300, seed=9, workers=1)
+    backward = bt.run(small_study.select(["C", "B", "A"]), draws=300, seed=9, workers=2)
+    alone = bt.run(small_study.select(["B"]), draws=300, seed=9, workers=1)
+    for one, other, names in ((forward, backward, "ABC"), (forward, alone, "B")):
+        for name in names:
+            assert np.array_equal(one.draws.points(name), other.draws.points(name))
+            assert one.evidence[name] == other.evidence[name]
+    changed = bt.run(small_study.select(["B"]), draws=300, seed=10, workers=1)
+    assert not np.array_equal(changed.draws.points("B"), alone.draws.points("B"))
+
+
+def test_models_of_a_subject_have_streams_of_their_own(small_study):
+    one = small_study.select(["B"])
+    free, fixed = (bt.sample(one, model=model, draws=300, seed=9, workers=1) for model in ("free weighting", "constant bias"))
+    ranks = [np.argsort(np.argsort(draws.values("B", "q0")[0])) for draws in (free, fixed)]
+    # Walkers that took the same steps would leave the same order behind.
+    assert abs(np.corrcoef(ranks)[0, 1]) < 4.5 / np.sqrt(len(ranks[0]) / 8)
 
 
 def test_subjects_whose_names_differ_in_case_are_two():
     study = bt.Study(twins())
-    results = analyse(study, Settings(seed=1, sampler=QUICK), with_chains=True, workers=1)
+    results = sampled(study, Settings(seed=1, sampler=QUICK))
     assert [r.subject.name for r in results] == ["Ann", "ann"]
     assert results[0].chains.x[..., 0].mean() < 0 < results[1].chains.x[..., 0].mean()
 

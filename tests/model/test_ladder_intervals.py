@@ -22,7 +22,6 @@ from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.intervals import equal_probability_at
 from bayes_toe.model.ladder import (
-    IGNORES_INTERVALS,
     MEAN_REVERTING,
     MODELS,
     NAMES,
@@ -33,6 +32,7 @@ from bayes_toe.model.ladder import (
 from bayes_toe.model.posterior import Model
 
 CASES = hard_cases()
+IGNORES_INTERVALS = "ignores the interval: a pair has the same P(equal) at every one"
 RUNGS = [model for model in MODELS if isinstance(model, Model)]
 IGNORING = [model for model in RUNGS if model.propagator is None]
 WEAK = Subject("a", [0.0, 0.5, 0.0, 0.5, 0.4], [0.5, 0.0, 0.5, 0.1, 0.4], [3, 5, 4, 3, 6], [7, 7, 6, 7, 7], isi=[0.3, 0.3, 3.0, 3.0, 1.0])

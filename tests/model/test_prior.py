@@ -13,8 +13,8 @@ from scipy.special import betaln, gammainc, gammaincinv, gammaln
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.cli.options import prior_help
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.contraction import contraction, prior_quantile
 from bayes_toe.model.coordinates import natural, quantities
