@@ -84,7 +84,7 @@ def z_scores(case: Case) -> dict[str, object]:
     posterior = bt.posterior_of(case.subject)
     maxima = find_maxima(posterior)
     fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima) for seed in range(case.seeds)]
-    given = [(value, error) for value, error, _ in map(importance_evidence, fitted) if value is not None]
+    given = [(one.value, one.se) for one in map(importance_evidence, fitted) if one.value is not None]
     values, errors = np.array(given).reshape(-1, 2).T
     z = (values - case.log_evidence) / errors
     enough = len(z) > 1

@@ -31,8 +31,7 @@ def main() -> int:
             if Path(options.figure).resolve() == Path(options.output).resolve():
                 raise OutputError(f"{options.output}: --output and --figure name the same file")
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
-        seed = seed = options.seed.seed
-        table = bt.evidence(study, seed=seed, workers=options.workers)
+        table = bt.evidence(study, seed=options.seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:
             figure = bt.plots.evidence_figure(table, synthetic=study.synthetic)
@@ -46,7 +45,7 @@ def main() -> int:
         for note in row.notes:
             print(f"{row.subject}: {note}")
     drawn = "" if options.figure is None else f", figure in {options.figure}"
-    print(f"{study.source}: seed {seed}; table in {options.output}{drawn}")
+    print(f"{study.source}: seed {table.seed}; table in {options.output}{drawn}")
     return 0
 
 

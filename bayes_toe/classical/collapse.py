@@ -45,6 +45,7 @@ def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Co
     Examples
     --------
     >>> from bayes_toe.data.study import Subject
+    >>> from bayes_toe.model.ladder import posterior_of
     >>> posterior = posterior_of(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
     >>> collapse(posterior, [0.0, 0.0, -1.0, 2.2]).order.tolist()
     [0, -1, 1]

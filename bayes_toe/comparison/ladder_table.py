@@ -194,6 +194,7 @@ def compare(
 
     Examples
     --------
+    >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> table = compare(Study([one]), ["free frequencies", "symmetric"], seed=1, workers=1)
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)

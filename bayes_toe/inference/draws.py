@@ -90,7 +90,13 @@ class Draws:
     @property
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
-        return Prior(**json.loads(self.tree.attrs["settings"])["prior"])
+        values = json.loads(self.tree.attrs["settings"])["prior"]
+        unknown = sorted(set(values) - {one.name for one in Prior.declared()})
+        if unknown:
+            raise InputError(
+                f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
+            )
+        return Prior(**values)
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""

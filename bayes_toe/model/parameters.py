@@ -1,7 +1,7 @@
 """Free parameters of the ladder's models: blocks of unconstrained coordinates with a proper, normalised prior.
 
-A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` sets, it sets
-for every model: `sigma_p_scale` is the scale of every width-like standard deviation, `mu1_mean` and `mu1_sd` belong to every prior mean.
+A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` says of a
+parameter, it says for every model: that of sigma_p holds for every width-like standard deviation, that of mu1 for every prior mean.
 """
 
 from __future__ import annotations
@@ -11,17 +11,20 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.special import expit, log_expit, logit, ndtri
+from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
-from bayes_toe.model.prior import LOG_2PI, Prior
+from bayes_toe.model.distributions import Distribution, Normal, Uniform
+from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Names, Random
 
 Derivatives = tuple[FloatArray, FloatArray]
+#: The parameter of the prior whose distribution every width-like standard deviation has.
+SPREAD = "sigma_p"
 
 
 class Block(Protocol):
@@ -83,19 +86,19 @@ class Shift:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"offset ~ Normal(0, {self.sd:g})"
+        return f"offset ~ {Normal(0.0, self.sd).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to the offset."""
-        return np.asarray(-0.5 * (LOG_2PI + np.square(x[:, 0] / self.sd)) - np.log(self.sd))
+        return Normal(0.0, self.sd).log_density(x[:, 0])
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
-        return -x / self.sd**2, np.full((len(x), 1, 1), -1.0 / self.sd**2)
+        return _alone(*Normal(0.0, self.sd).derivatives(x[:, 0]))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(rng.normal(0.0, self.sd, (size, 1)))
+        return Normal(0.0, self.sd).sample(rng, size)[:, None]
 
     names = Names(("offset",), ("offset",))
 
@@ -109,7 +112,7 @@ class Shift:
 
     def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
         """Of a normal."""
-        return float(self.sd * ndtri(probability))
+        return float(Normal(0.0, self.sd).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three, off the round numbers at which a distance may be exactly 0."""
@@ -118,7 +121,7 @@ class Shift:
 
 @dataclass(frozen=True)
 class Width:
-    """Width w ~ HalfNormal(sigma_p_scale), natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
+    """Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
 
     names = Names(("width",), ("width",))
 
@@ -129,20 +132,19 @@ class Width:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"width ~ HalfNormal({prior.sigma_p_scale:g})"
+        return f"width ~ {prior.distribution(SPREAD).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to log w."""
-        return log_half_normal(x[:, 0], prior.sigma_p_scale)
+        return log_density_of_log(prior.distribution(SPREAD), x[:, 0])
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
-        first, second = half_normal_slopes(x[:, 0], prior.sigma_p_scale)
-        return first[:, None], second[:, None, None]
+        return _alone(*slopes_of_log(prior.distribution(SPREAD), x[:, 0]))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, (size, 1)))))
+        return np.log(prior.distribution(SPREAD).sample(rng, size))[:, None]
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The width."""
@@ -153,8 +155,8 @@ class Width:
         return np.log(quantities["width"])[..., None]
 
     def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
-        """Of a half-normal."""
-        return prior_quantile(prior, "sigma_p", probability)
+        """That of sigma_p."""
+        return prior_quantile(prior, SPREAD, probability)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three about the scale of the stimuli."""
@@ -163,7 +165,7 @@ class Width:
 
 @dataclass(frozen=True)
 class Share:
-    """A quantity with prior Uniform(0, top), by its logit."""
+    """A quantity from 0 to its top, by its logit: with the prior that the user has for it, or else a uniform one."""
 
     name: str
     top: float = 1.0
@@ -176,19 +178,28 @@ class Share:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"{self.name} ~ Uniform(0, {self.top:g})"
+        return f"{self.name} ~ {self._distribution(prior).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to the logit; the top cancels."""
-        return np.asarray(log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+        """Log density with respect to the logit."""
+        share = expit(x[:, 0])
+        of_quantity = self._distribution(prior).log_density(self.top * share) + np.log(self.top)
+        return np.asarray(of_quantity + log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+
+    def _distribution(self, prior: Prior) -> Distribution:
+        return prior.distribution(self.name) if self.name in prior.families else Uniform(self.top)
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
-        return -np.tanh(0.5 * x), (-2.0 * expit(x) * expit(-x))[:, :, None]
+        logits = x[:, 0]
+        slope, bend = self._distribution(prior).derivatives(self.top * expit(logits))
+        rate = self.top * expit(logits) * expit(-logits)
+        turn = np.tanh(0.5 * logits)
+        return _alone(slope * rate - turn, bend * np.square(rate) - slope * rate * turn - 2.0 * expit(logits) * expit(-logits))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(logit(rng.uniform(size=(size, 1))))
+        return np.asarray(logit(self._distribution(prior).sample(rng, size) / self.top))[:, None]
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The quantity."""
@@ -204,8 +215,8 @@ class Share:
         return np.asarray(logit(quantities[self.name] / self.top))[..., None]
 
     def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
-        """Of a uniform."""
-        return self.top * probability
+        """Of its distribution."""
+        return float(self._distribution(prior).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """The starts given, or the largest frequency."""
@@ -223,11 +234,12 @@ class Update:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return prior.describe().removesuffix(", q0 ~ Uniform(0, 1)")
+        return ", ".join(f"{name} ~ {prior.distribution(name).describe()}" for name in ("mu1", SPREAD, "gamma"))
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """H1's log density without the part of q0, which is ln(1/4) at q0 = 1/2."""
-        return np.asarray(prior.log_density_unconstrained(_with_half(x), sbar) + 2.0 * LN2)
+        """H1's log density without the part of q0, whose logit has the slope 1/4 at q0 = 1/2."""
+        of_peak = prior.distribution("q0").log_density(0.5) - 2.0 * LN2
+        return np.asarray(prior.log_density_unconstrained(_with_half(x), sbar) - of_peak)
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
@@ -289,7 +301,7 @@ class Memory:
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
         return (
-            f"mu1 ~ Normal({prior.mu1_mean:g}, {prior.mu1_sd:g}), sigma1 ~ HalfNormal({prior.sigma_p_scale:g}), "
+            f"mu1 ~ {prior.distribution('mu1').describe()}, sigma1 ~ {prior.distribution(SPREAD).describe()}, "
             "sigma1^2/(sigma1^2 + sigma_l^2) ~ Uniform(0, 1), rho ~ Uniform(0, 1)"
         )
 
@@ -298,10 +310,10 @@ class Memory:
         c, a, b, v = x.T
         with np.errstate(over="ignore", invalid="ignore"):  # mu1 beyond the largest float: its density is 0
             far = np.where(c == 0.0, 0.0, c * _inverse_share(a))
-            of_mu1 = -0.5 * (LOG_2PI + np.square((sbar + far - prior.mu1_mean) / prior.mu1_sd)) - np.log(prior.mu1_sd)
+            of_mu1 = prior.distribution("mu1").log_density(sbar + far)
         of_pull = _log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
-        return np.asarray(of_mu1 + log_half_normal(b - self._log_stretch(x), prior.sigma_p_scale) + of_pull + of_split)
+        return np.asarray(of_mu1 + log_density_of_log(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
@@ -312,15 +324,15 @@ class Memory:
             inverse, fall = _inverse_share(a), expit(-a)
             far = c * inverse
             steep = np.stack([inverse, -far * fall], axis=-1)
-            score = -(sbar + far - prior.mu1_mean) / prior.mu1_sd**2
+            score, curve = prior.distribution("mu1").derivatives(sbar + far)
             gradient[:, :2] = score[:, None] * steep
-            scaled = steep / prior.mu1_sd
-            hessian[:, :2, :2] = -scaled[:, :, None] * scaled[:, None, :]
+            scaled = np.sqrt(np.abs(curve))[:, None] * steep  # a square of 1/p may be beyond the largest float, this is not
+            hessian[:, :2, :2] = np.sign(curve)[:, None, None] * scaled[:, :, None] * scaled[:, None, :]
             hessian[:, 0, 1] += -score * fall * inverse
             hessian[:, 1, 0] = hessian[:, 0, 1]
             hessian[:, 1, 1] += score * far * fall
-        # sigma_1 = w / stretch: its half-normal sees (a, b, split) through b - log stretch.
-        first, second = half_normal_slopes(b - self._log_stretch(x), prior.sigma_p_scale)
+        # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
+        first, second = slopes_of_log(prior.distribution(SPREAD), b - self._log_stretch(x))
         towards = np.stack([np.zeros_like(b), -stretch[0], np.ones_like(b), -stretch[1]], axis=-1)
         gradient += first[:, None] * towards
         hessian += second[:, None, None] * towards[:, :, None] * towards[:, None, :]
@@ -334,8 +346,8 @@ class Memory:
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 4)."""
-        mu1 = rng.normal(prior.mu1_mean, prior.mu1_sd, size)
-        log_sigma1 = np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, size)))
+        mu1 = prior.distribution("mu1").sample(rng, size)
+        log_sigma1 = np.log(prior.distribution(SPREAD).sample(rng, size))
         log_rho, log_gain = (np.log1p(-rng.uniform(size=size)) for _ in range(2))
         return self._point(mu1 - sbar, log_sigma1, log_rho, log_gain)
 
@@ -370,7 +382,8 @@ class Memory:
         """Exact where the prior names the quantity."""
         if name == "rho":
             return probability
-        return prior_quantile(prior, {"sigma1": "sigma_p"}.get(name, name), probability) if name in ("mu1", "sigma1") else None
+        known = {"mu1": "mu1", "sigma1": SPREAD}
+        return prior_quantile(prior, known[name], probability) if name in known else None
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Those of the predictive update, half way between all gain and all memory."""
@@ -405,17 +418,23 @@ def _log_lost(a: FloatArray) -> FloatArray:
     return np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))
 
 
-def log_half_normal(b: FloatArray, scale: float) -> FloatArray:
-    """Log density of b = log of a HalfNormal(scale) quantity."""
+def log_density_of_log(distribution: Distribution, b: FloatArray) -> FloatArray:
+    """Log density of b = log t where t has this distribution, shape (points,)."""
     with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
-        return np.asarray(-0.5 * (np.log(np.pi / 2.0) + np.square(np.exp(b - np.log(scale)))) - np.log(scale) + b)
+        return np.asarray(distribution.log_density(np.exp(b)) + b)
 
 
-def half_normal_slopes(b: FloatArray, scale: float) -> Derivatives:
-    """First and second derivative of :func:`log_half_normal` in b."""
+def slopes_of_log(distribution: Distribution, b: FloatArray) -> Derivatives:
+    """First and second derivative of :func:`log_density_of_log`: t f' + 1 and t^2 f'' + t f'."""
     with np.errstate(over="ignore"):
-        y = np.square(np.exp(b - np.log(scale)))
-    return 1.0 - y, -2.0 * y
+        t = np.exp(b)
+        slope, bend = distribution.derivatives(t)
+        return t * slope + 1.0, np.square(t) * bend + t * slope
+
+
+def _alone(slope: FloatArray, bend: FloatArray) -> Derivatives:
+    """Gradient (points, 1) and Hessian (points, 1, 1) of one coordinate."""
+    return np.asarray(slope)[:, None], np.asarray(bend)[:, None, None]
 
 
 def _inverse_share(a: FloatArray) -> FloatArray:

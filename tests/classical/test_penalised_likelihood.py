@@ -31,7 +31,7 @@ def test_value_is_the_likelihood_minus_the_penalty(name):
     subject = CASES[name]
     posterior, (x, y) = posterior_of(subject), points()
     value, _, _ = objective(subject, mean=0.5, sd=3.0).evaluate(y, np.arange(y.shape[1]))
-    expected = posterior.parts(x).log_likelihood - 0.5 * ((posterior.natural(x).mu1 - 0.5) / 3.0) ** 2
+    expected = posterior.log_likelihood(x) - 0.5 * ((posterior.natural(x).mu1 - 0.5) / 3.0) ** 2
     assert value == pytest.approx(expected, rel=1e-11, abs=1e-9)
 
 

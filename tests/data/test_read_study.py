@@ -18,7 +18,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bayes_toe.data import cells
+from bayes_toe.data import cells, columns
 from bayes_toe.data import read_study as read_study_module
 from bayes_toe.data.read_options import ReadOptions, parse_columns
 from bayes_toe.data.read_study import read_study
@@ -744,7 +744,7 @@ def test_twice_the_rows_are_twice_the_work_and_each_distinct_text_is_converted_o
     assert many - some == pytest.approx(some - few, rel=0.01)
     assert some - few < 50 * 2000  # some calls a row, one or two a cell
     converted: list[str] = []
-    monkeypatch.setattr(read_study_module, "number", lambda text, comma: converted.append(text) or cells.number(text, comma))
+    monkeypatch.setattr(columns, "number", lambda text, comma: converted.append(text) or cells.number(text, comma))
     study = read(TRIALS + rows * 50_000)
     assert sorted(converted) == ["0.1", "0.1", "0.2", "0.2"]
     assert content(study) == {"S01": [(0.1, 0.2, 50_000, 50_000)], "S02": [(0.2, 0.1, 0, 50_000)]}

@@ -49,7 +49,7 @@ def information_by_jets(subject, theta):
             mean = (v * float(s1) + vl * mu1) / (v + vl)
             z = (float(s2) - mean) / (v ** mpmath.mpf("0.5") + vl / v ** mpmath.mpf("0.5"))
             q = peak * (z * z * (-mpmath.log(2))).exp()
-            total += int(n) * (q.slope * q.slope.T) / (q.value * (1 - q.value))
+            total += int(n) * (mpmath.matrix(q.slope) * mpmath.matrix(q.slope).T) / (q.value * (1 - q.value))
         return np.array([[float(total[i, j]) for j in range(4)] for i in range(4)])
 
 

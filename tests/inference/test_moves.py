@@ -58,13 +58,13 @@ def _fitted_for(target):
     return module.FittedProposal(made, None, 0.5, 0.1)
 
 
-def _worst_moment(move, target, index):
-    """The largest |t| of means and variances over 24 ensembles; they start from the target itself, which a wrong move leaves."""
+def _worst_moment(move, target, index, runs=24):
+    """The largest |t| of means and variances over so many ensembles; they start from the target itself, which a wrong move leaves."""
     import emcee
 
     mean, variance = target.truth()
     means, variances = [], []
-    for k in range(24):
+    for k in range(runs):
         random = np.random.RandomState(np.random.MT19937(stream(11, "moments", index, k)))
         sampler = emcee.EnsembleSampler(64, 4, target.log_density, vectorize=True, moves=[(move, 1.0)])
         sampler.random_state = random.get_state()
@@ -98,11 +98,11 @@ def test_the_moment_test_catches_wrong_moves(wrong):
 
         def a_little_wrong(coords, random):
             fresh, factors = propose(coords, random)
-            return fresh, 0.95 * factors
+            return fresh, 0.9 * factors
 
         move.get_proposal = a_little_wrong
     if wrong == "global" or emcee.__version__ == "3.1.6":
-        assert _worst_moment(move, target, 9) > 10.0
+        assert _worst_moment(move, target, 9, runs=6) > 8.0
 
 
 def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():

@@ -16,7 +16,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.model import ladder
+from bayes_toe.model import posterior as module
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -114,7 +114,7 @@ def test_without_the_column_nothing_of_this_runs(monkeypatch):
     def never(*_):
         raise AssertionError("evaluated without intervals")
 
-    monkeypatch.setattr(ladder, "grouped_intervals", never)
+    monkeypatch.setattr(module, "grouped_intervals", never)
     subject = CASES["funnel"]
     for model in RUNGS:
         assert np.isfinite(posterior_of(subject, model=model).log_density(np.zeros((1, len(model.coordinates))))).all()

@@ -119,8 +119,8 @@ def test_it_is_in_draws_quantiles_and_contraction(parameter):
     limits = [prior_quantile(CHI, parameter, one) for one in p]
     # 4.5 standard errors of a share: 24 comparisons, a false alarm in about 6,000 such tests
     assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
-    middle = 0.5 * (limits[0] + limits[2])
-    assert contraction(CHI, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
+    middle, target = 0.5 * (limits[0] + limits[2]), bt.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), CHI)
+    assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
 
 
 def test_it_is_in_the_prior_file(tmp_path):
@@ -156,7 +156,7 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
         estimate = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
         value, error = estimate.value, estimate.se
         assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
-    ax = bt.sensitivity_axes(table, "B")
+    ax = bt.plots.sensitivity_axes(table, "B")
     assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
 
 
