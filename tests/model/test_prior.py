@@ -255,7 +255,7 @@ def test_derivatives_under_any_family_are_exact():
         jets = [expected_jet(row) for row in x]
     for i, jet in enumerate(jets):
         first = np.array([float(v) for v in jet.slope])
-        second = np.array(jet.bend.tolist(), float)
+        second = np.array([float(v) for v in jet.bend]).reshape(4, 4)
         assert gradient[i] == pytest.approx(first, rel=1e-9, abs=1e-9 * np.abs(first).max()), x[i]
         assert hessian[i] == pytest.approx(second, rel=1e-9, abs=1e-9 * np.abs(second).max()), x[i]
     values = SKEWED.log_density_unconstrained(x, SBAR)
