@@ -166,7 +166,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     x : array_like, shape (draws, k)
         Posterior draws in unconstrained coordinates.
     seed : int
-        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by the subject.
+        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         If draws have another shape or hold a NaN.
     """
     points, subject = require_draws(x, posterior), posterior.subject
-    rng = generator(seed, subject.name, "predictive check")
+    rng = generator(seed, subject.name, posterior.model.name, "predictive check")
     expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
     beyond = 0
     rows = max(1, _BLOCK // subject.n_pairs)
@@ -222,10 +222,13 @@ class FitSummary:
     worst_isi: float | None = None
 
 
-def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+def summarise_fit(
+    posterior: Answering, x: npt.ArrayLike, seed: int, *, log_likelihood: FloatArray | None = None, most: int = 2000
+) -> FitSummary:
     """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
-    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.
+    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all, by their log likelihood, shape
+    (draws,), which is evaluated where it is not given.
 
     Raises
     ------
@@ -234,7 +237,7 @@ def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: in
     """
     points, subject = require_draws(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
-    best = int(np.argmax(posterior.log_likelihood(points)))
+    best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
     worst = int(np.argmin(check.p_value))
     return FitSummary(
         float(deviance(posterior, points[best : best + 1]).sum()),

@@ -126,5 +126,6 @@ def _result(
     target: Answering, seed: int, wanted: Wanted, quality: tuple[float, float], evidence: Evidence | None, chains: Chains | None
 ) -> SubjectResult:
     values = pointwise(target, chains.x, seed) if chains is not None and wanted.values_per_pair else None
-    fit = None if chains is None else summarise_fit(target, np.concatenate(list(chains.x)), seed)
+    known = None if values is None else values.log_likelihood.sum(axis=-1, dtype=np.float64).ravel()
+    fit = None if chains is None else summarise_fit(target, np.concatenate(list(chains.x)), seed, log_likelihood=known)
     return SubjectResult(target, *quality, evidence, chains, values, fit)

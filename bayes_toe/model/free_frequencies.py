@@ -13,7 +13,7 @@ from scipy.special import betaln, expit, log_expit, logit
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Names, Random, require_points
+from bayes_toe.model.target import Names, Random, log_likelihoods, require_points
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,7 @@ class FrequencyPosterior:
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, (points, pairs) each."""
-        log_equal, log_different = self.log_answers(x)
-        n_equal, n_trials = self.subject.n_equal, self.subject.n_trials
-        return np.asarray(n_equal * log_equal + (n_trials - n_equal) * log_different)
+        return log_likelihoods(self.subject, self.log_answers(x))
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, pairs) -> (points,)."""

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
@@ -237,9 +236,8 @@ class Update:
         return ", ".join(f"{name} ~ {prior.distribution(name).describe()}" for name in ("mu1", SPREAD, "gamma"))
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """H1's log density without the part of q0, whose logit has the slope 1/4 at q0 = 1/2."""
-        of_peak = prior.distribution("q0").log_density(0.5) - 2.0 * LN2
-        return np.asarray(prior.log_density_unconstrained(_with_half(x), sbar) - of_peak)
+        """H1's log density without the part of q0."""
+        return prior.log_density_of_update(x, sbar)
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""

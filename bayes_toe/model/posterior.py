@@ -27,7 +27,7 @@ from bayes_toe.model.links import LAPSE, Answers, Link
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
-from bayes_toe.model.target import Levels, Names, Random, require_points
+from bayes_toe.model.target import Levels, Names, Random, log_likelihoods, require_points
 
 _PEAK = "logit_q0"
 _PRIOR_DRAWS = 100_000
@@ -177,8 +177,7 @@ class Posterior:
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs)."""
-        of_equal, of_different = (_given(counts, log_answer) for counts, log_answer in zip(self._counts, self.log_answers(x), strict=True))
-        return of_equal + of_different
+        return log_likelihoods(self.subject, self.log_answers(x))
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
@@ -187,7 +186,7 @@ class Posterior:
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
-        return self._distance(self._pulled(x), self._scales(x), x)
+        return self._distance(self._pull(x), self._scales(x), x)
 
     def derivatives(self, x: npt.ArrayLike) -> Derivatives:
         """Gradient (points, k) and Hessian (points, k, k) of the log posterior density, exact."""
@@ -203,7 +202,7 @@ class Posterior:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
         pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
         h = np.exp(-x[:, width, None]) / scales.width
-        distance = Distance(self._distance(pulled, scales, x), log_width={width: np.ones((1, 1))})
+        distance = Distance(self._distance(pulled.pull, scales, x), log_width={width: np.ones((1, 1))})
         add_numerator(distance, pulled, h, scales)
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
@@ -241,7 +240,7 @@ class Posterior:
 
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
-        propagator, pull = self.model.propagator, self._pulled(x).pull
+        propagator, pull = self.model.propagator, self._pull(x)
         scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
         return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
 
@@ -289,22 +288,31 @@ class Posterior:
 
     # --- Parts ----------------------------------------------------------------------------------------
 
+    def _pull(self, x: FloatArray) -> FloatArray:
+        """Pull p, shape (points, 1)."""
+        pull = self.model.pull
+        return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
+
     def _pulled(self, x: FloatArray) -> Pulled:
+        """Offset and pull, with the derivatives of the pull."""
         pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._places.get("offset")
-        apart = np.zeros((1, 1)) if offset is None else x[:, offset, None]
         if pull is None:
             none = np.zeros((1, 1))
-            return Pulled(lever, apart, none, none, none, offset, None)
+            return Pulled(lever, self._offset(x), none, none, none, offset, None)
         place = self._places[pull.coordinate]
-        share, rest = expit(x[:, place, None]), expit(-x[:, place, None])
-        slope = pull.span * share * rest
-        return Pulled(lever, apart, pull.low + pull.span * share, slope, -slope * np.tanh(0.5 * x[:, place, None]), offset, place)
+        a = x[:, place, None]
+        slope = pull.span * expit(a) * expit(-a)
+        return Pulled(lever, self._offset(x), self._pull(x), slope, -slope * np.tanh(0.5 * a), offset, place)
 
-    def _distance(self, of: Pulled, scales: Scales, x: FloatArray) -> FloatArray:
-        step = self.subject.s2 - self.subject.s1
-        shift = step + scales.pull * (of.pull * of.lever - of.offset)
+    def _offset(self, x: FloatArray) -> FloatArray:
+        return x[:, self._places["offset"], None] if "offset" in self._places else np.zeros((1, 1))
+
+    def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
+        subject = self.subject
+        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x))
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            return np.where(shift == 0.0, 0.0, shift * (np.exp(-x[:, self._places["log_width"], None]) / scales.width))
+            h = np.exp(-x[:, self._places["log_width"], None]) / scales.width
+            return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
 
     def _peak(self, x: FloatArray) -> FloatArray:
         """Logit of the peak, shape (points, 1); infinite where it is 1."""
@@ -333,9 +341,3 @@ class Posterior:
             return points
         scale = self._scales_at(propagator, points, typical_interval(self.subject.isi, self.subject.n_trials))
         return scale.to_one_second(points, self._places["offset"], self._places["log_width"])
-
-
-def _given(counts: FloatArray, log_answer: FloatArray) -> FloatArray:
-    """Counts times log probabilities; an answer never given contributes 0, also where its probability is 0."""
-    given = counts > 0.0
-    return counts * log_answer if given.all() else np.where(given, counts * np.where(given, log_answer, 0.0), 0.0)

@@ -96,6 +96,19 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
 
+def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
+    counts = subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
+    of_equal, of_different = (_given(count, values) for count, values in zip(counts, log_answers, strict=True))
+    return of_equal + of_different
+
+
+def _given(counts: FloatArray, log_answer: FloatArray) -> FloatArray:
+    """Counts times log probabilities; an answer never given contributes 0, also where its probability is 0."""
+    given = counts > 0.0
+    return counts * log_answer if given.all() else np.where(given, counts * np.where(given, log_answer, 0.0), 0.0)
+
+
 class Levels(Protocol):
     """A bijection between unconstrained coordinates x and levelled ones y, in which mixtures of Student-t densities fit the posterior."""
 
