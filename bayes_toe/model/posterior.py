@@ -220,7 +220,10 @@ class Posterior:
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
-        points = self._from_typical_interval(np.stack([axis.ravel() for axis in axes], axis=-1))
+        points = np.stack([axis.ravel() for axis in axes], axis=-1)
+        if "offset" in self._places and _PEAK not in self._places:
+            points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
+        points = self._from_typical_interval(points)
         return points[np.isfinite(self.log_density(points))]
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
@@ -333,6 +336,17 @@ class Posterior:
         assert self._intervals is not None
         seconds, which = self._intervals
         return propagator.growth(*(x[:, self._places[name]] for name in propagator.coordinates), seconds).of_pairs(which)
+
+    def _between_pairs(self, point: FloatArray) -> FloatArray:
+        """Copies of a point with offsets between those that put a pair on the axis, shape (offsets, k).
+
+        Where identical stimuli are never called 'different' such an offset is impossible if the pair ever was: a wall, with a maximum of
+        its own on each side.
+        """
+        walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
+        moved = np.repeat(point[None], len(walls) - 1, axis=0)
+        moved[:, self._places["offset"]] = 0.5 * (walls[1:] + walls[:-1])
+        return moved
 
     def _from_typical_interval(self, points: FloatArray) -> FloatArray:
         """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""

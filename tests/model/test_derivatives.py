@@ -20,6 +20,8 @@ from bayes_toe.model.prior import Prior
 RUNGS = [model.name for model in MODELS if isinstance(model, Model)]
 PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
 DIGITS = 120
+#: Where q0 is near 1, the curvature of a criterion in the logit of its peak is a small difference: it keeps eleven digits, the rest twelve.
+TOLERANCE = {"differencing": 5e-11}
 
 
 def variance_ratio(gamma):
@@ -146,7 +148,7 @@ def test_derivatives_of_every_rung(name, isi, data):
     z = target.distance(np.array([x]))[0]
     # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
-    assert_agrees(target, x, 1e-11 if name == "differencing" else 1e-12)
+    assert_agrees(target, x, TOLERANCE.get(name, 1e-12))
 
 
 FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0], "logit_gain": [-30.0, 30.0]}
@@ -168,4 +170,4 @@ def test_derivatives_far_out(name, isi):
 def assert_agrees_with(target, x, name):
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(globals(), "PRIOR", target.prior)
-        assert_agrees(target, x, 1e-10 if name == "differencing" else 1e-12, digits=300)
+        assert_agrees(target, x, TOLERANCE.get(name, 1e-12), digits=300)
