@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import bayes_toe as bt
+from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.whole_files import require_writable
 
 
@@ -27,7 +28,7 @@ def main() -> int:
     try:
         draws = bt.load(options.posterior)
         names = draws.names if options.subject is None else draws.select(options.subject).names
-        stems = bt.file_stems(draws.names)  # identifiers may be any text, file names may not
+        stems = file_stems(draws.names)  # identifiers may be any text, file names may not
         paths = {name: Path(options.output, f"{stems[name]}.png") for name in names}
         for path in paths.values():  # before the first picture, not after it
             require_writable(path, overwrite=options.overwrite)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines
+from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines, write_calibration
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.calibration import (
     DESIGNS,
@@ -94,7 +94,7 @@ def test_the_ranked_likelihood_is_the_posteriors():
 
 
 def test_the_folder_and_its_words(table, tmp_path):
-    bt.write_calibration(table, tmp_path)
+    write_calibration(table, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PRODUCTS if name.endswith(".png"))
     frame = pd.read_csv(tmp_path / "calibration.csv")
@@ -105,7 +105,7 @@ def test_the_folder_and_its_words(table, tmp_path):
     text = (tmp_path / "calibration.md").read_text(encoding="utf-8")
     assert "--studies 3 --data-sets 4 --seed 3" in text
     with pytest.raises(bt.OutputError):
-        bt.write_calibration(table, tmp_path)
+        write_calibration(table, tmp_path)
 
 
 def test_failures_and_what_did_not_converge_are_named():

@@ -11,6 +11,7 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
+from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.collapse import collapse
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view
@@ -195,8 +196,8 @@ def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
 
 
 def test_rows_of_many_comparisons_are_higher(table):
-    wild = bt.AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
-    assert asymmetry_height(wild) > asymmetry_height(bt.AsymmetryTable(table.rows[:1]))
+    wild = AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
+    assert asymmetry_height(wild) > asymmetry_height(AsymmetryTable(table.rows[:1]))
 
 
 # --- words ------------------------------------------------------------------------------------------------------------------------
