@@ -55,9 +55,11 @@ def sample(
     from bayes_toe.analysis import draw
     from bayes_toe.model.ladder import model_named
 
-    model_named(model)
+    record = model_named(model)
     task.require_files(output)
-    read, prior = task.opened(study)
+    read, prior = task.read(study)
+    terminal.say_study(task.console, read)
+    terminal.say_prior(task.console, record.describe(prior))
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)

@@ -89,9 +89,9 @@ def say_study(console: Console, study: Study) -> None:
         say(console, f"  {safe(note)}")
 
 
-def say_prior(console: Console, prior: Prior) -> None:
-    """The prior that everything below depends on."""
-    say(console, f"  prior: {prior.describe()}")
+def say_prior(console: Console, prior: Prior | str) -> None:
+    """The prior that everything below depends on, or that of a model in words."""
+    say(console, f"  prior: {prior if isinstance(prior, str) else prior.describe()}")
 
 
 def say_penalty(console: Console, prior: Prior) -> None:

@@ -284,6 +284,7 @@ class _Line:
 
 def _title(draws: Draws, subject: str) -> list[_Line]:
     lines = [_Line(plain(subject), 14.0, "bold", "black")]
+    lines.append(_Line(draws.model, 11.0, colour="black"))
     lines += [_Line("synthetic data", 11.0, colour="black")] if draws.synthetic else []
     return lines + ([_Line("NOT CONVERGED", 13.0, "bold", "black")] if subject in draws.not_converged else [])
 

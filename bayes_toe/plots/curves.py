@@ -52,7 +52,7 @@ def curves(draws: Draws, subject: str) -> Figure:
             order_panel(ax, counts, None if fitted is None else fitted.equal, float(stimulus), title=len(weaker) > 1)
         figure.supylabel("P('equal')", fontsize=10)
     legend_below(figure)
-    figure.suptitle(plain(subject) + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
+    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
     return figure
 
 

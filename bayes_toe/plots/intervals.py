@@ -137,7 +137,7 @@ def interval_curves(draws: Draws, subject: str) -> Figure:
         legend_below(figure, size=8.0)
     interval_gain_axes(draws, subject, figure.add_subplot(grid[rows, :3]))
     interval_answers_axes(draws, subject, figure.add_subplot(grid[rows, 3:]))
-    figure.suptitle(plain(subject) + (" (synthetic data)" if draws.synthetic else ""), fontsize=11)
+    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=11)
     return figure
 
 

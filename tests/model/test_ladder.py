@@ -323,6 +323,28 @@ def test_hard_cases_agree_with_themselves_or_are_withheld(case):
             assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1])), model.name
 
 
+@pytest.mark.parametrize("case", ["S13", "a million trials a pair", "a hundred million trials"])
+def test_no_maximum_between_walls_is_missed(case):
+    # Identical stimuli that were once called 'different' wall off offsets where q0 is 1: every gap has a maximum of its own.
+    subject = STUDY["S13"] if case == "S13" else CASES[case]
+    target = posterior_of(subject, model=NO_LAPSES)
+    known = find_maxima(target)
+    rng = np.random.default_rng(6)
+    starts = np.stack([rng.uniform(-0.6, 0.6, 4000), rng.uniform(-4, 4, 4000), rng.uniform(-3, 1, 4000)], axis=1)
+    starts = starts[np.isfinite(target.log_density(starts))]
+
+    class Elsewhere:
+        """The same density, sought from other starts."""
+
+        log_density, derivatives = target.log_density, target.derivatives
+
+        @staticmethod
+        def starts():
+            return starts
+
+    assert find_maxima(Elsewhere).value[0] <= known.value[0] + 1e-6 * abs(known.value[0]) ** 0.5
+
+
 # --- Refusals ---------------------------------------------------------------------------------------
 
 
