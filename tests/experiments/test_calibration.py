@@ -28,8 +28,9 @@ STUDIES, FEWER = 20, 10  # the fewer are enough for errors as large as these
 class WrongJacobian(bt.Prior):
     """The Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs."""
 
-    def log_density_unconstrained(self, x, sbar):
-        return super().log_density_unconstrained(x, sbar) + 3.0 * np.log(natural(x, sbar).sigma_p)
+    def log_density_of_update(self, x, sbar):
+        with_some_q0 = np.concatenate([x[..., :3], np.zeros((*x.shape[:-1], 1))], axis=-1)
+        return super().log_density_of_update(x, sbar) + 3.0 * np.log(natural(with_some_q0, sbar).sigma_p)
 
 
 def ranks_under(prior, studies=STUDIES):
