@@ -45,7 +45,7 @@ LABELS = {
     "rho": r"$\rho$",
 }
 COORDINATES = ("natural", "identified")
-_PRIOR_DRAWS = 200_000
+_PRIOR_DRAWS = 100_000
 _BINS = 40
 
 # Inches: margins with room for tick and axis labels, the gap between panels, a panel, the widest line of the key.
