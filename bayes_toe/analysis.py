@@ -1,97 +1,195 @@
-"""What is done to each subject of a study: maxima, proposal, evidence, draws; the same for one process and for many."""
+"""The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
+
+All take the same options: seed, prior, draws, workers, progress.
+"""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
-from bayes_toe.classical.fit_table import SubjectFit, subject_fit
-from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
+from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
+from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.pointwise import POINTWISE_LIMIT, Pointwise, pointwise, values_needed
-from bayes_toe.inference.proposal import adapt_proposal, with_fresh_draws
-from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.errors import ConvergenceWarning
+from bayes_toe.inference.draws import Draws, build_draws
+from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.prior import Prior
-from bayes_toe.seeds import generator
+from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
+_LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
-@dataclass(frozen=True)
-class Settings:
-    """Everything that decides the numbers, stored with the results.
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits."""
+
+    study: Study
+    draws: Draws
+    evidence: EvidenceTable
+    settings: Settings
+    fits: FitTable
+
+
+def run(
+    study: Study,
+    *,
+    draws: int = 4000,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Sample every subject under the predictive update (H1) and compute every evidence in one pass.
 
     Parameters
     ----------
-    seed : int
-        Root seed; streams are keyed by it and the subject's name.
-    prior : Prior
-    sampler : SamplerSettings
+    study : Study
+    draws : int
+        Bulk and tail effective draws to reach for every parameter of every subject.
+    seed : int, optional
+        Root seed; without one, fresh entropy that is stored with the results.
+    prior : Prior, optional
+    workers : int, optional
+        Processes; by default one per processor. The numbers do not depend on it.
+    progress : callable, optional
+        Called with a subject's name when that subject is done.
     """
-
-    seed: int
-    prior: Prior = field(default_factory=Prior)
-    sampler: SamplerSettings = field(default_factory=SamplerSettings)
-
-
-@dataclass(frozen=True, eq=False)
-class SubjectResult:
-    """What was asked for of one subject, None for the rest; the fit comes with the evidence, values per pair only with small studies.
-
-    The fit is None for subjects with intervals, which it does not know.
-
-    `efficiency` and `pareto_k` tell how good the fitted proposal is.
-    """
-
-    subject: Subject
-    efficiency: float
-    pareto_k: float
-    evidence: SubjectEvidence | None
-    fit: SubjectFit | None
-    chains: Chains | None
-    pointwise: Pointwise | None
+    settings = _settings(draws, seed, prior)
+    wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
+    jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
+    done = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
+    made = build_draws(study, [one.result for one in done], settings)
+    fits = FitTable(tuple(one.fit for one in done if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
+    return Analysis(study, made, _table(done, settings), settings, fits)
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    subject: Subject
-    settings: Settings
-    with_evidence: bool
-    with_chains: bool
-    with_pointwise: bool
-
-
-def analyse(
+def sample(
     study: Study,
-    settings: Settings,
     *,
-    with_evidence: bool = True,
-    with_chains: bool = True,
+    model: str = PREDICTIVE_UPDATE.name,
+    draws: int = 4000,
+    seed: int | None = None,
+    prior: Prior | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> Sequence[SubjectResult]:
-    """Analyse every subject; results are in the study's order and do not depend on it or on the number of workers."""
-    with_pointwise = with_chains and values_needed(study, settings.sampler) <= POINTWISE_LIMIT
-    jobs = [_Job(subject, settings, with_evidence, with_chains, with_pointwise) for subject in study]
-    return run_in_order(_analyse_subject, jobs, workers, progress, lambda job: [job.subject.name])
+) -> Draws:
+    """Posterior draws of every subject under a model.
+
+    Parameters
+    ----------
+    study : Study
+    model : str
+        A name of :data:`bayes_toe.model.ladder.NAMES`; the predictive update (H1) by default.
+    draws : int
+        Bulk and tail effective draws to reach for every judged quantity of every subject.
+    seed, prior, workers, progress
+        As in :func:`run`.
+
+    Raises
+    ------
+    InputError
+        If there is no such model, or a number is not allowed.
+
+    Warns
+    -----
+    ConvergenceWarning
+        For subjects that missed the criteria; they are marked in the result as well.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> found = sample(Study([one]), model="constant bias", draws=500, seed=1, workers=1)
+    >>> found.model, found.parameters
+    ('constant bias', ('q0', 'width', 'offset'))
+    """
+    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress)
+    for name, shortfall in made.not_converged.items():
+        warnings.warn(f"subject {name!r} did not converge: {shortfall}", ConvergenceWarning, stacklevel=2)
+    return made
 
 
-def _analyse_subject(job: _Job) -> SubjectResult:
-    subject, seed = job.subject, job.settings.seed
-    posterior = posterior_of(subject, job.settings.prior)
-    maxima = find_maxima(posterior)
-    rng = generator(seed, subject.name, "proposal")
-    fitted = adapt_proposal(posterior, rng, maxima=maxima)
-    chains = sample_chains(fitted, job.settings.sampler, seed) if job.with_chains else None
-    fit = subject_fit(subject, posterior.prior, seed=seed) if job.with_evidence and subject.isi is None else None
-    replicates = None if fit is None else fit.bootstrap
-    return SubjectResult(
-        subject=subject,
-        efficiency=fitted.efficiency,
-        pareto_k=fitted.pareto_k,
-        evidence=subject_evidence(posterior, maxima, with_fresh_draws(fitted, rng), replicates) if job.with_evidence else None,
-        fit=fit,
-        chains=chains,
-        pointwise=pointwise(posterior, chains.x, seed) if chains is not None and job.with_pointwise else None,
-    )
+def draw(
+    study: Study,
+    *,
+    model: str = PREDICTIVE_UPDATE.name,
+    draws: int = 4000,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Draws:
+    """:func:`sample` without its warning, for callers that say themselves who did not converge."""
+    record, settings = model_named(model), _settings(draws, seed, prior, model)
+    wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
+    jobs = [partial(infer, record.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
+    results = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
+    return build_draws(study, results, settings)
+
+
+def evidence(
+    study: Study,
+    *,
+    draws: int = EVIDENCE_DRAWS,
+    seed: int | None = None,
+    prior: Prior | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> EvidenceTable:
+    """Log evidence of the predictive-update model (H1) and of free frequencies (H0) for every subject.
+
+    Parameters
+    ----------
+    study : Study
+    draws : int
+        Independent draws behind each evidence; its standard error goes as one over their root.
+    seed, prior, workers, progress
+        As in :func:`run`.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
+    True
+    """
+    settings, wanted = _settings(draws, seed, prior), Wanted(evidence_draws=draws)
+    jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
+    return _table(run_in_order(jobs, workers, progress, [(name,) for name in study.names]), settings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Analysed:
+    """One subject: the pipeline's result, the row of the evidence table, the fit (None with intervals, which it does not know)."""
+
+    result: SubjectResult
+    evidence: SubjectEvidence
+    fit: SubjectFit | None
+
+
+def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted) -> _Analysed:
+    posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
+    result, fitted = fitted_result(posterior, settings.seed, wanted)
+    fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
+    row = subject_evidence(posterior, result, fitted.maxima, None if fit is None else fit.bootstrap)
+    return _Analysed(result, row, fit)
+
+
+def _settings(draws: int, seed: int | None, prior: Prior | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
+    return Settings(root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=draws), model)
+
+
+def _affordable(study: Study, settings: Settings) -> bool:
+    """Whether values of every draw and pair are few enough to be stored."""
+    return values_needed(study, settings.sampler) <= POINTWISE_LIMIT
+
+
+def _table(done: Sequence[_Analysed], settings: Settings) -> EvidenceTable:
+    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior)

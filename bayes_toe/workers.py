@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from queue import SimpleQueue
@@ -14,7 +14,6 @@ from bayes_toe.errors import InputError
 
 #: Told the name of what is done.
 Progress = Callable[[str], None]
-Job = TypeVar("Job")
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -34,11 +33,17 @@ def worker_count(workers: int | None, jobs: int) -> int:
     return max(1, min(wanted, jobs))
 
 
-def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: int | None) -> Iterator[tuple[int, Result]]:
-    """Yield (index, function(job)) as they finish, in any order; one BLAS thread in every process.
+def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result]]:
+    """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
 
-    `function` must be importable from a module: worker processes receive it by name. This process takes its share of the jobs: it needs
-    the same libraries anyhow, and a worker less has to load them.
+    A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported: worker processes receive it by
+    name. This process takes its share of the jobs: it needs the same libraries anyhow, and a worker less has to load them.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> list(run_jobs([partial(pow, 2, 3), partial(pow, 3, 2)], workers=1))
+    [(0, 8), (1, 9)]
     """
     from threadpoolctl import threadpool_limits
 
@@ -46,24 +51,20 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
     with threadpool_limits(1):
         if count == 1:
             for index, job in enumerate(jobs):
-                yield index, function(job)
+                yield index, job()
         else:
-            yield from _shared(function, jobs, count - 1)
+            yield from _shared(jobs, count - 1)
 
 
 def run_in_order(
-    function: Callable[[Job], Result],
-    jobs: Sequence[Job],
-    workers: int | None,
-    progress: Progress | None,
-    names: Callable[[Job], Iterable[str]],
+    jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
 ) -> list[Result]:
-    """Results of :func:`run_jobs` in the order of the jobs; progress is told the names of a job as soon as that one is done."""
+    """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done."""
     results: dict[int, Result] = {}
-    for index, result in run_jobs(function, jobs, workers):
+    for index, result in run_jobs(jobs, workers):
         results[index] = result
         if progress is not None:
-            for name in names(jobs[index]):
+            for name in names[index]:
                 progress(name)
     return [results[index] for index in range(len(jobs))]
 
@@ -77,7 +78,7 @@ def stop_workers() -> None:
 _executors: list[Any] = []  # loky's, which is one for all calls
 
 
-def _shared(function: Callable[[Job], Result], jobs: Sequence[Job], others: int) -> Iterator[tuple[int, Result]]:
+def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple[int, Result]]:
     """Share jobs between this process and `others` workers; a worker that is done is handed the next job at once, by callback."""
     from loky import get_reusable_executor
 
@@ -91,7 +92,7 @@ def _shared(function: Callable[[Job], Result], jobs: Sequence[Job], others: int)
             index, job = waiting.popleft()
         except IndexError:  # another thread may have taken the last one: only the attempt tells
             return
-        executor.submit(function, job).add_done_callback(lambda future: finish(index, future))
+        executor.submit(job).add_done_callback(lambda future: finish(index, future))
 
     def finish(index: int, future: Future[Result]) -> None:
         done.put((index, future))  # first: handing out fails where the workers have died, and this call has to hear of it
@@ -106,7 +107,7 @@ def _shared(function: Callable[[Job], Result], jobs: Sequence[Job], others: int)
             with suppress(IndexError):
                 own = waiting.popleft()
             if own is not None:
-                yield own[0], function(own[1])
+                yield own[0], own[1]()
                 left -= 1
             while left and (own is None or not done.empty()):
                 index, future = done.get()

@@ -8,8 +8,8 @@ import argparse
 import sys
 
 import bayes_toe as bt
-from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines
-from bayes_toe.data.whole_files import require_folder
+from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines, write_calibration
+from bayes_toe.data.whole_folders import require_folder
 
 
 def main() -> int:
@@ -25,7 +25,7 @@ def main() -> int:
     try:
         require_folder(options.output, PRODUCTS, overwrite=options.overwrite)  # before the work, not after it
         table = bt.calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
-        bt.write_calibration(table, options.output, overwrite=options.overwrite)
+        write_calibration(table, options.output, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import bayes_toe as bt
+from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.whole_files import require_writable
 
 
@@ -27,14 +28,14 @@ def main() -> int:
     try:
         draws = bt.load(options.posterior)
         names = draws.names if options.subject is None else draws.select(options.subject).names
-        stems = bt.file_stems(draws.names)  # identifiers may be any text, file names may not
+        stems = file_stems(draws.names)  # identifiers may be any text, file names may not
         paths = {name: Path(options.output, f"{stems[name]}.png") for name in names}
         for path in paths.values():  # before the first picture, not after it
             require_writable(path, overwrite=options.overwrite)
         prior = draws.prior if options.prior else None
         for name, path in paths.items():
-            figure = bt.corner(draws, name, coordinates=coordinates, prior=prior)
-            print(bt.save_figure(figure, path, overwrite=options.overwrite))
+            figure = bt.plots.corner(draws, name, coordinates=coordinates, prior=prior)
+            print(bt.plots.save_figure(figure, path, overwrite=options.overwrite))
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2

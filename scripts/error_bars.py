@@ -11,6 +11,7 @@ import json
 import platform
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,12 @@ import pandas as pd
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import importance_evidence
-from bayes_toe.data.whole_files import require_writable, whole_file, write_table
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.errors import BayesToeError, InputError
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
 from bayes_toe.workers import run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"
@@ -69,20 +71,20 @@ def measure(seeds: int, names: list[str] | None, workers: int | None) -> pd.Data
     unknown = [name for name in names or [] if name not in subjects]
     if unknown:
         raise InputError(f"--cases: no case named {unknown[0]!r}; there are {', '.join(subjects)}")
-    jobs = [Case(subjects[name], stored[name]["log_evidence"], seeds) for name in names or subjects]
+    cases = [Case(subjects[name], stored[name]["log_evidence"], seeds) for name in names or subjects]
     rows = {}
-    for index, row in run_jobs(z_scores, jobs, workers):
+    for index, row in run_jobs([partial(z_scores, case) for case in cases], workers):
         rows[index] = row
         print(f"{row['case']:32s} sd of z {row['sd_z']:.2f}, {row['withheld']} withheld", flush=True)
-    return pd.DataFrame([rows[index] for index in range(len(jobs))])
+    return pd.DataFrame([rows[index] for index in range(len(cases))])
 
 
 def z_scores(case: Case) -> dict[str, object]:
     """The row of one case."""
-    posterior = bt.Posterior(case.subject)
+    posterior = bt.posterior_of(case.subject)
     maxima = find_maxima(posterior)
     fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima) for seed in range(case.seeds)]
-    given = [(value, error) for value, error, _ in map(importance_evidence, fitted) if value is not None]
+    given = [(one.value, one.se) for one in map(importance_evidence, fitted) if one.value is not None]
     values, errors = np.array(given).reshape(-1, 2).T
     z = (values - case.log_evidence) / errors
     enough = len(z) > 1

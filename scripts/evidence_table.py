@@ -11,7 +11,7 @@ from pathlib import Path
 import bayes_toe as bt
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
-from bayes_toe.plots.style import require_figure
+from bayes_toe.plots.figure_files import require_figure
 
 
 def main() -> int:
@@ -31,12 +31,11 @@ def main() -> int:
             if Path(options.figure).resolve() == Path(options.output).resolve():
                 raise OutputError(f"{options.output}: --output and --figure name the same file")
         study = bt.example_study() if options.study is None else bt.read_study(options.study)
-        seed = bt.settings_for(seed=options.seed).seed
-        table = bt.evidence(study, seed=seed, workers=options.workers)
+        table = bt.evidence(study, seed=options.seed, workers=options.workers)
         table.save(options.output, overwrite=options.overwrite)
         if options.figure is not None:
-            figure = bt.evidence_figure(table, synthetic=study.synthetic)
-            bt.save_figure(figure, options.figure, overwrite=options.overwrite)
+            figure = bt.plots.evidence_figure(table, synthetic=study.synthetic)
+            bt.plots.save_figure(figure, options.figure, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2
@@ -46,7 +45,7 @@ def main() -> int:
         for note in row.notes:
             print(f"{row.subject}: {note}")
     drawn = "" if options.figure is None else f", figure in {options.figure}"
-    print(f"{study.source}: seed {seed}; table in {options.output}{drawn}")
+    print(f"{study.source}: seed {table.seed}; table in {options.output}{drawn}")
     return 0
 
 

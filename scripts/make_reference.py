@@ -28,7 +28,7 @@ def fingerprint(subject: bt.Subject) -> str:
 
 def case(subject: bt.Subject) -> dict[str, object]:
     """One subject's reference as plain numbers."""
-    found = integrate(bt.Posterior(subject))
+    found = integrate(bt.posterior_of(subject))
     arrays = ("means", "means_error", "sds", "sds_error", "quantiles", "quantiles_error")
     return {
         "counts": fingerprint(subject),

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.plots.style import evidence_axes, order_panel, thinned
+from bayes_toe.plots.curves import natural_curve, order_panel
+from bayes_toe.plots.evidence import evidence_axes
 
 
 def main() -> None:
@@ -18,14 +19,14 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="docs/overview.png")
     output = parser.parse_args().output
     study = bt.example_study()
-    analysis = bt.run(study, bt.settings_for(seed=1))
+    analysis = bt.run(study, seed=1)
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(1, 1, 1.15))
     kinds = {"S06": "A: prior below the stimuli", "S04": "B: prior above", "S13": "C: prior among them"}
     places = (grid[0, 0], grid[0, 1], grid[1, 0])
     for (name, kind), place in zip(kinds.items(), places, strict=True):
         ax = figure.add_subplot(place)
-        order_panel(ax, study[name], thinned(analysis.draws.natural(name)), weaker=0.0)
+        order_panel(ax, study[name], natural_curve(analysis.draws.natural(name)), weaker=0.0)
         ax.set(title=kind, ylabel="P('equal')")
         ax.title.set_fontsize(10)
     key = figure.add_subplot(grid[1, 1])

@@ -23,7 +23,8 @@ from speed.scaling import scaling  # noqa: E402
 from speed.table import frame  # noqa: E402
 
 from bayes_toe.data.example import example_study  # noqa: E402
-from bayes_toe.data.whole_files import require_writable, whole_file, write_table  # noqa: E402
+from bayes_toe.data.tables import write_table  # noqa: E402
+from bayes_toe.data.whole_files import require_writable, whole_file  # noqa: E402
 from bayes_toe.errors import BayesToeError, InputError  # noqa: E402
 
 SUBJECTS = ("S01", "S05", "S09", "S15")

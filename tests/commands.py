@@ -1,8 +1,11 @@
-"""The command line as a user calls it: a process of its own."""
+"""The command line as a user calls it, in a process of its own; and the same in this process, where that changes nothing."""
 
+import io
 import os
 import subprocess
 import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from subprocess import CompletedProcess
 
 PROGRAM = [sys.executable, "-m", "bayes_toe"]
 
@@ -11,3 +14,16 @@ def call(*args, cwd=None, **environment):
     """Run the command in its own process, as a user does."""
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
     return subprocess.run([*PROGRAM, *map(str, args)], capture_output=True, text=True, cwd=cwd, env=env, encoding="utf-8")
+
+
+def inside(*args, cwd="."):
+    """The same command in this process, which has its libraries already: for what follows a run by :func:`call`, and for refusals."""
+    from bayes_toe.cli.app import app
+
+    words, code = [str(word) for word in args], 0
+    with chdir(cwd), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as errors:
+        try:
+            app(words, prog_name="bayes-toe")
+        except SystemExit as left:
+            code = left.code
+    return CompletedProcess(words, code, out.getvalue(), errors.getvalue())

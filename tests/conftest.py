@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.experiments.simulate import reference_design
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -16,7 +16,7 @@ REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
     """Rounded expected counts in the paper's design."""
     design = reference_design()
-    q = bt.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
+    q = bt.model.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
     return design.s1, design.s2, np.rint(n * q).astype(int), np.full(len(q), n)
 
 
@@ -30,7 +30,7 @@ def small_study():
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study, in this process."""
-    return bt.run(small_study, bt.settings_for(draws=2000, seed=5), workers=1)
+    return bt.run(small_study, draws=2000, seed=5, workers=1)
 
 
 @pytest.fixture(scope="session")

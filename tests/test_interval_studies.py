@@ -9,21 +9,20 @@ from scipy.special import betaln, roots_legendre
 from typer.testing import CliRunner
 
 import bayes_toe as bt
-from bayes_toe.analysis import analyse
 from bayes_toe.cli.app import app
 from bayes_toe.cli.results_folder import write_results
-from bayes_toe.comparison.evidence_table import importance_evidence
 from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
 from bayes_toe.experiments.recipes import design_from, trial_frame
 from bayes_toe.experiments.simulate import Design, at_intervals, reference_design, simulate_trials
 from bayes_toe.experiments.sloppiness import fisher_information
-from bayes_toe.inference.proposal import fit_proposal
-from bayes_toe.model import interval_posterior
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, gain_at
+from bayes_toe.model.posterior import Posterior
 
 OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
 THREE = (0.25, 1.0, 4.0)
@@ -37,7 +36,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def analysis(study):
-    return bt.run(study, bt.settings_for(draws=1000, seed=2), workers=1)
+    return bt.run(study, draws=1000, seed=2, workers=1)
 
 
 # --- reading ------------------------------------------------------------------------------------------------------------------------
@@ -218,7 +217,8 @@ def test_evidence_agrees_with_brute_force():
     prior = bt.Prior(mu1_sd=1.0)
     coarse, fine = (brute_force(subject, prior, orders) for orders in ((80, 90, 12, 12), (110, 120, 16, 16)))
     assert fine == pytest.approx(coarse, abs=1e-4)
-    value, error, _ = importance_evidence(fitted(subject, prior))
+    estimate = importance_evidence(fitted(subject, prior))
+    value, error = estimate.value, estimate.se
     assert error < 0.005
     assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
 
@@ -227,7 +227,8 @@ def test_evidence_and_moments_agree_with_quadrature():
     # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
     evidence, means, sds = -890.1292755, (-0.6155167, 0.2134129, 0.1408259, 0.9295392), (0.0428065, 0.0106820, 0.0053121, 0.0123957)
     found = fitted(expected(THREE, 50))
-    value, error, _ = importance_evidence(found)
+    estimate = importance_evidence(found)
+    value, error = estimate.value, estimate.se
     assert value == pytest.approx(evidence, abs=4.5 * error)
     weights = np.exp(found.draws.log_weights - found.draws.log_weights.max())
     theta = found.proposal.posterior.natural(found.draws.x)
@@ -266,7 +267,8 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
     assert np.array_equal(back.subject("S02").isi, study["S02"].isi)
     assert back.select("S02").intervals == THREE
     assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / s^(1/2)"
-    assert "self-consistent prior for each interval" in back.attrs["model"]
+    assert back.attrs["model"] == "predictive update"
+    assert "self-consistent prior for each interval" in back.attrs["about_model"]
     assert back.values("S01", "offset").shape == back.values("S01", "mu1").shape
 
 
@@ -300,7 +302,7 @@ def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, stu
     with pytest.raises(InputError, match="positive finite"):
         bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0)
     with pytest.raises(InputError, match="has no intervals"):
-        bt.interval_gain_axes(plain, "S01")
+        bt.plots.interval_gain_axes(plain, "S01")
 
 
 def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
@@ -322,13 +324,13 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
-    ax = bt.interval_answers_axes(analysis.draws, "S01")
+    ax = bt.plots.interval_answers_axes(analysis.draws, "S01")
     points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
     assert len(points) >= 3  # both orders, and the bars that mark tested intervals
     assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
-    assert bt.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
-    assert len(bt.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
-    equal = bt.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
+    assert bt.plots.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
+    assert len(bt.plots.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
+    equal = bt.plots.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
     assert "0 twice" in equal.get_title()
 
 
@@ -346,13 +348,12 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
     [
         lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
         lambda study, analysis: bt.asymmetry(study),
-        lambda study, analysis: bt.figures(analysis),
-        lambda study, analysis: bt.curves(analysis.draws, "S01"),
-        lambda study, analysis: bt.plane_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.answers_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.collapse_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.figures(analysis),
+        lambda study, analysis: bt.plots.curves(analysis.draws, "S01"),
+        lambda study, analysis: bt.plots.plane_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
+        lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
-        lambda study, analysis: bt.Posterior(study["S01"]),
     ],
 )
 def test_what_knows_one_interval_refuses_several(call, study, analysis):
@@ -369,13 +370,11 @@ def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
     def never(*_):
         raise AssertionError("evaluated without intervals")
 
-    for name in ("random_walk_scales", "_growth"):
-        monkeypatch.setattr(interval_posterior, name, never)
-    results = analyse(small_study.select(["A"]), bt.settings_for(draws=200, seed=1), workers=1)
-    assert type(bt.posterior_of(small_study["A"])) is bt.Posterior
-    assert results[0].fit is not None
+    for name in ("_scales_at", "_growth"):
+        monkeypatch.setattr(Posterior, name, never)
     draws = bt.sample(small_study.select(["A"]), draws=200, seed=1, workers=1)
     assert draws.intervals == ()
     assert set(draws.group("observed_data").coords) == {"obs", "subject", "s1", "s2"}
-    assert draws.attrs["model"] == "predictive update (H1), arXiv 2604.19662"
+    assert draws.attrs["model"] == "predictive update"
+    assert "interval" not in draws.attrs["about_model"]
     assert json.loads(draws.attrs["settings"])["prior"]["sigma_p_scale"] == 1.0

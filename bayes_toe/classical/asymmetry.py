@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from bayes_toe.classical.exact_test import equality_test, holm, probability_greater
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.study import Study, Subject, refuse_intervals
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -191,19 +190,8 @@ class Population:
 
 
 @dataclass(frozen=True)
-class AsymmetryTable:
+class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     """Asymmetries of every subject of a study, in the study's order."""
-
-    rows: tuple[SubjectAsymmetry, ...]
-
-    def __iter__(self) -> Iterator[SubjectAsymmetry]:
-        return iter(self.rows)
-
-    def __getitem__(self, name: str) -> SubjectAsymmetry:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the asymmetry table")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -235,10 +223,6 @@ class AsymmetryTable:
         some = [row for row in self.rows if row.comparisons]
         keys = ("mean_asymmetry", "mean_absolute_asymmetry", "accuracy")
         return {key: {row.subject: getattr(row, key) for row in some} for key in keys}
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write asymmetry.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

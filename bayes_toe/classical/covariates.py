@@ -6,20 +6,19 @@ Nothing is corrected for the number of covariates and outcomes.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import stdtr
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.cells import Cells, Column, Fault, Header, listed, number, quoted, read_cells, read_header, refuse
+from bayes_toe.data.columns import MISSING_WORDS, name_faults, number_fault
+from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
 
 
 COVARIATE_COLUMNS = ("covariate", "outcome", "test", "groups", "n", "difference_or_r", "statistic", "df", "p_value", "note")
-_MISSING = frozenset({"", "na", "n/a", "nan", "none"})
-_MOST_SHOWN = 10
+_SUBJECT = "subject"
 
 
 @dataclass(frozen=True)
@@ -76,24 +74,16 @@ class CovariateTest:
 
 
 @dataclass(frozen=True)
-class CovariateTable:
+class CovariateTable(Table[CovariateTest]):
     """Every outcome against every covariate."""
 
-    rows: tuple[CovariateTest, ...]
     notes: tuple[str, ...] = ()
-
-    def __iter__(self) -> Iterator[CovariateTest]:
-        return iter(self.rows)
 
     def frame(self) -> pd.DataFrame:
         """One row per covariate and outcome; empty where a test does not exist."""
         import pandas as pd
 
         return pd.DataFrame([[getattr(row, key) for key in COVARIATE_COLUMNS] for row in self.rows], columns=list(COVARIATE_COLUMNS))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the table, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, float]]) -> CovariateTable:
@@ -120,45 +110,8 @@ def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, 
     return CovariateTable(tuple(rows), tuple(f"{said}: {_listed(names)}" for said, names in gaps if names))
 
 
-def welch(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float, float]:
-    """Welch's t, degrees of freedom and two-sided p-value for the difference of two means; needs two values a group, not all alike.
-
-    Examples
-    --------
-    >>> [round(v, 4) for v in welch([1.0, 2.0, 3.0], [2.0, 4.0])]
-    [-0.866, 1.6842, 0.4921]
-    """
-    groups = [np.asarray(values, np.float64) for values in (first, second)]
-    shares = [float(values.var(ddof=1) / len(values)) for values in groups]
-    t = float(groups[0].mean() - groups[1].mean()) / math.sqrt(sum(shares))
-    df = sum(shares) ** 2 / sum(share**2 / (len(values) - 1) for share, values in zip(shares, groups, strict=True))
-    return t, df, _two_sided(t, df)
-
-
-def pearson(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float, float, float]:
-    """Correlation r, its t = r sqrt(df/(1 - r^2)), df = n - 2 and two-sided p-value; needs three pairs, neither side constant.
-
-    Examples
-    --------
-    >>> [round(v, 4) for v in pearson([1.0, 2.0, 3.0, 4.0], [1.0, 3.0, 2.0, 4.0])]
-    [0.8, 1.8856, 2.0, 0.2]
-    """
-    u, v = _unit(x), _unit(y)
-    r, df = float(u @ v), len(u) - 2.0
-    rest = float(np.linalg.norm(u - v) * np.linalg.norm(u + v)) / 2.0  # sqrt(1 - r^2) without cancellation
-    t = r * math.sqrt(df) / rest if rest > 0 else math.copysign(math.inf, r)
-    return r, t, df, _two_sided(t, df)
-
-
-def _unit(values: npt.ArrayLike) -> FloatArray:
-    """Centred and scaled to length 1."""
-    array = np.asarray(values, np.float64)
-    centred = array - array.mean()
-    return np.asarray(centred / np.linalg.norm(centred))
-
-
-def _two_sided(t: float, df: float) -> float:
-    return float(2.0 * stdtr(df, -abs(t)))
+def _listed(names: set[str]) -> str:
+    return listed([quoted(name) for name in sorted(names)])
 
 
 def _row(covariate: str, column: Mapping[str, str | float], outcome: str, values: Mapping[str, float]) -> CovariateTest:
@@ -179,7 +132,7 @@ def _welch_row(covariate: str, outcome: str, kinds: Sequence[str], groups: Seque
         return CovariateTest(*about, note="a group of fewer than two subjects has no variance")
     if all(np.ptp(values) == 0 for values in groups):
         return CovariateTest(*about, note="the outcome does not vary within the groups")
-    return CovariateTest(*about, float(groups[0].mean() - groups[1].mean()), *welch(*groups))
+    return CovariateTest(*about, float(groups[0].mean() - groups[1].mean()), *_welch(*groups))
 
 
 def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> CovariateTest:
@@ -188,7 +141,28 @@ def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> 
         return CovariateTest(*about, note="fewer than three subjects: no correlation")
     if np.ptp(x) == 0 or np.ptp(y) == 0:
         return CovariateTest(*about, note="covariate or outcome does not vary over these subjects")
-    return CovariateTest(*about, *pearson(x, y))
+    return CovariateTest(*about, *_pearson(x, y))
+
+
+def _welch(first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
+    """Welch's t, degrees of freedom and two-sided p-value for the difference of two means."""
+    from scipy.stats import ttest_ind  # slow to import
+
+    with warnings.catch_warnings():
+        # One group whose values are all alike is no loss of precision.
+        warnings.filterwarnings("ignore", message="Precision loss", category=RuntimeWarning)
+        found = ttest_ind(first, second, equal_var=False)
+    return float(found.statistic), float(found.df), float(found.pvalue)
+
+
+def _pearson(x: FloatArray, y: FloatArray) -> tuple[float, float, float, float]:
+    """Correlation r, its t = r sqrt(df / (1 - r^2)), df = n - 2 and two-sided p-value."""
+    from scipy.stats import pearsonr  # slow to import
+
+    found = pearsonr(x, y)
+    r, df = float(found.statistic), len(x) - 2.0
+    t = r * math.sqrt(df / (1.0 - r * r)) if abs(r) < 1.0 else math.copysign(math.inf, r)
+    return r, t, df, float(found.pvalue)
 
 
 # --- Reading ----------------------------------------------------------------------------------------
@@ -197,95 +171,44 @@ def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> 
 def read_covariates(path: str | Path) -> Covariates:
     """Covariates from a CSV file with a column `subject` and one column per covariate.
 
-    Comma, semicolon or tab between cells; UTF-8; a decimal comma where the comma does not separate cells. Empty cells and NA are missing. A
-    covariate holds numbers, or exactly two different texts.
+    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma where the comma does not separate cells.
+    Empty cells and NA are missing. A covariate holds numbers, or exactly two different texts.
 
     Raises
     ------
     InputError
         One line per problem with file, row and column, ten at most.
     """
-    rows, decimal_comma = _cells(path)
-    _, header = rows[0]
-    if "subject" not in header or len(header) < 2 or len(set(header)) < len(header) or "" in header:
-        found = ", ".join(map(repr, header))
-        raise InputError(f"{path}: row 1: found columns {found}, allowed: subject and at least one covariate, each with a name of its own")
-    who = header.index("subject")
-    _require_subjects(path, rows, who)
-    problems: list[str] = []
-    columns = {}
-    for place, name in enumerate(header):
-        if place != who:
-            cells = [(row, record[who], _pointed(record[place]) if decimal_comma else record[place]) for row, record in rows[1:]]
-            columns[name] = _column(f"{path}: row %d, column {name.replace('%', '%%')}: ", cells, problems)
-    if problems:
-        raise InputError(problems[:_MOST_SHOWN])
-    return Covariates(columns)
+    header, text = read_header(path, frozenset({_SUBJECT}))
+    cells = read_cells(header, text, {name: place for place, name in enumerate(header.names)}, _header_problems(header))
+    subject = cells.columns[_SUBJECT]
+    meant = {name: _meanings(column, header.decimal_comma) for name, column in cells.columns.items() if name != _SUBJECT}
+    faults = [_covariate_fault(cells, cells.columns[name], values) for name, values in meant.items()]
+    refuse(header.source, [cells.fault, *name_faults(cells, subject), *faults])
+    return Covariates({name: _by_subject(subject, cells.columns[name], values) for name, values in meant.items()})
 
 
-def _cells(path: str | Path) -> tuple[list[tuple[int, list[str]]], bool]:
-    """Row and stripped cells of every record that is not blank, all as wide as the header; whether the comma is free for decimals."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise InputError(f"{path}: cannot be read ({reason}), allowed: a CSV file in UTF-8") from error
-    delimiter = max(",;\t", key=text.lstrip().split("\n", 1)[0].count)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
-    try:
-        rows = [(reader.line_num, [cell.strip() for cell in record]) for record in reader if "".join(record).strip()]
-    except csv.Error as error:
-        raise InputError(f"{path}: row {reader.line_num}: cannot be split into cells ({error})") from error
-    if len(rows) < 2:
-        raise InputError(f"{path}: found no row below the header, allowed: a header with subject, and one row per subject")
-    width = len(rows[0][1])
-    uneven = [(row, len(record)) for row, record in rows if len(record) != width]
-    if uneven:
-        raise InputError([f"{path}: row {row}: found {n} cells, allowed: {width} as in the header" for row, n in uneven[:_MOST_SHOWN]])
-    return rows, delimiter != ","
+def _header_problems(header: Header) -> list[str]:
+    names = set(header.names)
+    if _SUBJECT in names and len(header.names) == len(names) > 1 and "" not in names:
+        return []
+    found = listed([quoted(name) for name in header.names])
+    return [f"row {header.row}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
 
 
-def _pointed(cell: str) -> str:
-    """A number with its decimal comma made a point; any other text as it is."""
-    dotted = cell.replace(",", ".", 1)
-    return dotted if _finite(dotted) is not None else cell
+def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
+    """What each distinct text of a covariate stands for: a number, NaN if it is none, one of two texts; None where missing."""
+    given = {text: number(text, decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
+    if len(given) <= 2 and any(map(math.isnan, given.values())):
+        return [text if text in given else None for text in column.texts]
+    return [given.get(text) for text in column.texts]
 
 
-def _require_subjects(path: str | Path, rows: Sequence[tuple[int, list[str]]], place: int) -> None:
-    seen: dict[str, int] = {}
-    problems = []
-    for row, record in rows[1:]:
-        name = record[place]
-        if not name:
-            problems.append(f"{path}: row {row}, column subject: found '', allowed: a text that is not empty")
-        elif name in seen:
-            problems.append(f"{path}: row {row}, column subject: found {name!r} as in row {seen[name]}, allowed: each subject once")
-        seen.setdefault(name, row)
-    if problems:
-        raise InputError(problems[:_MOST_SHOWN])
+def _covariate_fault(cells: Cells, column: Column, meanings: Sequence[str | float | None]) -> Fault:
+    bad = column.spread([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
+    return number_fault(cells, column, bad, "a finite number (or two different texts in the column)")
 
 
-def _column(where: str, cells: Sequence[tuple[int, str, str]], problems: list[str]) -> dict[str, str | float]:
-    """One covariate by subject: numbers if all cells are, else texts if there are exactly two."""
-    given = [(row, subject, cell) for row, subject, cell in cells if cell.lower() not in _MISSING]
-    numbers = [_finite(cell) for _, _, cell in given]
-    if None not in numbers:
-        return {subject: float(cell) for _, subject, cell in given}
-    if len({cell for _, _, cell in given}) <= 2:
-        return {subject: cell for _, subject, cell in given}
-    bad = [(row, cell) for (row, _, cell), number in zip(given, numbers, strict=True) if number is None]
-    problems += [where % row + f"found {cell!r}, allowed: a finite number (or two different texts in the column)" for row, cell in bad]
-    return {}
-
-
-def _finite(cell: str) -> float | None:
-    try:
-        value = float(cell)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and "_" not in cell else None
-
-
-def _listed(names: set[str]) -> str:
-    shown = sorted(names)[:_MOST_SHOWN]
-    return ", ".join(map(repr, shown)) + (f" and {len(names) - len(shown)} more" if len(names) > len(shown) else "")
+def _by_subject(subject: Column, column: Column, meanings: Sequence[str | float | None]) -> dict[str, str | float]:
+    values = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
+    return {name: value for name, value in values if value is not None}

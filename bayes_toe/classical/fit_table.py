@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +13,7 @@ from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.maximum_likelihood import fit_subject
 from bayes_toe.data.study import Study, Subject, refuse_intervals
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
@@ -61,7 +60,7 @@ class SubjectFit:
 
 
 @dataclass(frozen=True, eq=False)
-class FitTable:
+class FitTable(SubjectTable[SubjectFit]):
     """Fits of every subject of a study, in the study's order.
 
     Attributes
@@ -75,46 +74,21 @@ class FitTable:
         Its normal of mu1 is the penalty.
     """
 
-    rows: tuple[SubjectFit, ...]
     level: float
     replicates: int
     seed: int
     prior: Prior | None = None
 
-    def __iter__(self) -> Iterator[SubjectFit]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __getitem__(self, name: str) -> SubjectFit:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the fit table")
-
     def frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         import pandas as pd
 
-        penalty = None if self.prior is None else self.prior.describe_mu1()
+        penalty = None if self.prior is None else self.prior.describe_penalty()
         cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
         return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
 
     def _cells(self, row: SubjectFit) -> tuple[object, ...]:
         return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write fit.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
-
-
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    prior: Prior
-    replicates: int
-    seed: int = field(repr=False)
 
 
 def fit(
@@ -162,13 +136,9 @@ def fit(
         raise InputError(f"replicates={replicates} must be at least 1")
     refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), Prior() if prior is None else prior
-    jobs = [_Job(subject, penalty, replicates, root) for subject in study]
-    rows = run_in_order(_fit_one, jobs, workers, progress, lambda job: [job.subject.name])
+    jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
+    rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty)
-
-
-def _fit_one(job: _Job) -> SubjectFit:
-    return subject_fit(job.subject, job.prior, seed=job.seed, replicates=job.replicates)
 
 
 def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:

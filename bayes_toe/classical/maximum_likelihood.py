@@ -24,6 +24,7 @@ from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.inference.newton import Ascent, ascend
 from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.distributions import Normal
 from bayes_toe.model.prior import Prior
 
 #: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
@@ -54,15 +55,14 @@ class Design:
     s1: FloatArray
     s2: FloatArray
     sbar: float
-    mean: float
-    sd: float
+    penalty: Normal
 
     @classmethod
     def of(cls, subject: Subject, prior: Prior) -> Design:
         """Pairs of a subject; of the prior only the normal of mu1 is used."""
         refuse_intervals([subject], "maximum-likelihood fit")
         sbar = float(np.average(subject.s1, weights=subject.n_trials))
-        return cls(subject.s1, subject.s2, sbar, prior.mu1_mean, prior.mu1_sd)
+        return cls(subject.s1, subject.s2, sbar, prior.penalty)
 
     @property
     def scale(self) -> float:
@@ -155,7 +155,7 @@ def _flat_maximum(design: Design, counts: Counts, best: _Best, narrow: BoolArray
     with np.errstate(divide="ignore", invalid="ignore"):  # d = 0: every answer is 'equal', and no term below is used
         odds = np.where(d > 0, k / d, 0.0)[:, None]
     score, curve = counts.equal - counts.different * odds, counts.different * odds * (1.0 + odds)
-    step, lever = design.s2 - design.s1, design.s1 - design.mean
+    step, lever = design.s2 - design.s1, design.s1 - design.penalty.mean
     squares = np.stack([np.square(step), 2.0 * step * lever, np.square(lever)], axis=-1)  # of s2 - mu_2, as a quadratic in the pull
     rise = _largest_quadratic(-score @ squares, np.where(narrow, MAX_PULL, 0.0))
     size = (counts.equal + counts.different) @ (np.square(step) + np.square(lever))
@@ -196,7 +196,7 @@ def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: Bo
     upper = np.array([np.inf, 0.0, np.log(design.scale) + 20.0, 0.0])[:, None]
     row, held = np.repeat(np.arange(rows), len(starts)), fixed.reshape(4, -1)
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
-    objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.mean, design.sd)
+    objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.penalty)
     found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS)
     return _finish(objective, found, _highest(found, rows), upper, held)
 
@@ -273,7 +273,7 @@ def _identified(design: Design, used: Counts, found: _Found, never: BoolArray) -
 def _natural(design: Design, where: FloatArray, found: _Found) -> FloatArray:
     """Natural parameters, (rows, 4): without a pull mu1 is at the penalty's mean; sigma_p and sigma_l are 0 or infinite as the width is."""
     c, p, w, q0 = where.T
-    mu1 = np.where(p > 0.0, design.sbar + np.divide(c, p, out=np.zeros_like(c), where=p > 0.0), design.mean)
+    mu1 = np.where(p > 0.0, design.sbar + np.divide(c, p, out=np.zeros_like(c), where=p > 0.0), design.penalty.mean)
     wide = np.where(np.isinf(w), 1.0, w)
     sigmas = (np.where(found.narrow, 0.0, np.where(np.isinf(w), w, wide * part)) for part in ((1.0 - p) ** 1.5, np.sqrt((1.0 - p) * p)))
     return np.stack([mu1, *sigmas, q0], axis=-1)

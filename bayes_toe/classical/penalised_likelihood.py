@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.model.closed_form import LN2, MAX_PULL
+from bayes_toe.model.distributions import Normal
 
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
 _BLOCK = 1 << 15
@@ -32,8 +33,8 @@ class PenalisedLikelihood:
         Answers of each row.
     row : array of int, shape (starts,)
         The row to which each start belongs.
-    mean, sd : float
-        Of the normal penalty on mu1; the paper's are 0 and 10 (V_1 = 10^2).
+    normal : Normal
+        Of mu1, as the penalty; the paper's has mean 0 and V_1 = 10^2.
     """
 
     s1: FloatArray
@@ -42,8 +43,7 @@ class PenalisedLikelihood:
     equal: FloatArray
     different: FloatArray
     row: IndexArray
-    mean: float = 0.0
-    sd: float = 10.0
+    normal: Normal
 
     def evaluate(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value (points,), gradient (4, points) and Hessian (4, 4, points) at x (4, points), for the rows of the starts `index`.
@@ -62,7 +62,7 @@ class PenalisedLikelihood:
 
     def penalty(self, x: FloatArray) -> FloatArray:
         """(mu1 - mean)^2 / (2 V_1), shape (4, points) -> (points,)."""
-        return np.asarray(0.5 * np.square(self._far(x)[1] / self.sd))
+        return np.asarray(0.5 * np.square(self._far(x)[1] / self.normal.sd))
 
     def _block(self, x: FloatArray, row: IndexArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
         """Log likelihood (points,); its derivatives in (c, p, log w, log q0) go into `gradient` and `hessian`.
@@ -119,12 +119,12 @@ class PenalisedLikelihood:
         with np.errstate(over="ignore"):
             inverse = np.where(some, np.exp(-x[1]) / MAX_PULL, 0.0)
         reach = x[0] * inverse
-        return inverse, np.where(some, self.sbar - self.mean + reach, 0.0), reach
+        return inverse, np.where(some, self.sbar - self.normal.mean + reach, 0.0), reach
 
     def _penalise(self, x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
         """The penalty as a gain, its derivatives added in place; mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p."""
         inverse, far, reach = self._far(x)
-        weight = 1.0 / self.sd**2
+        weight = 1.0 / self.normal.sd**2
         gradient[0] -= weight * far * inverse
         gradient[1] += weight * far * reach
         hessian[0, 0] -= weight * np.square(inverse)

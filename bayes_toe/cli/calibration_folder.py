@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from bayes_toe.data.whole_files import whole_folder, write_table
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.experiments.calibration import DESIGNS, DRAWS
 from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM, CalibrationTable, EvidenceRow, RankRow
 from bayes_toe.experiments.reliability import MARGIN
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
-from bayes_toe.plots.style import save_figure
+from bayes_toe.plots.figure_files import save_figure
 
 _OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
 _OF_EVIDENCE = (

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.comparison.evidence_table import SubjectEvidence
-from bayes_toe.comparison.predictive_checks import FitSummary
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.experiments.checks import Finding, check_study
+from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.contraction import DOMINATED
 from bayes_toe.model.coordinates import NATURAL
 
@@ -132,7 +132,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
             "predictive p": _p_value(fit.p_overall),
             "predictive p, worst pair": _p_value(fit.worst_p),
-            "worst pair (s1, s2)": f"({fit.worst_pair[0]:.3g}, {fit.worst_pair[1]:.3g})"
+            "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g})"
             + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-import numpy as np
-
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.predictive_checks import FitSummary, summarise_fit
-from bayes_toe.data.whole_files import file_stems, whole_folder, write_table
+from bayes_toe.data.file_names import file_stems
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
+from bayes_toe.plots.curves import curves
+from bayes_toe.plots.evidence import evidence_figure
+from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes, without_pointwise
-from bayes_toe.plots.style import curves, evidence_figure, new_figure, png
-from bayes_toe.workers import Progress, run_jobs
+from bayes_toe.plots.style import new_figure
+from bayes_toe.workers import Progress, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
@@ -32,33 +33,12 @@ Truth = Mapping[str, Mapping[str, float]]
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html")
 
 
-@dataclass(frozen=True, eq=False)
-class _Drawing:
-    """Everything that the pictures of one subject need; small enough to send to another process."""
-
-    draws: Draws
-    subject: str
-    coordinates: str
-    prior: Prior | None
-    truth: Mapping[str, float] | None
-    for_report: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Drawn:
-    """Corner plot and, for a report, fitted curves and goodness of fit of one subject."""
+class _Drawn(NamedTuple):
+    """Corner plot, fitted curves and goodness of fit of one subject."""
 
     corner: bytes
-    curves: bytes = b""
-    fit: FitSummary | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Overview:
-    """A picture of all subjects, by the function that draws it and what that takes."""
-
-    draw: Callable[[Any], bytes]
-    material: Any
+    curves: bytes
+    fit: FitSummary
 
 
 def write_results(
@@ -82,7 +62,7 @@ def write_results(
     truth : mapping, optional
         True natural parameters by subject, for synthetic studies; shown in the corner plots.
     workers, progress
-        As in :func:`bayes_toe.api.run`.
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------
@@ -96,13 +76,14 @@ def write_results(
         write_table(summary, target / "summary.csv")
         analysis.evidence.save(target / "evidence.csv")
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-        jobs = [_drawing(analysis.draws, name, prior=analysis.settings.prior, truth=truth, for_report=True) for name in names]
-        drawn, overviews = _draw_all(jobs, _overviews(analysis, asymmetry), workers, progress)
+        wide, of_subjects = _overviews(analysis, asymmetry), _pictures_of_subjects(analysis, {} if truth is None else truth)
+        done = run_in_order([*wide, *of_subjects], workers, progress, [*((),) * len(wide), *((name,) for name in names)])
+        evidence, effects, study_map = (found for found in done if isinstance(found, bytes))
+        drawn = dict(zip(names, (found for found in done if isinstance(found, _Drawn)), strict=True))
         corners = {name: found.corner for name, found in drawn.items()}
         write_corners(corners, target / "corner", corner_files(analysis.draws, names))
-        evidence, effects, subjects_map = overviews
-        pictures = Pictures(evidence, effects, subjects_map, {name: found.curves for name, found in drawn.items()}, corners)
-        facts = Facts(summary, asymmetry, {name: found.fit for name, found in drawn.items() if found.fit is not None})
+        pictures = Pictures(evidence, effects, study_map, {name: found.curves for name, found in drawn.items()}, corners)
+        facts = Facts(summary, asymmetry, {name: found.fit for name, found in drawn.items()})
         write_report(analysis, facts, pictures, target / "report.html")
     return Path(folder)
 
@@ -116,8 +97,8 @@ def draw_corners(
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
     """Corner plots of some subjects as PNG, by subject."""
-    jobs = [_drawing(draws, name, coordinates=coordinates) for name in subjects]
-    return {name: found.corner for name, found in _draw_all(jobs, (), workers, progress)[0].items()}
+    jobs = [partial(_corner, draws.select(name), name, coordinates=coordinates) for name in subjects]
+    return dict(zip(subjects, run_in_order(jobs, workers, progress, [(name,) for name in subjects]), strict=True))
 
 
 def write_corners(pictures: Mapping[str, bytes], folder: Path, files: Mapping[str, str]) -> None:
@@ -133,65 +114,34 @@ def corner_files(draws: Draws, subjects: Sequence[str]) -> dict[str, str]:
     return {name: f"{stems[name]}.png" for name in subjects}
 
 
-def _drawing(
-    draws: Draws,
-    subject: str,
-    *,
-    coordinates: str = "natural",
-    prior: Prior | None = None,
-    truth: Truth | None = None,
-    for_report: bool = False,
-) -> _Drawing:
-    of_subject = None if truth is None else truth.get(subject)
-    return _Drawing(draws.select(subject), subject, coordinates, prior, of_subject, for_report)
+def _overviews(analysis: Analysis, asymmetry: AsymmetryTable) -> list[Callable[[], bytes]]:
+    """Calls that draw evidence, asymmetry and map, in the order of :class:`Pictures`."""
+    return [
+        partial(_draw_evidence, analysis.evidence, synthetic=analysis.study.synthetic),
+        partial(_draw_asymmetry, asymmetry),
+        partial(_draw_map, without_pointwise(analysis.draws)),
+    ]
 
 
-def _overviews(analysis: Analysis, asymmetry: AsymmetryTable) -> tuple[_Overview, _Overview, _Overview]:
-    """Evidence, asymmetry and map, in the order of :class:`Pictures`."""
-    return (
-        _Overview(_draw_evidence, (analysis.evidence, analysis.study.synthetic)),
-        _Overview(_draw_asymmetry, asymmetry),
-        _Overview(_draw_map, without_pointwise(analysis.draws)),
-    )
+def _pictures_of_subjects(analysis: Analysis, truth: Truth) -> list[Callable[[], _Drawn]]:
+    """Calls that draw one subject each; a call takes the draws of its subject only, small enough to send to another process."""
+    draws, prior = analysis.draws, analysis.settings.prior
+    return [partial(_draw_subject, draws.select(name), name, prior, truth.get(name)) for name in draws.names]
 
 
-def _draw_all(
-    jobs: Sequence[_Drawing], overviews: Sequence[_Overview], workers: int | None, progress: Progress | None
-) -> tuple[dict[str, _Drawn], list[bytes]]:
-    """Every subject's pictures by name, and the overviews in their order."""
-    drawn: dict[int, _Drawn] = {}
-    wide: dict[int, bytes] = {}
-    everything: list[_Drawing | _Overview] = [*overviews, *jobs]
-    for index, found in run_jobs(_draw, everything, workers):
-        if isinstance(found, _Drawn):
-            drawn[index - len(overviews)] = found
-            if progress is not None:
-                progress(jobs[index - len(overviews)].subject)
-        else:
-            wide[index] = found
-    return {job.subject: drawn[index] for index, job in enumerate(jobs)}, [wide[index] for index in range(len(overviews))]
+def _draw_subject(draws: Draws, subject: str, prior: Prior, truth: Mapping[str, float] | None) -> _Drawn:
+    fitted = interval_curves if draws.intervals else curves
+    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120), draws.fit(subject))
 
 
-def _draw(job: _Drawing | _Overview) -> _Drawn | bytes:
-    return job.draw(job.material) if isinstance(job, _Overview) else _draw_one(job)
+def _corner(
+    draws: Draws, subject: str, *, coordinates: str = "natural", prior: Prior | None = None, truth: Mapping[str, float] | None = None
+) -> bytes:
+    return png(corner(draws, subject, coordinates=coordinates, truths=truth, prior=prior), dpi=110)
 
 
-def _draw_one(job: _Drawing) -> _Drawn:
-    picture = png(corner(job.draws, job.subject, coordinates=job.coordinates, truths=job.truth, prior=job.prior), dpi=110)
-    if not job.for_report:
-        return _Drawn(picture)
-    fitted = interval_curves if job.draws.intervals else curves
-    return _Drawn(picture, png(fitted(job.draws, job.subject), dpi=120), _fit(job.draws, job.subject))
-
-
-def _fit(draws: Draws, subject: str) -> FitSummary:
-    posterior = posterior_of(draws.subject(subject), draws.prior)
-    theta = Natural(*map(np.ravel, draws.natural(subject)))
-    return summarise_fit(posterior, unconstrained(theta, posterior.sbar), draws.seed)
-
-
-def _draw_evidence(material: tuple[EvidenceTable, bool]) -> bytes:
-    return png(evidence_figure(material[0], synthetic=material[1]))
+def _draw_evidence(table: EvidenceTable, *, synthetic: bool) -> bytes:
+    return png(evidence_figure(table, synthetic=synthetic))
 
 
 def _draw_asymmetry(table: AsymmetryTable) -> bytes:

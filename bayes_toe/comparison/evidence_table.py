@@ -6,21 +6,18 @@ Source: Appendix C, with the likelihood (not its log) inside the integral.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import betaln, logsumexp
 
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.data.study import Subject
-from bayes_toe.data.whole_files import write_table
-from bayes_toe.errors import InputError
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.modes import Maxima
-from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.inference.subject import SubjectResult
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import LOG_2PI, Prior
 
@@ -81,21 +78,11 @@ class SubjectEvidence:
 
 
 @dataclass(frozen=True)
-class EvidenceTable:
+class EvidenceTable(SubjectTable[SubjectEvidence]):
     """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to."""
 
-    rows: tuple[SubjectEvidence, ...]
     seed: int | None = None
     prior: Prior | None = None
-
-    def __iter__(self) -> Iterator[SubjectEvidence]:
-        return iter(self.rows)
-
-    def __getitem__(self, name: str) -> SubjectEvidence:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the evidence table")
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior."""
@@ -105,15 +92,24 @@ class EvidenceTable:
         cells = [[getattr(row, key) for key in EVIDENCE_COLUMNS[:-1]] + [prior] for row in self.rows]
         return pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write evidence.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
 
+def subject_evidence(posterior: Posterior, result: SubjectResult, maxima: Maxima, replicates: Bootstrap | None) -> SubjectEvidence:
+    """Everything the evidence table says of one subject.
 
-def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposal, replicates: Bootstrap | None) -> SubjectEvidence:
-    """Everything the evidence table says of one subject; the replicates are those of Appendix C's recipe, None with intervals."""
-    subject = posterior.subject
-    value, error, why_not = importance_evidence(fitted)
+    Parameters
+    ----------
+    posterior : Posterior
+        Under H1.
+    result : SubjectResult
+        Of the pipeline, with an evidence.
+    maxima : Maxima
+        Of the posterior.
+    replicates : Bootstrap, optional
+        Those of Appendix C's recipe; None with intervals.
+    """
+    subject, found = posterior.subject, result.evidence
+    if found is None or found.pareto_k is None or found.efficiency is None:
+        raise ValueError("the row of an evidence table needs an evidence by importance sampling")
     laplace, why_no_laplace = laplace_evidence(maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior)
     bootstrap, about_bootstrap = _NO_REPLICATES if replicates is None else bootstrap_evidence(replicates, posterior.prior)
@@ -121,55 +117,17 @@ def subject_evidence(posterior: Posterior, maxima: Maxima, fitted: FittedProposa
         subject=subject.name,
         n_pairs=subject.n_pairs,
         n_trials=subject.total_trials,
-        log_evidence_h1=value,
-        log_evidence_h1_se=error,
+        log_evidence_h1=found.value,
+        log_evidence_h1_se=found.se,
         log_evidence_h0=frequency_evidence(subject),
         log_evidence_h1_laplace=laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         log_evidence_h1_laplace_natural=natural,
         log_evidence_h1_bootstrap=bootstrap,
-        efficiency=fitted.efficiency,
-        pareto_k=fitted.pareto_k,
-        notes=tuple(note for note in (why_not, why_no_laplace, why_no_natural, about_bootstrap) if note),
+        efficiency=found.efficiency,
+        pareto_k=found.pareto_k,
+        notes=tuple(note for note in (found.why_not and f"H1: {found.why_not}", why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
-
-
-def importance_evidence(fitted: FittedProposal) -> tuple[float | None, float | None, str]:
-    """Log evidence of H1 and its standard error by importance sampling from the fitted proposal.
-
-    The estimate is the log mean weight of independent draws; its standard error is that of the mean, relative to it.
-    Withheld, with a reason, where the weights' Pareto k-hat says that neither can be trusted.
-
-    Raises
-    ------
-    ValueError
-        If the draws had a say in the choice of the proposal: the estimate would be biased.
-    """
-    if not fitted.independent:
-        raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.proposal.with_fresh_draws first")
-    if not fitted.trusted:
-        return (
-            None,
-            None,
-            (
-                f"evidence of H1 withheld: importance weights are unreliable (Pareto k-hat {fitted.pareto_k:.2f}, "
-                f"efficiency {fitted.efficiency:.3f})"
-            ),
-        )
-    n = len(fitted.draws.log_weights)
-    value = float(logsumexp(fitted.draws.log_weights) - np.log(n))
-    return value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), ""
-
-
-def frequency_evidence(subject: Subject) -> float:
-    """Exact log evidence of H0: one frequency per pair, uniform prior; sum of ln B(n_Eq + 1, n_Diff + 1).
-
-    Examples
-    --------
-    >>> round(frequency_evidence(Subject("S01", [0.0], [0.3], [1], [1])), 12) == round(float(np.log(0.5)), 12)
-    True
-    """
-    return float(betaln(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0).sum())
 
 
 def frequency_evidence_laplace(subject: Subject) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,14 @@ import numpy as np
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.model_row import ModelRow, compare_one
-from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies, exact_random_effects, is_affordable, random_effects
-from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
+from bayes_toe.data.study import Study
+from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.model.ladder import prior_of, require_models
+from bayes_toe.model.ladder import model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
@@ -49,7 +50,7 @@ _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
 @dataclass(frozen=True, eq=False)
-class ModelComparison:
+class ModelComparison(Table[ModelRow]):
     """Every subject under every model, subjects in the study's order, models in the ladder's.
 
     Attributes
@@ -60,14 +61,10 @@ class ModelComparison:
     prior : Prior
     """
 
-    rows: tuple[ModelRow, ...]
     subjects: tuple[str, ...]
     models: tuple[str, ...]
     seed: int
     prior: Prior
-
-    def __iter__(self) -> Iterator[ModelRow]:
-        return iter(self.rows)
 
     def __getitem__(self, key: tuple[str, str]) -> ModelRow:
         """The row of (subject, model)."""
@@ -85,7 +82,7 @@ class ModelComparison:
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
         import pandas as pd
 
-        believed = {name: prior_of(name, self.prior) for name in self.models}
+        believed = {name: model_named(name).describe(self.prior) for name in self.models}
         cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
         numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
@@ -137,7 +134,7 @@ class ModelComparison:
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
-        written = write_table(self.frame(), path, overwrite=overwrite)
+        written = super().save(path, overwrite=overwrite)
         write_table(self.study_frame(), beside(path), overwrite=overwrite)
         return written
 
@@ -166,15 +163,6 @@ def beside(path: str | Path) -> Path:
     return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
 
 
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    model: str
-    draws: int
-    seed: int
-    prior: Prior
-
-
 def compare(
     study: Study,
     models: Sequence[str] | None = None,
@@ -197,7 +185,7 @@ def compare(
     draws : int
         Effective draws to reach for every named quantity of every model.
     seed, prior, workers, progress
-        As in :func:`bayes_toe.api.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
+        As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
     ------
@@ -206,6 +194,7 @@ def compare(
 
     Examples
     --------
+    >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> table = compare(Study([one]), ["free frequencies", "symmetric"], seed=1, workers=1)
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
@@ -213,14 +202,10 @@ def compare(
     """
     names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [_Job(subject, model, draws, root, chosen) for subject in study for model in names]
-    rows = run_in_order(_compare_one, jobs, workers, progress, lambda job: [f"{job.subject.name}: {job.model}"])
+    jobs = [partial(compare_one, subject, model_named(name), draws=draws, seed=root, prior=chosen) for subject in study for name in names]
+    rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
     groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
-
-
-def _compare_one(job: _Job) -> ModelRow:
-    return compare_one(job.subject, job.model, draws=job.draws, seed=job.seed, prior=job.prior)
 
 
 def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:

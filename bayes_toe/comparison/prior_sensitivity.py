@@ -9,10 +9,9 @@ The prior of H0, one uniform frequency per pair, has no scale to vary: the log B
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from pathlib import Path
+from functools import partial
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,16 +19,19 @@ import numpy.typing as npt
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.evidence_table import frequency_evidence
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.whole_files import write_table
+from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_unnormalised
-from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency, fit_proposal
+from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.coordinates import quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -37,9 +39,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: What is varied: two scales by factors, and the location by shifts of up to one prior standard deviation.
-SCALES = ("mu1_sd", "sigma_p_scale")
-VARIED = (*SCALES, "mu1_mean")
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 REWEIGHTED, RESAMPLED = "reweighted", "resampled"
@@ -62,9 +61,9 @@ class SensitivityRow:
     Attributes
     ----------
     subject, varied : str
-        `varied` is the value of the prior that differs from the default: one of :data:`VARIED`.
+        `varied` is the number of the prior that differs from the one given, by its name.
     factor : float or None
-        By which a scale is multiplied; None where the location is varied.
+        By which a scale or shape is multiplied; None where a location is varied.
     prior : Prior
     log_bayes_factor, se : float or None
         H1 minus H0, natural log, with its standard error; None where k-hat says that neither can be trusted.
@@ -92,20 +91,26 @@ class SensitivityRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityTable:
+class SensitivityTable(Table[SensitivityRow]):
     """Rows of every subject of a study, in the study's order; within a subject one value of the prior after the other, ascending."""
 
-    rows: tuple[SensitivityRow, ...]
     prior: Prior
     seed: int
-
-    def __iter__(self) -> Iterator[SensitivityRow]:
-        return iter(self.rows)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Subjects."""
         return tuple(dict.fromkeys(row.subject for row in self.rows))
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """What is varied: the numbers that the prior declares, scales and shapes first."""
+        return tuple(one.name for one in self.prior.varied())
+
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """What is varied by factors: scales and shapes."""
+        return tuple(one.name for one in self.prior.varied() if one.positive)
 
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
         """Rows of one subject and one varied value.
@@ -117,12 +122,12 @@ class SensitivityTable:
         """
         found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
         if not found:
-            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(VARIED)}")
+            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}")
         return found
 
     def default(self, subject: str) -> SensitivityRow:
         """The row of the prior that was given, of one subject."""
-        return next(row for row in self.of(subject, VARIED[0]) if row.prior == self.prior)
+        return next(row for row in self.of(subject, self.varied[0]) if row.prior == self.prior)
 
     def turns(self, subject: str, varied: str, level: float = 0.0) -> tuple[float, ...]:
         """Values of the prior at which the log Bayes factor crosses a level, between neighbouring rows.
@@ -143,19 +148,6 @@ class SensitivityTable:
 
         return pd.DataFrame([_cells(row) for row in self.rows], columns=list(SENSITIVITY_COLUMNS))
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write sensitivity.csv, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
-
-
-@dataclass(frozen=True)
-class _Job:
-    subject: Subject
-    prior: Prior
-    powers: tuple[float, ...]
-    reach: float
-    seed: int
-
 
 def sensitivity(
     study: Study,
@@ -175,14 +167,14 @@ def sensitivity(
     prior : Prior, optional
         The middle of the range.
     reach : float
-        Scales are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. The mean of mu1 is shifted by up
-        to one prior standard deviation to both sides.
+        Scales and shapes are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. Locations are shifted
+        by up to one prior standard deviation of their parameter to both sides.
     steps : int
         Values of each, an odd number from 3, so that the prior itself is among them.
     seed : int, optional
-        Root seed; with the same one the row of the prior itself uses the draws behind :func:`bayes_toe.api.evidence`.
+        Root seed; with the same one the row of the prior itself uses the draws behind :func:`bayes_toe.analysis.evidence`.
     workers, progress
-        As in :func:`bayes_toe.api.run`.
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------
@@ -199,8 +191,8 @@ def sensitivity(
     require_range(reach, steps)
     root, middle = root_seed(seed), Prior() if prior is None else prior
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
-    jobs = [_Job(subject, middle, powers, reach, root) for subject in study]
-    found = run_in_order(_one_subject, jobs, workers, progress, lambda job: [job.subject.name])
+    jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
+    found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return SensitivityTable(tuple(row for rows in found for row in rows), middle, root)
 
 
@@ -218,20 +210,23 @@ def require_range(reach: float, steps: int) -> None:
         raise InputError(f"steps={steps}: allowed is an odd number from 3 to 999, so that the prior itself is among them")
 
 
-def _one_subject(job: _Job) -> list[SensitivityRow]:
-    fitted = fit_proposal(posterior_of(job.subject, job.prior), generator(job.seed, job.subject.name, "proposal"))
-    middle = _under(fitted, job.prior, job)
-    return [
-        _row(job, varied, power, prior, middle if prior == job.prior else _under(fitted, prior, job))
-        for varied in VARIED
-        for power, prior in ((power, _varied(job, varied, power)) for power in job.powers)
-    ]
+def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
+    """Rows of one subject: for each value that is varied, one for each power of the reach."""
+    posterior = posterior_of(subject, middle)
+    fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
+    own = _reweighted(fitted, middle, posterior)
+    rows = []
+    for varied, power in product(middle.varied(), powers):
+        wanted = posterior_of(subject, _varied(middle, varied, power, reach))
+        found = own if wanted.prior == middle else _under(fitted, middle, wanted, seed)
+        rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))
+    return rows
 
 
-def _varied(job: _Job, varied: str, power: float) -> Prior:
-    if varied == "mu1_mean":
-        return replace(job.prior, mu1_mean=job.prior.mu1_mean + power * job.prior.mu1_sd)
-    return replace(job.prior, **{varied: getattr(job.prior, varied) * job.reach**power})
+def _varied(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+    value: float = getattr(prior, varied.name)
+    moved = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
+    return replace(prior, **{varied.name: moved})
 
 
 class _Weighted(NamedTuple):
@@ -248,14 +243,13 @@ class _Weighted(NamedTuple):
         return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
 
 
-def _under(fitted: FittedProposal, prior: Prior, job: _Job) -> _Weighted:
+def _under(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior, seed: int) -> _Weighted:
     """The draws of a proposal under another prior; fresh ones where those do not do."""
-    old = _reweighted(fitted, job.prior, posterior_of(job.subject, prior))
-    if (old.trusted and old.efficiency * len(old.x) >= _ENOUGH) or prior == job.prior:
+    old = _reweighted(fitted, fitted_prior, wanted)
+    if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
         return old
-    rng = generator(job.seed, job.subject.name, "sensitivity", prior.describe())
-    wanted = posterior_of(job.subject, prior)
-    return _reweighted(fit_proposal(wanted, rng), prior, wanted)._replace(method=RESAMPLED)
+    rng = generator(seed, wanted.subject.name, "sensitivity", wanted.prior.describe())
+    return _reweighted(fit_proposal(wanted, rng), wanted.prior, wanted)._replace(method=RESAMPLED)
 
 
 def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) -> _Weighted:
@@ -269,17 +263,16 @@ def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) 
     return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
 
 
-def _row(job: _Job, varied: str, power: float, prior: Prior, found: _Weighted) -> SensitivityRow:
-    factor = job.reach**power if varied in SCALES else None
+def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted) -> SensitivityRow:
+    name, prior = wanted.subject.name, wanted.prior
     if not found.trusted:
         nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
-        return SensitivityRow(job.subject.name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
+        return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
     evidence = float(logsumexp(found.log_weights) - np.log(n))
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
-    difference = evidence - frequency_evidence(job.subject)
-    quantiles = _quantiles(found, posterior_of(job.subject, prior))
-    return SensitivityRow(job.subject.name, varied, factor, prior, difference, error, found.pareto_k, found.method, quantiles)
+    difference = evidence - frequency_evidence(wanted.subject)
+    return SensitivityRow(name, varied, factor, prior, difference, error, found.pareto_k, found.method, _quantiles(found, wanted))
 
 
 def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:
@@ -320,7 +313,7 @@ def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> fl
     if (below < 0) == (above < 0):
         return None
     share = below / (below - above)
-    if first.varied in SCALES:
+    if first.prior.declared_as(first.varied).positive:
         return float(first.value * (second.value / first.value) ** share)
     return first.value + share * (second.value - first.value)
 
@@ -342,8 +335,8 @@ def conclusion(log_bayes_factor: float | None) -> str:
 def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
-    parts = [part for varied in VARIED for part in _turning(table, name, varied)]
-    firm = [varied for varied in VARIED if not table.turns(name, varied)]
+    parts = [part for varied in table.varied for part in _turning(table, name, varied)]
+    firm = [varied for varied in table.varied if not table.turns(name, varied)]
     if firm:
         parts.append("does not turn within " + ", ".join(_span(table.of(name, varied)) for varied in firm))
     return "; ".join([start, *parts])

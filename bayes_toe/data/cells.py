@@ -1,7 +1,7 @@
 """Cells of a CSV file: the distinct texts of each column, the row that each record starts at, and problems by their place.
 
 Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA'; each distinct text of a
-column is converted once. What the columns mean is for :mod:`bayes_toe.data.read_study` to say.
+column is converted once. Every CSV file that this package takes is read here; what its columns mean is for others to say.
 """
 
 from __future__ import annotations
@@ -98,18 +98,6 @@ def refuse(source: str, faults: Sequence[Fault]) -> None:
 # --- From bytes to cells --------------------------------------------------------------------------
 
 
-def read_text(path: str | Path) -> tuple[str, str, str]:
-    """The name of a file as messages show it, its text, and the name of its encoding.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is not text in UTF-8 or marked UTF-16.
-    """
-    source = bare(Path(path).name)
-    return source, *_decode(source, _bytes(path))
-
-
 def _bytes(path: str | Path) -> bytes:
     try:
         return Path(path).read_bytes()
@@ -187,21 +175,23 @@ class Header:
         return self.delimiter != ","
 
 
-def read_header(source: str, text: str, encoding: str, names: frozenset[str]) -> Header:
-    """The header of a file in which columns of these names are looked for; they tell the delimiter.
+def read_header(path: str | Path, names: frozenset[str]) -> tuple[Header, str]:
+    """The header of a file in which columns of these names are looked for, as they tell the delimiter; and the file's text.
 
     Raises
     ------
     InputError
-        If the file is empty or its first record cannot be split.
+        If the file cannot be read, is not text in UTF-8 or marked UTF-16, is empty, or its first record cannot be split.
     """
+    source = bare(Path(path).name)
+    text, encoding = _decode(source, _bytes(path))
     delimiter = _delimiter(text, names)
     row, cells = next(_records(text, delimiter), (0, None))
     if cells is None:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
     if isinstance(cells, csv.Error):
         raise InputError(f"{source}: {_broken(row, cells, 0)[1]}")
-    return Header(source, encoding, delimiter, [cell.strip() for cell in cells], row)
+    return Header(source, encoding, delimiter, [cell.strip() for cell in cells], row), text
 
 
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> tuple[int, str]:
@@ -240,7 +230,7 @@ def _column(name: str, cells: Sequence[str]) -> Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class Cells:
     """The needed columns by name, the physical row of each record, and the fault of records that do not fit."""
 
     header: Header
@@ -249,21 +239,23 @@ class Table:
     fault: Fault
 
 
-def read_table(header: Header, text: str, places: Mapping[str, int], problems: Sequence[str]) -> Table:
+def read_cells(header: Header, text: str, places: Mapping[str, int], problems: Sequence[str]) -> Cells:
     """The columns at these places of the records, by name.
 
     Raises
     ------
     InputError
-        Where the header has problems: they and the rows that cannot be split.
+        Where the header has problems: they and the rows that cannot be split. Where there is no row below the header.
     """
     kept: dict[str, list[str]] = {name: [] for name in places}
     wanted = [(kept[name], place) for name, place in places.items()]
     rows, fault = _keep(itertools.islice(_records(text, header.delimiter), 1, None), len(header.names), wanted)
     if problems:
         refuse(header.source, [*(Fault(1, ((header.row, line),)) for line in problems), fault])
+    if not rows and fault.count == 0:
+        raise InputError(f"{header.source}: row {header.row}: found a header only, allowed: at least one row below it")
     columns = {name: _column(header.names[place], kept[name]) for name, place in places.items()}
-    return Table(header, columns, np.array(rows, np.int64), fault)
+    return Cells(header, columns, np.array(rows, np.int64), fault)
 
 
 def _keep(records: _Records, width: int, wanted: Sequence[tuple[list[str], int]]) -> tuple[list[int], Fault]:
@@ -280,11 +272,11 @@ def _keep(records: _Records, width: int, wanted: Sequence[tuple[list[str], int]]
     return rows, Fault(len(broken), tuple(_broken(*entry, width) for entry in broken[:MOST_SHOWN]))
 
 
-def fault_in(table: Table, column: Column, bad: BoolArray, allowed: Callable[[int], str]) -> Fault:
+def fault_in(cells: Cells, column: Column, bad: BoolArray, allowed: Callable[[int], str]) -> Fault:
     """The cells of a column that are bad; `allowed` says for the index of a record what would have been right."""
     shown = []
     for index in np.flatnonzero(bad)[:MOST_SHOWN].tolist():
-        row, found = int(table.rows[index]), quoted(column.text(index))
+        row, found = int(cells.rows[index]), quoted(column.text(index))
         shown.append((row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {allowed(index)}"))
     return Fault(int(np.count_nonzero(bad)), tuple(shown))
 

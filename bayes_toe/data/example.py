@@ -11,11 +11,13 @@ from contextlib import AbstractContextManager
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.study import Study
 
 #: What made the bundled files.
 COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604"
+_NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 
 
 def example_study() -> Study:
@@ -40,11 +42,9 @@ def example_truth() -> Mapping[str, Mapping[str, float]]:
     >>> sorted(example_truth()["S01"])
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
-    import pandas as pd
-
     with _file("example_truth.csv") as path:
-        frame = pd.read_csv(path, dtype={"subject": str}, keep_default_na=False).set_index("subject")
-    return {str(name): {str(key): float(value) for key, value in row.items()} for name, row in frame.iterrows()}
+        names, columns = read_numbers(path, _NATURAL, key="subject")
+    return {name: {key: float(values[row]) for key, values in columns.items()} for row, name in enumerate(names)}
 
 
 def _file(name: str) -> AbstractContextManager[Path]:

@@ -1,62 +1,60 @@
-"""Small CSV tables of numbers, as `simulate` takes them: a design, a population."""
+"""Small CSV files of numbers: a design, a population, pairs to predict, true parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
+from bayes_toe.data.cells import Header, bare, listed, quoted, read_cells, read_header, refuse
+from bayes_toe.data.columns import name_faults, number_fault, numbers
 
 
 def read_numbers(
     path: str | Path, names: Sequence[str], key: str | None = None, *, optional: Sequence[str] = ()
 ) -> tuple[list[str], dict[str, FloatArray]]:
-    """Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
+    r"""Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
+
+    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Other columns are ignored.
+
+    Returns
+    -------
+    texts : list of str
+        Of the column `key`, in the order of the rows; empty without one.
+    columns : dict of str to array, shape (rows,)
+        In the units of the file.
 
     Raises
     ------
     InputError
-        One line per problem, with file, row and column.
+        One line per problem of the file, ten at most, with row and column.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pairs = Path(folder, "pairs.csv")
+    ...     _ = pairs.write_text("s1;s2\n0;0,5\n0,25;0\n", encoding="utf-8")
+    ...     read_numbers(pairs, ("s1", "s2"))[1]["s2"].tolist()
+    [0.5, 0.0]
     """
-    frame = _read(path)
-    wanted = [*names] if key is None else [key, *names]
-    missing = [name for name in wanted if name not in frame.columns]
-    if missing or frame.empty:
-        found = ", ".join(map(repr, frame.columns))
-        raise InputError([f"{path}: column {name}: missing, found {found}" for name in missing] or f"{path}: no row below the header")
-    columns = {name: _numbers(frame[name]) for name in (*names, *(name for name in optional if name in frame.columns))}
-    problems = [
-        f"{path}: row {row + 2}, column {name}: found {frame[name].iloc[row]!r}, allowed: a finite number"
-        for name, values in columns.items()
-        for row in np.flatnonzero(~np.isfinite(values))[:10]
-    ]
-    texts = [] if key is None else [str(text).strip() for text in frame[key]]
-    problems += [
-        f"{path}: row {row + 2}, column {key}: empty or repeated" for row, text in enumerate(texts) if texts.index(text) < row or not text
-    ]
-    if problems:
-        raise InputError(problems[:10])
-    return texts, columns
+    needed = [*names] if key is None else [key, *names]
+    header, text = read_header(path, frozenset((*needed, *optional)))
+    cells = read_cells(header, text, *_places(header, needed, optional))
+    texts = None if key is None else cells.columns[key]
+    columns = {name: numbers(cells, column) for name, column in cells.columns.items() if name != key}
+    faults = [number_fault(cells, cells.columns[name], np.isnan(values)) for name, values in columns.items()]
+    refuse(header.source, [cells.fault, *([] if texts is None else name_faults(cells, texts)), *faults])
+    return [] if texts is None else [texts.text(row) for row in range(len(cells.rows))], columns
 
 
-def _read(path: str | Path) -> pd.DataFrame:
-    import pandas as pd
-
-    try:
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig", skipinitialspace=True)
-    except (OSError, ValueError) as error:  # pandas' own parser errors are ValueErrors
-        raise InputError(f"{path}: cannot be read as comma-separated UTF-8 text ({str(error).splitlines()[0]})") from error
-    return frame.rename(columns=str.strip)
-
-
-def _numbers(cells: pd.Series[str]) -> FloatArray:
-    import pandas as pd
-
-    return np.asarray(pd.to_numeric(cells, errors="coerce"), np.float64)
+def _places(header: Header, needed: Sequence[str], optional: Sequence[str]) -> tuple[dict[str, int], list[str]]:
+    """Where the columns are that the file has, and what is wrong with its header."""
+    counts = {name: header.names.count(name) for name in (*needed, *optional)}
+    found = listed([quoted(name) for name in header.names])
+    missing = [f"column {bare(name)}: missing, found {found}, allowed: a column of this name" for name in needed if counts[name] == 0]
+    twice = [f"column {bare(name)}: found {count} columns of this name, allowed: one" for name, count in counts.items() if count > 1]
+    places = {name: header.names.index(name) for name, count in counts.items() if count}
+    return places, [f"row {header.row}, {line}" for line in (*missing, *twice)]

@@ -19,22 +19,22 @@ from bayes_toe.data.cells import (
     DELIMITERS,
     LARGEST_COUNT,
     MOST_SHOWN,
+    Cells,
     Column,
     Fault,
     Header,
-    Table,
     bare,
     counted,
     fault_in,
     listed,
     number,
     quoted,
+    read_cells,
     read_header,
-    read_table,
-    read_text,
     refuse,
     whole_number,
 )
+from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
 from bayes_toe.data.read_options import COLUMNS, ReadOptions
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.errors import InputError
@@ -42,7 +42,6 @@ from bayes_toe.errors import InputError
 _SYNTHETIC, _ISI = "synthetic", "isi"
 _EQUAL_WORDS = frozenset({"equal", "same", "1"})
 _DIFFERENT_WORDS = frozenset({"different", "0"})
-_MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none"})
 _TRUE_WORDS = frozenset({"1", "true", "yes"})
 _EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _SWITCH = re.compile(r"([01])[.,]0*")
@@ -83,10 +82,9 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
-    source, text, encoding = read_text(path)
-    header = read_header(source, text, encoding, frozenset(options.columns.get(ours, ours) for ours in COLUMNS))
-    table = read_table(header, text, *_places(header, options))
-    return _trial_study(table, options) if "response" in table.columns else _count_study(table, options)
+    header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS))
+    cells = read_cells(header, text, *_places(header, options))
+    return _trial_study(cells, options) if "response" in cells.columns else _count_study(cells, options)
 
 
 # --- Which columns --------------------------------------------------------------------------------
@@ -174,53 +172,39 @@ class _Pairs:
     isi: FloatArray | None = None
 
 
-def _pairs(table: Table, options: ReadOptions) -> _Pairs:
-    first, second = (table.columns[ours] for ours in _stimuli(options))
-    s1, s2 = (_log_intensity(table, column, options) for column in (first, second))
-    interval = table.columns.get(_ISI)
-    isi = None if interval is None else _seconds(table, interval)
-    return _Pairs(table.columns["subject"], first, second, s1, s2, interval, isi)
+def _pairs(cells: Cells, options: ReadOptions) -> _Pairs:
+    first, second = (cells.columns[ours] for ours in _stimuli(options))
+    s1, s2 = (_log_intensity(cells, column, options) for column in (first, second))
+    interval = cells.columns.get(_ISI)
+    isi = None if interval is None else _seconds(cells, interval)
+    return _Pairs(cells.columns["subject"], first, second, s1, s2, interval, isi)
 
 
-def _seconds(table: Table, column: Column) -> FloatArray:
-    values = [number(text, table.header.decimal_comma) for text in column.texts]
-    return column.spread([value if value > 0 else math.nan for value in values], np.float64)
+def _seconds(cells: Cells, column: Column) -> FloatArray:
+    values = numbers(cells, column)
+    return np.where(values > 0, values, math.nan)
 
 
-def _log_intensity(table: Table, column: Column, options: ReadOptions) -> FloatArray:
-    values = [number(text, table.header.decimal_comma) for text in column.texts]
-    if options.intensity is not None:
-        values = [_log_ratio(value, options.intensity) for value in values]
-    return column.spread(values, np.float64)
+def _log_intensity(cells: Cells, column: Column, options: ReadOptions) -> FloatArray:
+    if options.intensity is None:
+        return numbers(cells, column)
+    values = [number(text, cells.header.decimal_comma) for text in column.texts]
+    return column.spread([_log_ratio(value, options.intensity) for value in values], np.float64)
 
 
-def _pair_faults(table: Table, pairs: _Pairs, asked: BoolArray, options: ReadOptions) -> list[Fault]:
+def _pair_faults(cells: Cells, pairs: _Pairs, asked: BoolArray, options: ReadOptions) -> list[Fault]:
     """Subjects without a name, stimuli and intervals without a number, in the rows that have an answer."""
-    empty = pairs.subject.spread([text == "" for text in pairs.subject.texts], np.bool_)
+    kind = "a finite number" if options.intensity is None else "a positive finite number"
     return [
-        fault_in(table, pairs.subject, asked & empty, lambda _: "a text that is not empty"),
-        _stimulus_fault(table, pairs.first, asked & np.isnan(pairs.s1), options),
-        _stimulus_fault(table, pairs.second, asked & np.isnan(pairs.s2), options),
-        *([] if pairs.interval is None or pairs.isi is None else [_interval_fault(table, pairs.interval, asked & np.isnan(pairs.isi))]),
+        empty_fault(cells, pairs.subject, asked & is_empty(pairs.subject)),
+        number_fault(cells, pairs.first, asked & np.isnan(pairs.s1), kind),
+        number_fault(cells, pairs.second, asked & np.isnan(pairs.s2), kind),
+        *([] if pairs.interval is None or pairs.isi is None else [_interval_fault(cells, pairs.interval, asked & np.isnan(pairs.isi))]),
     ]
 
 
-def _interval_fault(table: Table, column: Column, bad: BoolArray) -> Fault:
-    return fault_in(table, column, bad, lambda _: "a positive finite number of seconds, in every row or no such column")
-
-
-def _stimulus_fault(table: Table, column: Column, bad: BoolArray, options: ReadOptions) -> Fault:
-    kind = "a finite number" if options.intensity is None else "a positive finite number"
-
-    def allowed(index: int) -> str:
-        text = column.text(index)
-        if not table.header.decimal_comma and "," in text and not math.isnan(number(text, True)):
-            return f"{kind}; decimal commas need ';' or tab between cells"
-        if "," in text or text.count(".") > 1:
-            return f"{kind}, without thousands separators"
-        return kind
-
-    return fault_in(table, column, bad, allowed)
+def _interval_fault(cells: Cells, column: Column, bad: BoolArray) -> Fault:
+    return fault_in(cells, column, bad, lambda _: "a positive finite number of seconds, in every row or no such column")
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -238,7 +222,7 @@ def _answer(text: str, options: ReadOptions) -> int:
     if text in codes:
         return codes[text]
     word = _word(text)
-    if word in _MISSING_WORDS:
+    if word in MISSING_WORDS:
         return _MISSING
     # Where '0' was declared to mean equal, '0.0' must not count as different by default.
     if any(word == _word(code) for code in codes if code is not None):
@@ -254,62 +238,57 @@ def _allowed_answers(options: ReadOptions) -> str:
     return f"{equal} (equal) or {different} (different), or empty; other codes by --equal-code, --different-code"
 
 
-def _trial_study(table: Table, options: ReadOptions) -> Study:
-    pairs, response = _pairs(table, options), table.columns["response"]
+def _trial_study(cells: Cells, options: ReadOptions) -> Study:
+    pairs, response = _pairs(cells, options), cells.columns["response"]
     answer = response.spread([_answer(text, options) for text in response.texts], np.int64)
     asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
-    unknown = fault_in(table, response, answer == _UNKNOWN, lambda _: _allowed_answers(options))
-    refuse(table.header.source, [table.fault, *_pair_faults(table, pairs, asked, options), unknown])
-    _require_rows(table, asked)
+    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options))
+    refuse(cells.header.source, [cells.fault, *_pair_faults(cells, pairs, asked, options), unknown])
+    _require_answers(cells, asked)
     notes = [
-        f"trial rows, {_format(table, _numbers_of(pairs))}, responses {_answers_note(response, answer)}",
+        f"trial rows, {_format(cells, _numbers_of(pairs))}, responses {_answers_note(response, answer)}",
         *_layout_notes(pairs, options),
         *_dropped_notes(pairs.subject, ~asked),
     ]
     # A trial is a count of one, a trial without an answer a count of none.
     subjects = _subjects(pairs, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
-    return _study(table, subjects, [*notes, *_interval_notes(pairs, subjects)])
+    return _study(cells, subjects, [*notes, *_interval_notes(pairs, subjects)])
 
 
-def _require_rows(table: Table, asked: BoolArray) -> None:
-    if len(asked) == 0:
-        what = f"row {table.header.row}: found a header only, allowed: at least one row below it"
-    elif not asked.any():
+def _require_answers(cells: Cells, asked: BoolArray) -> None:
+    if not asked.any():
         what = f"found no response in any of {len(asked)} rows, allowed: at least one answered trial"
-    else:
-        return
-    raise InputError(f"{table.header.source}: {what}")
+        raise InputError(f"{cells.header.source}: {what}")
 
 
 # --- Counts ---------------------------------------------------------------------------------------
 
 
-def _count_study(table: Table, options: ReadOptions) -> Study:
-    pairs, equal, trials = _pairs(table, options), table.columns["n_equal"], table.columns["n_trials"]
-    k, n = (_whole_numbers(table, column) for column in (equal, trials))
+def _count_study(cells: Cells, options: ReadOptions) -> Study:
+    pairs, equal, trials = _pairs(cells, options), cells.columns["n_equal"], cells.columns["n_trials"]
+    k, n = (_whole_numbers(cells, column) for column in (equal, trials))
     every = np.ones(len(n), np.bool_)
-    faults = [*_count_faults(table, equal, trials, k, n), _total_fault(table, pairs.subject, trials, n)]
-    refuse(table.header.source, [table.fault, *_pair_faults(table, pairs, every, options), *faults])
-    _require_rows(table, every)
+    faults = [*_count_faults(cells, equal, trials, k, n), _total_fault(cells, pairs.subject, trials, n)]
+    refuse(cells.header.source, [cells.fault, *_pair_faults(cells, pairs, every, options), *faults])
     subjects = _subjects(pairs, k, n)
     notes = [
-        f"grouped rows, {_format(table, _numbers_of(pairs))}, {k.sum()} of {n.sum()} trials answered 'equal'",
+        f"grouped rows, {_format(cells, _numbers_of(pairs))}, {k.sum()} of {n.sum()} trials answered 'equal'",
         *_layout_notes(pairs, options),
         *_grouping_notes(pairs.subject, subjects, n),
         *_interval_notes(pairs, subjects),
     ]
-    return _study(table, subjects, notes)
+    return _study(cells, subjects, notes)
 
 
-def _whole_numbers(table: Table, column: Column) -> IntArray:
-    return column.spread([whole_number(text, table.header.decimal_comma) for text in column.texts], np.int64)
+def _whole_numbers(cells: Cells, column: Column) -> IntArray:
+    return column.spread([whole_number(text, cells.header.decimal_comma) for text in column.texts], np.int64)
 
 
-def _count_faults(table: Table, equal: Column, trials: Column, k: IntArray, n: IntArray) -> list[Fault]:
+def _count_faults(cells: Cells, equal: Column, trials: Column, k: IntArray, n: IntArray) -> list[Fault]:
     return [
-        fault_in(table, equal, k < 0, _allowed_count),
-        fault_in(table, trials, n < 0, _allowed_count),
-        fault_in(table, equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}"),
+        fault_in(cells, equal, k < 0, _allowed_count),
+        fault_in(cells, trials, n < 0, _allowed_count),
+        fault_in(cells, equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}"),
     ]
 
 
@@ -317,7 +296,7 @@ def _allowed_count(_: int) -> str:
     return "a whole number from 0 to 2**53, without thousands separators"
 
 
-def _total_fault(table: Table, subject: Column, trials: Column, n: IntArray) -> Fault:
+def _total_fault(cells: Cells, subject: Column, trials: Column, n: IntArray) -> Fault:
     """Subjects whose trials add up to nothing, or to more than can be counted exactly."""
     # A bad count makes the sum NaN, for which both comparisons are false.
     total = np.bincount(subject.codes, np.where(n < 0, np.nan, n), minlength=len(subject.texts))
@@ -325,7 +304,7 @@ def _total_fault(table: Table, subject: Column, trials: Column, n: IntArray) -> 
     bad = np.flatnonzero(named & ((total == 0) | (total > LARGEST_COUNT)))
     shown = []
     for code in bad[:MOST_SHOWN].tolist():
-        row, name = int(table.rows[np.argmax(subject.codes == code)]), quoted(subject.texts[code])
+        row, name = int(cells.rows[np.argmax(subject.codes == code)]), quoted(subject.texts[code])
         what = "0 in all rows" if total[code] == 0 else f"a sum of {total[code]:.0f} over the rows"
         where = f"row {row}, column {bare(trials.name)}"
         shown.append((row, f"{where}: found {what} of subject {name}, allowed: 1 to 2**53 trials per subject"))
@@ -335,8 +314,8 @@ def _total_fault(table: Table, subject: Column, trials: Column, n: IntArray) -> 
 # --- Notes ----------------------------------------------------------------------------------------
 
 
-def _format(table: Table, numbers: Sequence[Column]) -> str:
-    header = table.header
+def _format(cells: Cells, numbers: Sequence[Column]) -> str:
+    header = cells.header
     comma = header.decimal_comma and any("," in text for column in numbers for text in column.texts)
     return f"{DELIMITERS[header.delimiter]}-separated, {header.encoding}{', decimal comma' if comma else ''}"
 
@@ -408,16 +387,16 @@ def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> list[Subj
     return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in parts]
 
 
-def _study(table: Table, subjects: Sequence[Subject], notes: Sequence[str]) -> Study:
-    synthetic, note = _synthetic(table)
-    return Study(tuple(subjects), table.header.source, synthetic, (*notes, *note))
+def _study(cells: Cells, subjects: Sequence[Subject], notes: Sequence[str]) -> Study:
+    synthetic, note = _synthetic(cells)
+    return Study(tuple(subjects), cells.header.source, synthetic, (*notes, *note))
 
 
-def _synthetic(table: Table) -> tuple[bool, list[str]]:
+def _synthetic(cells: Cells) -> tuple[bool, list[str]]:
     """Whether the file says that its data were simulated, and the note about it."""
-    if _SYNTHETIC not in table.columns:
+    if _SYNTHETIC not in cells.columns:
         return False, []
-    marks = [_word(text) in _TRUE_WORDS for text in table.columns[_SYNTHETIC].texts]
+    marks = [_word(text) in _TRUE_WORDS for text in cells.columns[_SYNTHETIC].texts]
     if all(marks):
         return True, ["synthetic data: column synthetic says so in every row"]
     return False, ["column synthetic says so in some rows only: not marked synthetic"] if any(marks) else []

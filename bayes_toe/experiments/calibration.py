@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
-from bayes_toe.analysis import Settings
-from bayes_toe.api import draw, run
-from bayes_toe.api import evidence as evidence_table
+from bayes_toe.analysis import draw, run
+from bayes_toe.analysis import evidence as evidence_table
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
 from bayes_toe.data.study import Study, Subject
@@ -24,6 +24,7 @@ from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import Settings
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.prior import Prior
@@ -161,7 +162,7 @@ def _portions(design: str, from_h1: bool, numbers: range, wanted: tuple[bool, bo
 
 
 def _collect(plan: Plan, jobs: Sequence[Job], workers: int | None, progress: Progress | None) -> Outcome:
-    done = run_in_order(work, jobs, workers, progress, lambda job: job.names)
+    done = run_in_order([partial(work, job) for job in jobs], workers, progress, [job.names for job in jobs])
     ranks = tuple(one for found, _ in done for one in found)
     return Outcome(plan, ranks, tuple(one for _, found in done for one in found))
 
@@ -178,13 +179,13 @@ def work(job: Job) -> tuple[list[Ranks], list[KnownEvidence]]:
 
 
 def _analysed(study: Study, job: Job) -> tuple[Draws | None, EvidenceTable | None]:
-    settings = job.settings
+    seed, prior = job.settings.seed, job.settings.prior
     if job.with_draws and job.with_evidence:
-        both = run(study, settings, workers=1)
+        both = run(study, draws=DRAWS, seed=seed, prior=prior, workers=1)
         return both.draws, both.evidence
     if job.with_draws:
-        return draw(study, settings, workers=1), None
-    return None, evidence_table(study, seed=settings.seed, prior=settings.prior, workers=1)
+        return draw(study, draws=DRAWS, seed=seed, prior=prior, workers=1), None
+    return None, evidence_table(study, seed=seed, prior=prior, workers=1)
 
 
 def _observed(job: Job, name: str) -> tuple[Subject, Natural | None]:

@@ -215,7 +215,7 @@ def calibrate(
     seed : int, optional
         Root seed; without it fresh entropy, stored in the plan.
     workers, progress
-        As in :func:`bayes_toe.api.run`.
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------

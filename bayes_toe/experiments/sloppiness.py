@@ -201,7 +201,7 @@ def prior_covariance(prior: Prior) -> FloatArray:
     of a uniform q0 has pi^2/3.
     """
     of_sigma = np.pi**2 / 8.0
-    result = np.diag([prior.mu1_sd**2, of_sigma, of_sigma + 0.25, np.pi**2 / 3.0])
+    result = np.diag([prior.distribution("mu1").spread ** 2, of_sigma, of_sigma + 0.25, np.pi**2 / 3.0])
     result[1, 2] = result[2, 1] = of_sigma
     return result
 

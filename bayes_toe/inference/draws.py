@@ -1,4 +1,4 @@
-"""Posterior draws of a study: an xarray.DataTree with ArviZ's groups, its summary, saving and loading.
+"""Posterior draws of a study under any model: an xarray.DataTree with ArviZ's groups, its summary, saving and loading.
 
 Groups: posterior (chain, draw, subject), sample_stats, and in long form over `obs` (one entry per subject and pair) observed_data,
 constant_data, log_likelihood and posterior_predictive. A chain is an independent ensemble; draws are walker-major within it.
@@ -10,47 +10,45 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.analysis import Settings, SubjectResult
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
+from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import Chains
+from bayes_toe.inference.subject import Settings, SubjectResult
 from bayes_toe.model.contraction import contraction
-from bayes_toe.model.coordinates import DERIVED, NATURAL, QUANTITIES, Natural, derived, quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.ladder import model_named, posterior_of
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Answering
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 
-PARAMETERS = (*NATURAL, *DERIVED)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction")
-_UNITS = {"q0": "1", "gamma": "1", "gain": "1"}
-_INTERVAL_UNITS = {
-    "sigma_p": "ln intensity / s^(1/2)",
-    "gamma": "1, at 1 s",
-    "gain": "1, at 1 s",
-    "sigma1": "ln intensity, at 1 s",
-    "width": "ln intensity, at 1 s",
-}
-_WITH_INTERVALS = "; intervals isi in seconds, memory variance sigma_p^2 isi, a self-consistent prior for each interval"
+#: Names without a unit, with all that begin with q.
+_WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
+_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
+_ALLOWED = "allowed: a posterior.nc written by bayes-toe"
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Posterior draws of every subject of a study.
+    """Posterior draws of every subject of a study, under one model.
 
     Attributes
     ----------
@@ -71,8 +69,18 @@ class Draws:
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """Seed, prior, settings, versions and what was left out, as stored in the file."""
+        """Model, seed, prior, settings, versions and what was left out, as stored in the file."""
         return {str(key): value for key, value in self.tree.attrs.items()}
+
+    @property
+    def model(self) -> str:
+        """The name of the model that these are draws of."""
+        return str(self.tree.attrs["model"])
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The quantities that are stored, in order; :meth:`values` knows further ones that follow from them."""
+        return tuple(str(name) for name in self.group("posterior").data_vars)
 
     @property
     def seed(self) -> int:
@@ -81,8 +89,18 @@ class Draws:
 
     @property
     def prior(self) -> Prior:
-        """The prior that these draws were made under; its :meth:`Prior.describe` is the line for a Methods section."""
-        return Prior(**json.loads(self.tree.attrs["settings"])["prior"])
+        """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
+        values = json.loads(self.tree.attrs["settings"])["prior"]
+        unknown = sorted(set(values) - {one.name for one in Prior.declared()})
+        if unknown:
+            raise InputError(
+                f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
+            )
+        return Prior(**values)
+
+    def described_prior(self) -> str:
+        """The prior of every parameter of the model, in words."""
+        return model_named(self.model).describe(self.prior)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -127,8 +145,26 @@ class Draws:
         s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
         return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
 
+    def posterior(self, name: str) -> Posterior | FrequencyPosterior:
+        """The posterior that one subject's draws are of."""
+        return posterior_of(self.subject(name), self.prior, model=self.model)
+
+    def points(self, name: str) -> FloatArray:
+        """Draws of one subject in unconstrained coordinates, shape (chains, draws, k), from the stored quantities."""
+        stored = self.group("posterior").sel(subject=name)
+        return self.posterior(name).points({key: np.asarray(stored[key].values, np.float64) for key in self.parameters})
+
     def natural(self, name: str) -> Natural:
-        """Draws of the natural parameters of one subject, each of shape (chains, draws)."""
+        """Draws of the paper's parameters of one subject, each of shape (chains, draws).
+
+        Raises
+        ------
+        InputError
+            For an unknown subject, or where the model does not have all four.
+        """
+        missing = [key for key in NATURAL if key not in self.parameters]
+        if missing:
+            raise InputError(f"model {self.model!r} has no {', '.join(missing)}; it has: {', '.join(self.parameters)}")
         return Natural(*(self.values(name, key) for key in NATURAL))
 
     def values(self, name: str, parameter: str) -> FloatArray:
@@ -139,7 +175,7 @@ class Draws:
         name : str
             Subject.
         parameter : str
-            One of the posterior's variables, or `offset` or `pull` of the identified coordinates.
+            One of :attr:`parameters`, or of the model's other quantities, such as `offset` or `pull`.
 
         Raises
         ------
@@ -147,11 +183,18 @@ class Draws:
             For an unknown subject or parameter.
         """
         self._require(name)
-        if parameter not in QUANTITIES:
-            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(QUANTITIES)}")
-        if parameter not in PARAMETERS:
-            return quantities(self.natural(name), posterior_of(self.subject(name)).sbar)[parameter]
-        return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+        if parameter in self.parameters:
+            return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+        known = self.posterior(name).names.all
+        if parameter not in known:
+            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(known)}")
+        return self.posterior(name).quantities(self.points(name))[parameter]
+
+    def fit(self, name: str) -> FitSummary:
+        """Goodness of fit of one subject: deviance and posterior predictive p-values."""
+        self._require(name)
+        stats = self.group("sample_stats").sel(subject=name)
+        return FitSummary(**{key: stats[column].item() for key, column in _FIT_COLUMNS.items() if column in stats})
 
     def summary(self) -> pd.DataFrame:
         """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction.
@@ -162,8 +205,10 @@ class Draws:
         """
         import pandas as pd
 
-        prior = self.prior
-        rows = [(name, key, *_summary_row(self.values(name, key), prior, key)) for name in self.names for key in PARAMETERS]
+        rows = []
+        for name in self.names:
+            target = self.posterior(name)
+            rows += [(name, key, *_summary_row(self.values(name, key), target, key)) for key in target.names.reported]
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -199,14 +244,20 @@ def load(path: str | Path) -> Draws:
             tree = lazy.load()
     except (OSError, ValueError, TypeError) as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else "not a NetCDF file that can be read"
-        raise InputError(f"{path}: {reason}; allowed: a posterior.nc written by bayes-toe") from error
-    if "posterior" not in tree.children or not set(PARAMETERS) <= set(tree["posterior"].data_vars):
-        raise InputError(f"{path}: no posterior group with {', '.join(PARAMETERS)}; allowed: a posterior.nc written by bayes-toe")
-    return Draws(tree)
+        raise InputError(f"{path}: {reason}; {_ALLOWED}") from error
+    missing = [group for group in _GROUPS if group not in tree.children]
+    if missing or "model" not in tree.attrs:
+        what = f"no group {', '.join(missing)}" if missing else "no attribute model"
+        raise InputError(f"{path}: {what}; {_ALLOWED}")
+    made = Draws(tree)
+    absent = sorted(set(made.posterior(made.names[0]).names.reported) - set(made.parameters))
+    if absent:
+        raise InputError(f"{path}: no {', '.join(absent)} among the draws of model {made.model!r}; {_ALLOWED}")
+    return made
 
 
 def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings) -> Draws:
-    """Assemble the container from the results of :func:`bayes_toe.analysis.analyse` with chains."""
+    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains."""
     import xarray as xr
 
     groups = {
@@ -242,44 +293,67 @@ def _names(results: Sequence[SubjectResult]) -> list[str]:
 def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr.Dataset:
     import xarray as xr
 
-    columns: dict[str, list[FloatArray]] = {key: [] for key in PARAMETERS}
-    for result in results:
-        theta = posterior_of(result.subject, settings.prior).natural(chains_of(result).x)
-        for key, values in {**theta._asdict(), **derived(theta)}.items():
-            columns[key].append(values)
+    found = [result.target.quantities(chains_of(result).x) for result in results]
+    names = dict.fromkeys(name for result in results for name in result.target.names.reported)
+    size = chains_of(results[0]).log_posterior.shape
+    nothing = np.full(size, np.nan)  # a model may have a quantity per pair, and subjects different pairs
     dims = ("chain", "draw", "subject")
-    units = _UNITS if results[0].subject.isi is None else _UNITS | _INTERVAL_UNITS
-    data = {key: (dims, np.stack(values, -1), {"units": units.get(key, "ln intensity")}) for key, values in columns.items()}
-    chains, draws = columns["mu1"][0].shape
+    columns = {name: np.stack([values.get(name, nothing) for values in found], -1) for name in names}
+    data = {name: (dims, values, {"units": _unit(name, results[0])}) for name, values in columns.items()}
     walkers = settings.sampler.walkers
     coords: dict[str, Any] = {
-        "chain": np.arange(chains),
-        "draw": np.arange(draws),
+        "chain": np.arange(size[0]),
+        "draw": np.arange(size[1]),
         "subject": _names(results),
-        "walker": ("draw", np.repeat(np.arange(walkers), draws // walkers)),
+        "walker": ("draw", np.repeat(np.arange(walkers), size[1] // walkers)),
     }
     return xr.Dataset(data, coords)
+
+
+def _unit(name: str, result: SubjectResult) -> str:
+    """The unit of a quantity; at one second where an interval acts on it."""
+    plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
+    return plain if result.subject.isi is None else result.target.model.units_at_intervals.get(name, plain)
 
 
 def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:
     import xarray as xr
 
     chains = [chains_of(result) for result in results]
-    about = "log density of the unconstrained identified coordinates (offset, logit pull/p_max, log width, logit q0), unnormalised"
+    about = f"log density of the unconstrained coordinates ({', '.join(results[0].target.coordinates[:6])}), unnormalised"
+    fits = [result.fit for result in results if result.fit is not None]
     data: dict[str, Any] = {
         "lp": (("chain", "draw", "subject"), np.stack([c.log_posterior for c in chains], -1), {"description": about}),
         "acceptance_rate": (("chain", "subject"), np.stack([c.acceptance for c in chains], -1)),
         "converged": ("subject", np.array([c.converged for c in chains], np.int8)),
         "shortfall": ("subject", np.array([c.reason for c in chains], object)),
-        "min_ess": ("subject", [min(min(d[:2]) for d in c.diagnostics.values()) for c in chains]),
-        "max_r_hat": ("subject", [max(d.r_hat for d in c.diagnostics.values()) for c in chains]),
+        "min_ess": ("subject", [c.least_ess for c in chains]),
+        "max_r_hat": ("subject", [c.largest_r_hat for c in chains]),
         "thin": ("subject", [c.thin for c in chains]),
         "steps": ("subject", [c.steps for c in chains]),
         "proposal_efficiency": ("subject", [result.efficiency for result in results]),
         "pareto_k": ("subject", [result.pareto_k for result in results]),
+        **{column: ("subject", [getattr(fit, key) for fit in fits]) for key, column in _FIT_COLUMNS.items() if _known(fits, key)},
     }
     size = chains[0].log_posterior.shape
     return xr.Dataset(data, {"chain": np.arange(size[0]), "draw": np.arange(size[1]), "subject": _names(results)})
+
+
+#: Where the goodness of fit is kept among the statistics.
+_FIT_COLUMNS = {
+    "deviance": "deviance",
+    "degrees_of_freedom": "degrees_of_freedom",
+    "p_overall": "predictive_p",
+    "p_overall_se": "predictive_p_se",
+    "worst_p": "worst_pair_p",
+    "worst_s1": "worst_pair_s1",
+    "worst_s2": "worst_pair_s2",
+    "worst_isi": "worst_pair_isi",
+}
+
+
+def _known(fits: Sequence[FitSummary], key: str) -> bool:
+    return bool(fits) and all(getattr(fit, key) is not None for fit in fits)
 
 
 def _long_group(study: Study, key: str) -> xr.Dataset:
@@ -307,16 +381,18 @@ def _pointwise_groups(results: Sequence[SubjectResult], observed: xr.Dataset) ->
 
 
 def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, Any]:
+    record = model_named(settings.model)
     packages = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "xarray")
     versions = {name: importlib.metadata.version(name) for name in packages} | {"python": platform.python_version()}
     return {
         "source": study.source,
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
-        "model": "predictive update (H1), arXiv 2604.19662" + (_WITH_INTERVALS if study.intervals else ""),
+        "model": settings.model,
+        "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
         "seed": settings.seed,
-        "prior": settings.prior.describe(),
-        "settings": json.dumps({"prior": asdict(settings.prior), "sampler": asdict(settings.sampler)}),
+        "prior": record.describe(settings.prior),
+        "settings": json.dumps(settings.as_dict()),
         "versions": json.dumps(versions),
         "inference_library": "emcee",
         "inference_library_version": versions["emcee"],
@@ -331,7 +407,7 @@ def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
     return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
-def _summary_row(values: FloatArray, prior: Prior, parameter: str) -> tuple[float, ...]:
+def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
     quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
-    narrowed = contraction(prior, parameter, quantiles[0], quantiles[-1])
+    narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
     return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)

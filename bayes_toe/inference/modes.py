@@ -38,10 +38,10 @@ def find_maxima(target: Target) -> Maxima:
 
     Examples
     --------
-    >>> from bayes_toe.model.posterior import Posterior
+    >>> from bayes_toe.model.ladder import posterior_of
     >>> from bayes_toe.data.study import Subject
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> find_maxima(Posterior(subject)).arrived
+    >>> find_maxima(posterior_of(subject)).arrived
     True
     """
     found = ascend(_LogDensity(target), target.starts().T)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,16 +12,67 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.number_table import read_numbers
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import QUANTILES, Draws
-from bayes_toe.model.closed_form import equal_probability
-from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.intervals import equal_probability_at, gain_at, require_intervals
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.intervals import require_intervals
+from bayes_toe.model.posterior import Posterior
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _BLOCK = 1 << 20  # values of one temporary array
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """What posterior draws of one subject predict, under whichever model they are of.
+
+    Attributes
+    ----------
+    target : Posterior
+    x : array, shape (draws, k)
+        Draws in unconstrained coordinates.
+    """
+
+    target: Posterior
+    x: FloatArray
+
+    @classmethod
+    def of(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
+        """Of a subject's draws, all of them or about `most`, evenly spaced.
+
+        Raises
+        ------
+        InputError
+            For an unknown subject, or a model that says nothing of pairs that were not tested.
+        """
+        target = draws.posterior(subject)
+        if isinstance(target, FrequencyPosterior):
+            raise InputError(f"model {draws.model!r} says nothing of pairs and intervals that were not tested")
+        x = np.concatenate(list(draws.points(subject)))
+        return cls(target, x if most is None else x[:: max(1, len(x) // most)])
+
+    def equal(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
+        """P(equal) of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
+        keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
+        pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
+        once = np.ones(len(pairs), np.int64)
+        asked = Subject(self.target.subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else pairs[:, 2])
+        return np.asarray(np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()])
+
+    def gain(self, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals, (intervals,) -> (draws, intervals)."""
+        return self.target.gain(self.x, seconds)
+
+    def distance(self) -> FloatArray:
+        """Normalised distance of every pair that was tested, shape (draws, pairs)."""
+        return self.target.distance(self.x)
+
+    def equal_at_distance(self, z: FloatArray) -> FloatArray:
+        """P(equal) at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
+        return self.target.equal_at_distance(self.x, z)
 
 
 def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
@@ -50,23 +102,27 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
 
     Examples
     --------
-    >>> from bayes_toe.api import sample
+    >>> from bayes_toe.analysis import sample
     >>> from bayes_toe.data.study import Study, Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50], isi=[1.0, 0.5, 2.0])
     >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
     >>> predict_equal(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    theta = _flat(draws, subject)
+    fitted = Predictor.of(draws, subject)
     if isi is None:
         _require_no_intervals(draws)
         first, second = _broadcast(s1, s2)
-        return _table({"s1": first, "s2": second}, theta, lambda part, i: equal_probability(first[i], second[i], *part))
-    _require_intervals(draws)
-    first, second, seconds = _broadcast(s1, s2, require_intervals(isi))
-    return _table(
-        {"s1": first, "s2": second, "isi": seconds}, theta, lambda part, i: equal_probability_at(first[i], second[i], seconds[i], part)
-    )
+        columns = {"s1": first, "s2": second}
+    else:
+        _require_intervals(draws)
+        first, second, seconds = _broadcast(s1, s2, require_intervals(isi))
+        columns = {"s1": first, "s2": second, "isi": seconds}
+
+    def predicted(rows: slice) -> FloatArray:
+        return fitted.equal(*(values[rows] for values in columns.values()))
+
+    return _table(columns, len(fitted.x), predicted)
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
@@ -101,24 +157,20 @@ def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame
     """
     _require_intervals(draws)
     (seconds,) = _broadcast(require_intervals(isi))
-    return _table({"isi": seconds}, _flat(draws, subject), lambda part, i: gain_at(part, seconds[i]))
+    fitted = Predictor.of(draws, subject)
+    return _table({"isi": seconds}, len(fitted.x), lambda rows: fitted.gain(seconds[rows]))
 
 
-def _table(columns: Mapping[str, FloatArray], theta: Natural, predicted: Callable[[Natural, slice], FloatArray]) -> pd.DataFrame:
+def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
     """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
     import pandas as pd
 
     rows = len(next(iter(columns.values())))
-    size = max(1, _BLOCK // theta.mu1.size)
-    values = [np.broadcast_to(predicted(theta, slice(i, i + size)), (theta.mu1.size, min(size, rows - i))) for i in range(0, rows, size)]
+    size = max(1, _BLOCK // draws)
+    values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]
     mean = np.concatenate([part.mean(axis=0) for part in values])
     quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
-
-
-def _flat(draws: Draws, subject: str) -> Natural:
-    """All draws of a subject as columns, each value of shape (draws, 1)."""
-    return Natural(*(values.reshape(-1, 1) for values in draws.natural(subject)))
 
 
 def _broadcast(*arrays: npt.ArrayLike) -> list[FloatArray]:

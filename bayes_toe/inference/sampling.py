@@ -1,11 +1,7 @@
-"""Posterior draws of one subject with emcee: independent ensembles, a global move, and a stated rule for stopping.
-
-The only module that imports emcee.
-"""
+"""Posterior draws of one subject with emcee: independent ensembles, and a stated rule for stopping."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +10,10 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, convergence
-from bayes_toe.inference.proposal import FittedProposal, Proposal
-from bayes_toe.model.target import Target, require_defined
-from bayes_toe.seeds import stream
+from bayes_toe.inference.moves import moves
+from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.model.target import Conjugate, Target, require_defined
+from bayes_toe.seeds import generator, stream
 
 if TYPE_CHECKING:
     import emcee
@@ -114,6 +111,25 @@ class Chains:
     converged: bool
     reason: str
 
+    @property
+    def least_ess(self) -> float:
+        """The smallest bulk or tail effective sample size of a judged quantity; all draws where they are independent."""
+        return min((min(one[:2]) for one in self.diagnostics.values()), default=float(self.log_posterior.size))
+
+    @property
+    def largest_r_hat(self) -> float:
+        """The largest R-hat of a judged quantity; 1 where draws are independent."""
+        return max((one.r_hat for one in self.diagnostics.values()), default=1.0)
+
+
+def independent_chains(target: Conjugate, settings: SamplerSettings, seed: int) -> Chains:
+    """Draws of a posterior in closed form, in the shape of an ensemble's: independent, so that there is no convergence to judge."""
+    random = generator(seed, target.subject.name, target.model.name, "draws")
+    size = settings.walkers * settings.kept_steps
+    x = target.sample(random, settings.ensembles * size).reshape(settings.ensembles, size, -1)
+    log_posterior = np.stack([target.log_density(points) for points in x])
+    return Chains(x, log_posterior, np.ones(settings.ensembles), {}, 1, settings.kept_steps, True, "")
+
 
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
@@ -150,7 +166,7 @@ class _Ensemble:
     def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
         posterior = fitted.proposal.posterior
         name = posterior.subject.name
-        random = np.random.RandomState(np.random.MT19937(stream(seed, name, "ensemble", index)))
+        random = np.random.RandomState(np.random.MT19937(stream(seed, name, posterior.model.name, "ensemble", index)))
         self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
@@ -170,7 +186,7 @@ class _Ensemble:
         return self._sampler.run_mcmc(state, steps, skip_initial_state_check=True, **how)
 
 
-def _sampler(posterior: Target, walkers: int, moves: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
+def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
     """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
     import emcee
 
@@ -180,75 +196,7 @@ def _sampler(posterior: Target, walkers: int, moves: list[tuple[Any, float]]) ->
             require_defined(log_density, posterior)
             return log_density, None
 
-    return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=moves)
-
-
-def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
-    """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
-
-    emcee's snooker move is never used: in release 3.1.6 it is biased.
-    """
-    from emcee.moves import DEMove, StretchMove
-
-    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
-    return [(GlobalMove(fitted.proposal), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
-
-
-def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named like emcee's own moves)
-    """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
-    from emcee.moves import MHMove
-
-    stock, known = _Stock(proposal), _Known()
-
-    def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        fresh, log_fresh = stock.take(len(x), random)
-        log_old = known.values(x, stock.log_density)
-        known.keep((x.copy(), log_old), (fresh, log_fresh))
-        return fresh, log_old - log_fresh
-
-    return MHMove(propose, ndim=proposal.mixture.means.shape[1])
-
-
-class _Known:
-    """Log proposal densities of the last step: most walkers stand where they stood then or where it sent them, few were moved since."""
-
-    def __init__(self) -> None:
-        self._pairs: tuple[tuple[FloatArray, FloatArray], ...] = ()
-
-    def values(self, x: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Log density at x, shape (walkers, k); evaluated only where it is not known."""
-        result, unknown = np.empty(len(x)), np.ones(len(x), bool)
-        for points, values in self._pairs:
-            same = (points == x).all(axis=1)
-            result[same] = values[same]
-            unknown &= ~same
-        if unknown.any():
-            result[unknown] = log_density(x[unknown])
-        return result
-
-    def keep(self, *pairs: tuple[FloatArray, FloatArray]) -> None:
-        self._pairs = pairs
-
-
-class _Stock:
-    """Draws from a proposal with their log densities, made in large batches: for a few walkers at a time, overhead would be most of it."""
-
-    _BATCH = 2048
-
-    def __init__(self, proposal: Proposal) -> None:
-        self._proposal = proposal
-        self._x, self._log_density = np.empty((0, proposal.mixture.means.shape[1])), np.empty(0)
-
-    def log_density(self, x: FloatArray) -> FloatArray:
-        return self._proposal.log_density(x, self._proposal.posterior.log_prior(x))
-
-    def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """The next draws, shape (size, k), and their log densities, shape (size,)."""
-        if len(self._x) < size:
-            self._x, _, self._log_density = self._proposal.sample(random, max(size, self._BATCH))
-        taken = self._x[:size], self._log_density[:size]
-        self._x, self._log_density = self._x[size:], self._log_density[size:]
-        return taken
+    return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
 
 
 def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:

@@ -20,7 +20,8 @@ from scipy.special import log_expit, log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.prior import LOG_2PI, Prior
+from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.prior import Prior
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
 FARTHEST = 37.0
@@ -78,20 +79,20 @@ class Levelling:
     max_pull: float = MAX_PULL
 
     @classmethod
-    def at(cls, posterior: Funnel, modes: FloatArray, *, max_pull: float = MAX_PULL) -> Levelling:
+    def at(cls, posterior: Funnel, modes: FloatArray, *, centre: str = "mu1", max_pull: float = MAX_PULL) -> Levelling:
         """Levelling from what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
         The first coordinates are c, logit(p/max_pull), log w; any others are logits. k is 4 for H1.
         """
-        prior, best = posterior.prior, modes[0]
+        believed, best = posterior.prior.distribution(centre), modes[0]
         precision = -float(posterior.likelihood_derivatives(best[None])[1][0, 0, 0])
         # Where the likelihood is not concave in c the data say little of it: one width stands in for its spread.
         spread = np.exp(best[2]) if precision <= 0 else precision**-0.5
         # Several modes: the data leave c as open as the modes are apart.
         apart = float(modes[:, 0].std())
         return cls(
-            prior_mean=prior.mu1_mean - posterior.sbar,
-            log_prior_sd=float(np.log(prior.mu1_sd)),
+            prior_mean=float(believed.quantile(0.5)) - posterior.sbar,
+            log_prior_sd=float(np.log(believed.spread)),
             offset=float(modes[:, 0].mean()),
             log_precision=float(-2.0 * np.log(np.hypot(spread, apart))),
             log_width=float(best[2]),

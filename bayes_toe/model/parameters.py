@@ -1,12 +1,12 @@
 """Free parameters of the ladder's models: blocks of unconstrained coordinates with a proper, normalised prior.
 
-A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` sets, it sets
-for every model: `sigma_p_scale` is the scale of every width-like standard deviation, `mu1_mean` and `mu1_sd` belong to every prior mean.
+A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` says of a
+parameter, it says for every model: that of sigma_p holds for every width-like standard deviation, that of mu1 for every prior mean.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,11 +14,16 @@ import numpy as np
 from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.closed_form import LN2
-from bayes_toe.model.coordinates import derived, natural
-from bayes_toe.model.prior import LOG_2PI, Prior
+from bayes_toe.model.contraction import prior_quantile
+from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
+from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
+from bayes_toe.model.distributions import Distribution, Normal, Uniform
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Names, Random
 
-Random = np.random.Generator | np.random.RandomState
+Derivatives = tuple[FloatArray, FloatArray]
+#: The parameter of the prior whose distribution every width-like standard deviation has.
+SPREAD = "sigma_p"
 
 
 class Block(Protocol):
@@ -29,6 +34,11 @@ class Block(Protocol):
         """Names of the unconstrained coordinates; those that begin with logit_ are logits of a number in 0..1."""
         ...
 
+    @property
+    def names(self) -> Names:
+        """What its quantities are called."""
+        ...
+
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
         ...
@@ -37,12 +47,24 @@ class Block(Protocol):
         """Log density with respect to x, (points, k) -> (points,)."""
         ...
 
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient (points, k) and Hessian (points, k, k) of the log density with respect to x."""
+        ...
+
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, k)."""
         ...
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The quantities that a reader knows, (..., k) -> (...) each."""
+        ...
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """The inverse of :meth:`named`: coordinates (..., k) from natural quantities (...)."""
+        ...
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Prior quantile of a named quantity; None where it has no short form, and draws have to tell it."""
         ...
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
@@ -63,19 +85,33 @@ class Shift:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"offset ~ Normal(0, {self.sd:g})"
+        return f"offset ~ {Normal(0.0, self.sd).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to the offset."""
-        return np.asarray(-0.5 * (LOG_2PI + np.square(x[:, 0] / self.sd)) - np.log(self.sd))
+        return Normal(0.0, self.sd).log_density(x[:, 0])
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        return _alone(*Normal(0.0, self.sd).derivatives(x[:, 0]))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(rng.normal(0.0, self.sd, (size, 1)))
+        return Normal(0.0, self.sd).sample(rng, size)[:, None]
+
+    names = Names(("offset",), ("offset",))
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The offset."""
         return {"offset": x[..., 0]}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """The offset itself."""
+        return quantities["offset"][..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Of a normal."""
+        return float(Normal(0.0, self.sd).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three, off the round numbers at which a distance may be exactly 0."""
@@ -84,7 +120,9 @@ class Shift:
 
 @dataclass(frozen=True)
 class Width:
-    """Width w ~ HalfNormal(sigma_p_scale), natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
+    """Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
+
+    names = Names(("width",), ("width",))
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -93,19 +131,31 @@ class Width:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"width ~ HalfNormal({prior.sigma_p_scale:g})"
+        return f"width ~ {prior.distribution(SPREAD).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to log w."""
-        return log_half_normal(x[:, 0], prior.sigma_p_scale)
+        return log_density_of_log(prior.distribution(SPREAD), x[:, 0])
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        return _alone(*slopes_of_log(prior.distribution(SPREAD), x[:, 0]))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, (size, 1)))))
+        return np.log(prior.distribution(SPREAD).sample(rng, size))[:, None]
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The width."""
         return {"width": np.exp(x[..., 0])}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """Its log."""
+        return np.log(quantities["width"])[..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """That of sigma_p."""
+        return prior_quantile(prior, SPREAD, probability)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three about the scale of the stimuli."""
@@ -114,7 +164,7 @@ class Width:
 
 @dataclass(frozen=True)
 class Share:
-    """A quantity with prior Uniform(0, top), by its logit."""
+    """A quantity from 0 to its top, by its logit: with the prior that the user has for it, or else a uniform one."""
 
     name: str
     top: float = 1.0
@@ -127,19 +177,45 @@ class Share:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"{self.name} ~ Uniform(0, {self.top:g})"
+        return f"{self.name} ~ {self._distribution(prior).describe()}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to the logit; the top cancels."""
-        return np.asarray(log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+        """Log density with respect to the logit."""
+        share = expit(x[:, 0])
+        of_quantity = self._distribution(prior).log_density(self.top * share) + np.log(self.top)
+        return np.asarray(of_quantity + log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+
+    def _distribution(self, prior: Prior) -> Distribution:
+        return prior.distribution(self.name) if self.name in prior.families else Uniform(self.top)
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        logits = x[:, 0]
+        slope, bend = self._distribution(prior).derivatives(self.top * expit(logits))
+        rate = self.top * expit(logits) * expit(-logits)
+        turn = np.tanh(0.5 * logits)
+        return _alone(slope * rate - turn, bend * np.square(rate) - slope * rate * turn - 2.0 * expit(logits) * expit(-logits))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return np.asarray(logit(rng.uniform(size=(size, 1))))
+        return np.asarray(logit(self._distribution(prior).sample(rng, size) / self.top))[:, None]
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
         """The quantity."""
         return {self.name: self.top * expit(x[..., 0])}
+
+    @property
+    def names(self) -> Names:
+        """The quantity's."""
+        return Names((self.name,), (self.name,))
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """The logit of its share of the top; infinite where rounding has it at an end."""
+        return np.asarray(logit(quantities[self.name] / self.top))[..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Of its distribution."""
+        return float(self._distribution(prior).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """The starts given, or the largest frequency."""
@@ -157,21 +233,41 @@ class Update:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return prior.describe().removesuffix(", q0 ~ Uniform(0, 1)")
+        return ", ".join(f"{name} ~ {prior.distribution(name).describe()}" for name in ("mu1", SPREAD, "gamma"))
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """H1's log density without the part of q0, which is ln(1/4) at q0 = 1/2."""
-        return np.asarray(prior.log_density_unconstrained(_with_half(x), sbar) + 2.0 * LN2)
+        """H1's log density without the part of q0."""
+        return prior.log_density_of_update(x, sbar)
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        gradient, hessian = prior.derivatives(_with_half(x), sbar)
+        return gradient[:, :3], hessian[:, :3, :3]
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 3)."""
         return prior.sample_unconstrained(rng, size, sbar)[:, :3]
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
-        """Natural and derived parameters, and the offset."""
+        """Natural, derived and identified parameters."""
         theta = natural(_with_half(x), sbar)
-        found = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
-        return {name: found[name] for name in ("mu1", "sigma_p", "sigma_l", "gamma", "sigma1", "width", "offset")}
+        found = {**theta._asdict(), **derived(theta), "offset": x[..., 0], "pull": identified(_with_half(x)).pull}
+        return {name: found[name] for name in dict.fromkeys((*self.names.natural, *self.names.derived, *self.names.identified))}
+
+    names = Names(
+        ("mu1", "sigma_p", "sigma_l"), ("offset", "pull", "width"), derived=("gamma", "sigma1", "gain", "width"), monotone=("gain", "pull")
+    )
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """From the natural parameters."""
+        mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
+        return unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Exact, but for the offset."""
+        if name == "pull":
+            return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
+        return None if name == "offset" else prior_quantile(prior, name, probability)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
@@ -203,7 +299,7 @@ class Memory:
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
         return (
-            f"mu1 ~ Normal({prior.mu1_mean:g}, {prior.mu1_sd:g}), sigma1 ~ HalfNormal({prior.sigma_p_scale:g}), "
+            f"mu1 ~ {prior.distribution('mu1').describe()}, sigma1 ~ {prior.distribution(SPREAD).describe()}, "
             "sigma1^2/(sigma1^2 + sigma_l^2) ~ Uniform(0, 1), rho ~ Uniform(0, 1)"
         )
 
@@ -212,25 +308,51 @@ class Memory:
         c, a, b, v = x.T
         with np.errstate(over="ignore", invalid="ignore"):  # mu1 beyond the largest float: its density is 0
             far = np.where(c == 0.0, 0.0, c * _inverse_share(a))
-            of_mu1 = -0.5 * (LOG_2PI + np.square((sbar + far - prior.mu1_mean) / prior.mu1_sd)) - np.log(prior.mu1_sd)
-        log_lost = np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))  # log(-log(1 - p))
-        of_pull = log_lost + log_expit(-a)
+            of_mu1 = prior.distribution("mu1").log_density(sbar + far)
+        of_pull = _log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
-        return np.asarray(of_mu1 + log_half_normal(b - self._log_stretch(x), prior.sigma_p_scale) + of_pull + of_split)
+        return np.asarray(of_mu1 + log_density_of_log(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        c, a, b, _ = x.T
+        stretch, stretch_bend = self._stretch_derivatives(x)
+        gradient, hessian = np.zeros((len(x), 4)), np.zeros((len(x), 4, 4))
+        with np.errstate(over="ignore"):  # 1/p beyond the largest float: infinite is right there
+            inverse, fall = _inverse_share(a), expit(-a)
+            far = c * inverse
+            steep = np.stack([inverse, -far * fall], axis=-1)
+            score, curve = prior.distribution("mu1").derivatives(sbar + far)
+            gradient[:, :2] = score[:, None] * steep
+            scaled = np.sqrt(np.abs(curve))[:, None] * steep  # a square of 1/p may be beyond the largest float, this is not
+            hessian[:, :2, :2] = np.sign(curve)[:, None, None] * scaled[:, :, None] * scaled[:, None, :]
+            hessian[:, 0, 1] += -score * fall * inverse
+            hessian[:, 1, 0] = hessian[:, 0, 1]
+            hessian[:, 1, 1] += score * far * fall
+        # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
+        first, second = slopes_of_log(prior.distribution(SPREAD), b - self._log_stretch(x))
+        towards = np.stack([np.zeros_like(b), -stretch[0], np.ones_like(b), -stretch[1]], axis=-1)
+        gradient += first[:, None] * towards
+        hessian += second[:, None, None] * towards[:, :, None] * towards[:, None, :]
+        hessian[:, 1::2, 1::2] -= first[:, None, None] * np.moveaxis(stretch_bend, -1, 0)
+        ratio = np.exp(log_expit(a) - _log_lost(a))  # l_a/l
+        gradient[:, 1] += ratio - expit(a)
+        hessian[:, 1, 1] += ratio * (fall - ratio) - expit(a) * fall
+        gradient[:, 3] -= np.tanh(0.5 * x[:, 3])
+        hessian[:, 3, 3] -= 2.0 * expit(x[:, 3]) * expit(-x[:, 3])
+        return gradient, hessian
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 4)."""
-        mu1 = rng.normal(prior.mu1_mean, prior.mu1_sd, size)
-        log_sigma1 = np.log(np.abs(rng.normal(0.0, prior.sigma_p_scale, size)))
+        mu1 = prior.distribution("mu1").sample(rng, size)
+        log_sigma1 = np.log(prior.distribution(SPREAD).sample(rng, size))
         log_rho, log_gain = (np.log1p(-rng.uniform(size=size)) for _ in range(2))
-        lost = -(log_rho + log_gain)
-        pull = -np.expm1(-lost)
-        x = np.stack([pull * (mu1 - sbar), np.log(pull) + lost, np.zeros(size), np.log(log_rho / log_gain)], axis=-1)
-        x[:, 2] = log_sigma1 + self._log_stretch(x)
-        return x
+        return self._point(mu1 - sbar, log_sigma1, log_rho, log_gain)
+
+    names = Names(*(("mu1", "sigma1", "sigma_l", "rho"), ("offset", "pull", "width", "rho"), ("gain", "width")), monotone=("gain",))
 
     def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
-        """The five natural parameters but q0, and the identified ones."""
+        """The natural parameters but q0, and the identified ones; gain is rho times that of the measurement, the weight of s1."""
         lost = np.logaddexp(0.0, x[..., 1])
         sigma1 = np.exp(x[..., 2] - self._log_stretch(x))
         rho, log_gain = np.exp(-expit(x[..., 3]) * lost), -expit(-x[..., 3]) * lost
@@ -238,8 +360,28 @@ class Memory:
             mu1 = sbar + np.where(x[..., 0] == 0.0, 0.0, x[..., 0] * _inverse_share(x[..., 1]))
         # sigma_l^2/sigma1^2 = 1/K - 1
         sigma_l = sigma1 * np.sqrt(np.expm1(-log_gain))
-        found = {"mu1": mu1, "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho}
+        found = {"mu1": mu1, "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho, "gain": np.exp(-lost)}
         return {**found, "offset": x[..., 0], "pull": expit(x[..., 1]), "width": np.exp(x[..., 2])}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+        """From the natural parameters."""
+        mu1, sigma1, sigma_l, rho = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
+        return self._point(mu1 - sbar, np.log(sigma1), np.log(rho), -np.log1p(np.square(sigma_l / sigma1)))
+
+    def _point(self, reach: FloatArray, log_sigma1: FloatArray, log_rho: FloatArray, log_gain: FloatArray) -> FloatArray:
+        """Coordinates of mu1 - sbar, log sigma1, log rho and log of the measurement's gain."""
+        lost = -(log_rho + log_gain)
+        pull = -np.expm1(-lost)
+        x = np.stack([pull * reach, np.log(pull) + lost, np.zeros_like(lost), np.log(log_rho / log_gain)], axis=-1)
+        x[..., 2] = log_sigma1 + self._log_stretch(x)
+        return x
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+        """Exact where the prior names the quantity."""
+        if name == "rho":
+            return probability
+        known = {"mu1": "mu1", "sigma1": SPREAD}
+        return prior_quantile(prior, known[name], probability) if name in known else None
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Those of the predictive update, half way between all gain and all memory."""
@@ -251,11 +393,46 @@ class Memory:
         lost, v = np.logaddexp(0.0, x[..., 1]), x[..., 3]
         return np.asarray(np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v) - 0.5 * np.log(-np.expm1(-lost * (1.0 + expit(v)))))
 
+    @staticmethod
+    def _stretch_derivatives(x: FloatArray) -> Derivatives:
+        """First and second derivatives of the log of w/sigma1 in (logit pull, logit split), (2, points) and (2, 2, points)."""
+        lost, split, fall = softplus_jet(x[:, 1]), expit_jet(x[:, 3]), expit(-x[:, 3])
+        one = Jet(np.ones_like(fall), np.zeros_like(fall), np.zeros_like(fall))
+        twice, mixed = log_lost_growth(lost, one, 2.0), log_lost_growth(lost, split._replace(value=1.0 + split.value), 1.0)
+        first, second = (a - 0.5 * b for a, b in zip(twice, mixed, strict=True))
+        # Where l is small both leave out log l, one of them by half; and log stretch has l expit(-split).
+        ratio = np.where(small(lost), np.exp(log_expit(x[:, 1]) - _log_lost(x[:, 1])), 0.0)
+        first[0] += 0.5 * ratio + lost.first * fall
+        second[0, 0] += 0.5 * ratio * (expit(-x[:, 1]) - ratio) + lost.second * fall
+        first[1] -= lost.value * split.first
+        second[0, 1] -= lost.first * split.first
+        second[1, 0] -= lost.first * split.first
+        second[1, 1] -= lost.value * split.second
+        return first, second
 
-def log_half_normal(b: FloatArray, scale: float) -> FloatArray:
-    """Log density of b = log of a HalfNormal(scale) quantity."""
+
+def _log_lost(a: FloatArray) -> FloatArray:
+    """log(-log(1 - p)) at a = logit p."""
+    return np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))
+
+
+def log_density_of_log(distribution: Distribution, b: FloatArray) -> FloatArray:
+    """Log density of b = log t where t has this distribution, shape (points,)."""
     with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
-        return np.asarray(-0.5 * (np.log(np.pi / 2.0) + np.square(np.exp(b - np.log(scale)))) - np.log(scale) + b)
+        return np.asarray(distribution.log_density(np.exp(b)) + b)
+
+
+def slopes_of_log(distribution: Distribution, b: FloatArray) -> Derivatives:
+    """First and second derivative of :func:`log_density_of_log`: t f' + 1 and t^2 f'' + t f'."""
+    with np.errstate(over="ignore"):
+        t = np.exp(b)
+        slope, bend = distribution.derivatives(t)
+        return t * slope + 1.0, np.square(t) * bend + t * slope
+
+
+def _alone(slope: FloatArray, bend: FloatArray) -> Derivatives:
+    """Gradient (points, 1) and Hessian (points, 1, 1) of one coordinate."""
+    return np.asarray(slope)[:, None], np.asarray(bend)[:, None, None]
 
 
 def _inverse_share(a: FloatArray) -> FloatArray:

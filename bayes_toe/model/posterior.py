@@ -1,246 +1,357 @@
-"""Log posterior of one subject in unconstrained coordinates: value, gradient, Hessian. The one thing that engines see.
+"""The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
-log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to
-x = (c, logit(p/p_max), log w, logit q0), so that its integral over x is the evidence of H1.
+One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w v) with offset c, pull p and width w, a link from z
+to P(equal) that ends in a peak at z = 0, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a
+record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no peak q0 = 1, no propagator that the interval does not matter.
+
+log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to unconstrained coordinates x, so that its
+integral over x is the evidence of the model.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, hyp1f1, log_expit, logit
+from scipy.special import expit, logit
 
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.model.closed_form import LN2, MAX_PULL, log_different, log_equal
-from bayes_toe.model.coordinates import UNCONSTRAINED, Natural, derived, natural
-from bayes_toe.model.levelling import Levelling
-from bayes_toe.model.prior import Prior, pull_derivatives
-from bayes_toe.model.target import require_points
+from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
+from bayes_toe.model.levelling import Levelling, Probits
+from bayes_toe.model.links import LAPSE, Answers, Link
+from bayes_toe.model.parameters import Block
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
+from bayes_toe.model.target import Levels, Names, Random, log_likelihoods, require_points
 
-#: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
-_BLOCK = 1 << 16
-#: Quantities whose ranks differ, so whose diagnostics do: the four natural parameters, and of the unconstrained and derived ones
-#: those that are not a monotone function of a single one already listed.
-JUDGED = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "width", "offset")
+_PEAK = "logit_q0"
+_PRIOR_DRAWS = 100_000
 
 
-class Parts(NamedTuple):
-    """Log likelihood and log prior density, each of shape (points,)."""
+@dataclass(frozen=True)
+class Pull:
+    """How a coordinate sets the pull: p = low + span expit(coordinate).
 
-    log_likelihood: FloatArray
-    log_prior: FloatArray
+    `centre` names the parameter of the prior from which the offset comes, c = p (mu1 - sbar), so that it narrows with p as mu1's prior
+    has it: a funnel. None where offset and pull have nothing to do with each other.
+    """
+
+    coordinate: str
+    low: float
+    span: float
+    centre: str | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """A record: which parameters are free, how the first stimulus is pulled, which link, what an interval does.
+
+    Parameters
+    ----------
+    name : str
+    about : str
+        What it says of the observer, in a few words.
+    free : tuple of Block
+        Free parameters; blocks that share a quantity with another model are the same objects.
+    pull : Pull, optional
+        None fixes K = 1.
+    link : Link
+        From z and the logit of the peak to the log probabilities of both answers.
+    propagator : Propagator, optional
+        How pull and width depend on the inter-stimulus interval. None: the model does not mention it, so a pair is answered alike at
+        every one, and comparing it with a model that does asks whether intervals matter.
+    """
+
+    name: str
+    about: str
+    free: tuple[Block, ...]
+    pull: Pull | None = None
+    link: Link = LAPSE
+    propagator: Propagator | None = None
 
     @property
-    def log_posterior(self) -> FloatArray:
-        """Their sum: the unnormalised log posterior density."""
-        return self.log_likelihood + self.log_prior
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the unconstrained coordinates."""
+        return tuple(name for block in self.free for name in block.coordinates)
+
+    @property
+    def knows_intervals(self) -> bool:
+        """Whether it says how an inter-stimulus interval acts."""
+        return self.propagator is not None
+
+    @property
+    def of_intervals(self) -> str:
+        """What it says of inter-stimulus intervals, in a few words."""
+        return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
+
+    @property
+    def units_at_intervals(self) -> Mapping[str, str]:
+        """Units of quantities that are those at one second where there are several intervals."""
+        return {} if self.propagator is None else dict(self.propagator.units)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior of every free parameter, in words."""
+        return ", ".join(block.describe(prior) for block in self.free)
+
+    def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
+        """The posterior of a subject under this model."""
+        return Posterior(subject, self, Prior() if prior is None else prior)
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Log posterior of one subject.
+    """Log posterior of one subject under one record; pairs at several intervals are told apart in any case.
 
     Parameters
     ----------
     subject : Subject
         The counts.
+    model : Model
     prior : Prior
-        The prior; default as stated in :mod:`bayes_toe.model.prior`.
+    centre : float, optional
+        Intensity from which the offset counts, natural-log units; the mean first stimulus by default.
 
     Examples
     --------
+    >>> from bayes_toe.model.ladder import SYMMETRIC
     >>> subject = Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
-    >>> Posterior(subject).log_density([[0.0, 0.0, -1.0, 2.0]]).shape
+    >>> Posterior(subject, SYMMETRIC).log_density([[-1.0, 2.0]]).shape
     (1,)
     """
 
     subject: Subject
+    model: Model
     prior: Prior = field(default_factory=Prior)
-
-    #: Whether pairs may have intervals of their own: see :class:`bayes_toe.model.interval_posterior.IntervalPosterior`.
-    knows_intervals: ClassVar[bool] = False
+    centre: float | None = None
+    sbar: float = field(init=False)
+    _counts: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+    _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
+    _places: Mapping[str, int] = field(init=False, repr=False)
+    _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        subject = self.subject
-        if not self.knows_intervals:
-            refuse_intervals([subject], "Posterior (bt.posterior_of gives the one that knows them)")
-        sbar = float(np.average(subject.s1, weights=subject.n_trials))
-        different = (subject.n_trials - subject.n_equal).astype(np.float64)
+        subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
+        known = subject.isi is not None and self.model.knows_intervals
         for key, value in {
-            "sbar": sbar,
-            "_step": subject.s2 - subject.s1,
-            "_lever": subject.s1 - sbar,
-            "_equal": subject.n_equal.astype(np.float64),
-            "_different": different,
+            "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
+            "_counts": (subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)),
+            "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
+            "_places": {name: i for i, name in enumerate(self.model.coordinates)},
+            "_intervals": grouped_intervals(np.asarray(subject.isi)) if known else None,
         }.items():
             object.__setattr__(self, key, value)
 
-    sbar: float = field(init=False)
-    _step: FloatArray = field(init=False, repr=False)
-    _lever: FloatArray = field(init=False, repr=False)
-    _equal: FloatArray = field(init=False, repr=False)
-    _different: FloatArray = field(init=False, repr=False)
-
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the unconstrained coordinates."""
-        return UNCONSTRAINED
+        """Names of the k unconstrained coordinates."""
+        return self.model.coordinates
 
-    def natural(self, x: npt.ArrayLike) -> Natural:
-        """Natural coordinates of unconstrained points x, shape (..., 4)."""
-        return natural(x, self.sbar)
+    # --- Densities ------------------------------------------------------------------------------------
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density at x, shape (points, 4) -> (points,).
+        """Log posterior density at x, shape (points, k) -> (points,).
 
         Raises
         ------
         NumericalError
             If a coordinate is NaN.
         """
-        return self.parts(x).log_posterior
-
-    def parts(self, x: npt.ArrayLike) -> Parts:
-        """Log likelihood and log prior at x, shape (points, 4)."""
-        points = require_points(x, len(UNCONSTRAINED))
-        return Parts(self.log_likelihood(points), self.log_prior(points))
+        points = require_points(x, len(self.coordinates))
+        return self.log_likelihood(points) + self.log_prior(points)
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density at x, shape (points, 4) -> (points,)."""
-        return self.prior.log_density_unconstrained(x, self.sbar)
-
-    def sample_prior(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
-        """Independent draws from the prior in unconstrained coordinates, shape (size, 4)."""
-        return self.prior.sample_unconstrained(rng, size, self.sbar)
-
-    def starts(self) -> FloatArray:
-        """Points from which to look for maxima, shape (18, 4)."""
-        return starts(self.subject)
-
-    def levelling(self, modes: FloatArray) -> Levelling:
-        """Coordinates in which mixtures fit, given modes, shape (modes, 4), best first."""
-        return Levelling.at(self, modes)
-
-    def for_subject(self, subject: Subject) -> Posterior:
-        """The same model for other answers; its prior is about mu1, so it does not depend on where offsets count from."""
-        return type(self)(subject, self.prior)
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities that :data:`JUDGED` names, each with the shape of x without its last axis."""
-        theta = self.natural(x)
-        everything = {**theta._asdict(), **derived(theta), "offset": x[..., 0]}
-        return {name: everything[name] for name in JUDGED}
+        """Log prior density at x, shape (points, k) -> (points,)."""
+        points = require_points(x, len(self.coordinates))
+        return np.asarray(sum(block.log_prior(points[:, part], self.prior, self.sbar) for block, part in self._parts))
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood at x, shape (points, 4) -> (points,)."""
-        points = require_points(x, len(UNCONSTRAINED))
-        rows = max(1, _BLOCK // self.subject.n_pairs)
-        return np.concatenate([self._block(points[i : i + rows]) for i in range(0, len(points), rows)])
+        """Log likelihood at x, shape (points, k) -> (points,)."""
+        points = require_points(x, len(self.coordinates))
+        rows = max(1, BLOCK // self.subject.n_pairs)
+        return np.concatenate([self.pair_log_likelihood(points[i : i + rows]).sum(axis=1) for i in range(0, len(points), rows)])
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood of each pair, shape (points, 4) -> (points, pairs)."""
-        points = require_points(x, len(UNCONSTRAINED))
-        z = self.distance(points)
-        logit_q0 = points[:, 3, None]
-        result = np.zeros(z.shape)
-        for counts, log_answer in ((self._equal, self._log_equal), (self._different, log_different)):
-            given = counts > 0  # an answer never given contributes 0, also where its probability is 0
-            some = slice(None) if given.all() else given  # a slice does not copy
-            result[:, some] += counts[some] * log_answer(z[:, some], logit_q0)
-        return result
+        """Log likelihood of each pair, shape (points, k) -> (points, pairs)."""
+        return log_likelihoods(self.subject, self.log_answers(x))
 
-    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log P(equal) and log P(different) of every pair, (points, 4) -> (points, pairs) each."""
-        points = require_points(x, len(UNCONSTRAINED))
-        z, top = self.distance(points), points[:, 3, None]
-        with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
-            return log_equal(z, log_expit(top)), log_different(z, top)
-
-    @staticmethod
-    def _log_equal(z: FloatArray, logit_q0: FloatArray) -> FloatArray:
-        return np.asarray(log_expit(logit_q0) - LN2 * np.square(z))
+    def log_answers(self, x: npt.ArrayLike) -> Answers:
+        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.link.log_answers(self.distance(points), self._peak(points))
 
     def distance(self, x: FloatArray) -> FloatArray:
-        """Normalised distance z of every pair, (points, 4) -> (points, pairs)."""
-        shift = MAX_PULL * expit(x[:, 1, None]) * self._lever - x[:, 0, None]
-        return np.asarray((self._step + shift) * np.exp(-x[:, 2, None]))
+        """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
+        return self._distance(self._pull(x), self._scales(x), x)
 
-    def equal_probability(self, x: FloatArray) -> FloatArray:
-        """P(equal) of every pair, (points, 4) -> (points, pairs). Source: Eq. mod:q."""
-        return np.asarray(np.exp(log_expit(x[:, 3, None]) - LN2 * np.square(self.distance(x))))
-
-    def _block(self, points: FloatArray) -> FloatArray:
-        with np.errstate(over="ignore"):  # z^2 beyond the largest float: P(equal) is 0 to all digits, log P is -inf
-            return np.asarray(self.pair_log_likelihood(points).sum(axis=1))
-
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Gradient (points, 4) and Hessian (points, 4, 4) of the log posterior density, analytic."""
-        points = require_points(x, len(UNCONSTRAINED))
-        gradient, hessian = self.prior.derivatives(points, self.sbar)
-        likelihood = self.likelihood_derivatives(points)
-        return gradient + likelihood[0], hessian + likelihood[1]
-
-    def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (points, 4) and Hessian (points, 4, 4) of the log likelihood alone.
-
-        With t = ln2 z^2, the odds r = q/(1 - q) and d = 1 - q0, one 'different' answer A = log(1 - q) has A_i = 2 ln2 r z z_i and
-        A_ij = 2 ln2 r [(2 F - 1) z_i z_j + z z_ij] in (c, a, b), A_l = -r d, A_il = 2 ln2 z z_i r (1 + r) d and
-        A_ll = -r d ((1 + r) d - q0). F = 1 - (1 + r) t = [d 2^-z^2 - (t - 1 + 2^-z^2)] / (1 - q) and the last bracket,
-        [d^2 - q0^2 (1 - 2^-z^2)] / (1 - q), are formed from their numerators: the differences would lose all digits.
-        """
-        z, logit_q0 = self.distance(x), x[:, 3, None]
-        q0, lapse = expit(x[:, 3]), expit(-x[:, 3])
-        log_diff = log_different(z, logit_q0)
-        fall = np.expm1(-LN2 * np.square(z))
-        odds = self._different * np.exp(log_expit(logit_q0) - LN2 * np.square(z) - log_diff)
-        share = np.exp(log_expit(-logit_q0) - log_diff)  # (1 - q0) / (1 - q) = (1 + r) d
-        bend = (lapse[:, None] * (1.0 + fall) - _second_rest(LN2 * np.square(z))) * np.exp(-log_diff)
-        gap = share * lapse[:, None] + np.square(q0)[:, None] * fall * np.exp(-log_diff)
-        z1, z_aa = self._distance_derivatives(x, z)
-        gradient, hessian = np.empty(x.shape), np.empty((*x.shape, 4))
-        gradient[:, :3] = 2.0 * LN2 * np.einsum("nj,nji->ni", (odds - self._equal) * z, z1)
-        hessian[:, :3, :3] = 2.0 * LN2 * self._curvature(z, z1, z_aa, odds, bend)
-        hessian[:, :3, 3] = hessian[:, 3, :3] = 2.0 * LN2 * np.einsum("nj,nji->ni", odds * share * z, z1)
-        lost = odds * lapse[:, None]
-        gradient[:, 3] = self._equal.sum() * lapse - lost.sum(axis=1)
-        hessian[:, 3, 3] = -self._equal.sum() * q0 * lapse - (lost * gap).sum(axis=1)
+    def derivatives(self, x: npt.ArrayLike) -> Derivatives:
+        """Gradient (points, k) and Hessian (points, k, k) of the log posterior density, exact."""
+        points = require_points(x, len(self.coordinates))
+        gradient, hessian = self.likelihood_derivatives(points)
+        for block, part in self._parts:
+            slope, bend = block.derivatives(points[:, part], self.prior, self.sbar)
+            gradient[:, part] += slope
+            hessian[:, part, part] += bend
         return gradient, hessian
 
-    def _curvature(self, z: FloatArray, z1: FloatArray, z_aa: FloatArray, odds: FloatArray, bend: FloatArray) -> FloatArray:
-        """Sum over pairs of what 2 ln2 multiplies in the Hessian of (c, a, b), (points, 3, 3).
+    def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
+        """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
+        pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
+        h = np.exp(-x[:, width, None]) / scales.width
+        distance = Distance(self._distance(pulled.pull, scales, x), log_width={width: np.ones((1, 1))})
+        add_numerator(distance, pulled, h, scales)
+        propagator = self.model.propagator
+        if self._intervals is not None and propagator is not None:
+            places = tuple(self._places[name] for name in propagator.coordinates)
+            add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
+        slopes = self.model.link.slopes(distance.z, self._peak(x), *self._counts)
+        return likelihood_derivatives(distance, slopes, self._places.get(_PEAK), x.shape[1])
 
-        z_b = -z and z_ib = -z_i, so rows of b reduce to -2 F z z_i and 2 F z^2 (with -1 in the place of r F for 'equal' answers).
+    # --- What engines ask for -------------------------------------------------------------------------
+
+    def starts(self) -> FloatArray:
+        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out."""
+        subject = self.subject
+        steps = np.abs(subject.s2 - subject.s1)
+        scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
+        peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
+        axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
+        points = np.stack([axis.ravel() for axis in axes], axis=-1)
+        if "offset" in self._places and _PEAK not in self._places:
+            points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
+        points = self._from_typical_interval(points)
+        return points[np.isfinite(self.log_density(points))]
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        return np.concatenate([block.sample(rng, size, self.prior, self.sbar) for block, _ in self._parts], axis=1)
+
+    def levelling(self, modes: FloatArray) -> Levels:
+        """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
+        pull = self.model.pull
+        if pull is not None and pull.centre is not None:
+            return Levelling.at(self, modes, centre=pull.centre, max_pull=pull.span)
+        return Probits(tuple(i for name, i in self._places.items() if name.startswith("logit_")), self._places["log_width"])
+
+    def for_subject(self, subject: Subject) -> Posterior:
+        """The same model with the same prior for other answers or other pairs, offsets counted from the same intensity."""
+        return replace(self, subject=subject, centre=self.sbar)
+
+    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
+        propagator, pull = self.model.propagator, self._pull(x)
+        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
+        return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
+
+    def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
+        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), self._peak(x))[0]))
+
+    # --- What readers ask for -------------------------------------------------------------------------
+
+    @property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        first, *others = (block.names for block in self.model.free)
+        return sum(others, start=first)
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, each with the shape of x without its last axis."""
+        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.sbar).items()}
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged: those that are no monotone function of a single other one."""
+        repeated = self.names.monotone
+        return {name: values for name, values in self.quantities(x).items() if name not in repeated}
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
+        return np.concatenate([block.coordinates_from(quantities, self.sbar) for block in self.model.free], axis=-1)
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
+        for block in self.model.free:
+            if name in block.names.all:
+                known = block.prior_quantile(name, probability, self.prior)
+                return self._drawn_quantile(name, probability) if known is None else known
+        raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+
+    def _drawn_quantile(self, name: str, probability: float) -> float:
+        drawn = self.quantities(self.sample_prior(np.random.default_rng(0), _PRIOR_DRAWS))[name]
+        return float(np.quantile(drawn, probability))
+
+    def natural(self, x: npt.ArrayLike) -> Natural:
+        """The paper's parameters, of a model that has them all, at unconstrained points, shape (..., k)."""
+        found = self.quantities(np.asarray(x, np.float64))
+        return Natural(*(found[name] for name in NATURAL))
+
+    # --- Parts ----------------------------------------------------------------------------------------
+
+    def _pull(self, x: FloatArray) -> FloatArray:
+        """Pull p, shape (points, 1)."""
+        pull = self.model.pull
+        return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
+
+    def _pulled(self, x: FloatArray) -> Pulled:
+        """Offset and pull, with the derivatives of the pull."""
+        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._places.get("offset")
+        if pull is None:
+            none = np.zeros((1, 1))
+            return Pulled(lever, self._offset(x), none, none, none, offset, None)
+        place = self._places[pull.coordinate]
+        a = x[:, place, None]
+        slope = pull.span * expit(a) * expit(-a)
+        return Pulled(lever, self._offset(x), self._pull(x), slope, -slope * np.tanh(0.5 * a), offset, place)
+
+    def _offset(self, x: FloatArray) -> FloatArray:
+        return x[:, self._places["offset"], None] if "offset" in self._places else np.zeros((1, 1))
+
+    def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
+        subject = self.subject
+        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x))
+        with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
+            h = np.exp(-x[:, self._places["log_width"], None]) / scales.width
+            return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
+
+    def _peak(self, x: FloatArray) -> FloatArray:
+        """Logit of the peak, shape (points, 1); infinite where it is 1."""
+        return x[:, self._places[_PEAK], None] if _PEAK in self._places else np.full((len(x), 1), np.inf)
+
+    def _scales(self, x: FloatArray) -> Scales:
+        """Pull and width of every pair over those at one second; one row and column of 1 where nothing depends on the interval."""
+        propagator = self.model.propagator
+        if self._intervals is None or propagator is None:
+            return UNSCALED
+        return self._scales_at(propagator, x, self._intervals[0]).of_pairs(self._intervals[1])
+
+    def _scales_at(self, propagator: Propagator, x: FloatArray, seconds: FloatArray) -> Scales:
+        """Pull and width at intervals over those at one second, (points, k) and (intervals,) -> (points, intervals)."""
+        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), seconds)
+
+    def _growth(self, propagator: Propagator, x: FloatArray) -> Growth:
+        assert self._intervals is not None
+        seconds, which = self._intervals
+        return propagator.growth(*(x[:, self._places[name]] for name in propagator.coordinates), seconds).of_pairs(which)
+
+    def _between_pairs(self, point: FloatArray) -> FloatArray:
+        """Copies of a point with offsets between those that put a pair on the axis, shape (offsets, k).
+
+        Where identical stimuli are never called 'different' such an offset is impossible if the pair ever was: a wall, with a maximum of
+        its own on each side.
         """
-        result = np.empty((len(z), 3, 3))
-        inner = odds * (2.0 * bend - 1.0) - self._equal
-        result[:, :2, :2] = np.einsum("nj,nji,njk->nik", inner, z1[..., :2], z1[..., :2])
-        result[:, 1, 1] += ((odds - self._equal) * z * z_aa).sum(axis=1)
-        outer = 2.0 * (odds * bend - self._equal) * z
-        result[:, :2, 2] = result[:, 2, :2] = -np.einsum("nj,nji->ni", outer, z1[..., :2])
-        result[:, 2, 2] = (outer * z).sum(axis=1)
-        return result
+        walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
+        moved = np.repeat(point[None], len(walls) - 1, axis=0)
+        moved[:, self._places["offset"]] = 0.5 * (walls[1:] + walls[:-1])
+        return moved
 
-    def _distance_derivatives(self, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First derivatives of z in (c, a, b), (points, pairs, 3), and its second in a, (points, pairs)."""
-        _, p1, p2 = pull_derivatives(x[:, 1, None])
-        inverse = np.exp(-x[:, 2, None]) * np.ones_like(z)
-        return np.stack([-inverse, p1 * self._lever * inverse, -z], -1), p2 * self._lever * inverse
-
-
-def starts(subject: Subject) -> FloatArray:
-    """Starting points (18, 4): offsets, pulls and widths on the scale of the stimuli, q0 from the most 'equal' pair."""
-    steps = np.abs(subject.s2 - subject.s1)
-    scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
-    top = float(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max())
-    grid = np.meshgrid([-scale, 0.0, scale], [-2.0, 2.0], np.log(scale) + np.array([-1.0, 0.0, 1.0]), [logit(top)])
-    return np.stack([axis.ravel() for axis in grid], axis=-1)
-
-
-def _second_rest(t: FloatArray) -> FloatArray:
-    """e^-t - 1 + t without cancellation, t >= 0; its series is t^2/2 M(1, 3, -t), M Kummer's function."""
-    small = np.minimum(t, 1.0)
-    return np.where(t < 1.0, 0.5 * np.square(small) * hyp1f1(1.0, 3.0, -small), np.expm1(-t) + t)
+    def _from_typical_interval(self, points: FloatArray) -> FloatArray:
+        """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""
+        propagator = self.model.propagator
+        if propagator is None or self.subject.isi is None:
+            return points
+        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi, self.subject.n_trials))
+        return scale.to_one_second(points, self._places["offset"], self._places["log_width"])

@@ -3,26 +3,33 @@
 mu1 ~ Normal(mu1_mean, mu1_sd), sigma_p ~ HalfNormal(sigma_p_scale), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1), independent.
 The defaults are the paper's V_1 = 10^2 for mu1 and its constraint 0 < sigma_l < sigma_p; q0 has the prior that each frequency
 has under H0.
+
+The numbers are declared in :mod:`bayes_toe.model.prior_fields`, the families in :attr:`Prior.families`; nothing else names them. Another
+prior is a subclass that declares its number, or its family, in one place.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit
+from scipy.special import expit, log_expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian, natural, reach, unconstrained
-
-LOG_2PI = float(np.log(2.0 * np.pi))
+from bayes_toe.model.coordinates import Natural, inverse_pull, reach, unconstrained
+from bayes_toe.model.distributions import LOG_2PI as LOG_2PI
+from bayes_toe.model.distributions import Distribution, HalfNormal, Normal, Random, Uniform
+from bayes_toe.model.prior_fields import PriorFields
 
 
 @dataclass(frozen=True)
-class Prior:
+class Prior(PriorFields):
     """Prior density of (mu1, sigma_p, gamma, q0); all log densities are normalised.
 
     Parameters
@@ -43,28 +50,65 @@ class Prior:
     'mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)'
     """
 
-    mu1_mean: float = 0.0
-    mu1_sd: float = 10.0
-    sigma_p_scale: float = 1.0
+    #: Family of every parameter, independent of the others; it takes the parameter's numbers in the order of their declaration.
+    families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
+        "mu1": Normal,
+        "sigma_p": HalfNormal,
+        "gamma": Uniform,
+        "q0": Uniform,
+    }
 
-    def __post_init__(self) -> None:
-        if not np.isfinite([self.mu1_mean, self.mu1_sd, self.sigma_p_scale]).all():
-            raise InputError("prior: every value must be a finite number")
-        if self.mu1_sd <= 0 or self.sigma_p_scale <= 0:
-            raise InputError("prior: mu1_sd and sigma_p_scale must be positive")
+    @cached_property
+    def distributions(self) -> Mapping[str, Distribution]:
+        """Distribution of mu1, sigma_p, gamma and q0, in this order."""
+        numbers: dict[str, list[float]] = {name: [] for name in self.families}
+        for one in self.declared():
+            numbers[one.parameter].append(getattr(self, one.name))
+        return {name: family(*numbers[name]) for name, family in self.families.items()}
+
+    def distribution(self, parameter: str) -> Distribution:
+        """Distribution of one parameter.
+
+        Raises
+        ------
+        InputError
+            For a parameter that has none of its own.
+
+        Examples
+        --------
+        >>> Prior(mu1_sd=2.0).distribution("mu1")
+        Normal(mean=0.0, sd=2.0)
+        """
+        if parameter not in self.distributions:
+            raise InputError(f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.distributions)}")
+        return self.distributions[parameter]
+
+    @property
+    def penalty(self) -> Normal:
+        """The normal of mu1, which is the penalty of a maximum-likelihood fit.
+
+        Raises
+        ------
+        InputError
+            If this prior's mu1 is not normal.
+        """
+        found = self.distribution("mu1")
+        if not isinstance(found, Normal):
+            raise InputError(f"prior: found mu1 ~ {found.describe()}, allowed as a penalty: a normal")
+        return found
 
     def describe(self) -> str:
         """One line for tables, files and Methods sections."""
-        return f"{self.describe_mu1()}, sigma_p ~ HalfNormal({self.sigma_p_scale:g}), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)"
+        return ", ".join(f"{name} ~ {one.describe()}" for name, one in self.distributions.items())
 
-    def describe_mu1(self) -> str:
-        """The normal of mu1 alone, which is the penalty of a maximum-likelihood fit."""
-        return f"mu1 ~ Normal({self.mu1_mean:g}, {self.mu1_sd:g})"
+    def describe_penalty(self) -> str:
+        """:attr:`penalty` in words."""
+        return f"mu1 ~ {self.penalty.describe()}"
 
     def log_density(self, theta: Natural) -> FloatArray:
         """Log density with respect to (mu1, sigma_p, gamma, q0); -inf outside the support."""
         inside = (theta.sigma_p > 0) & (theta.gamma > 0) & (theta.gamma < 1) & (theta.q0 > 0) & (theta.q0 < 1)
-        return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p), -np.inf)
+        return np.where(inside, self._log_densities(theta, theta.gamma), -np.inf)
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
@@ -73,53 +117,43 @@ class Prior:
         """
         inside = (theta.sigma_p > 0) & (theta.gamma >= 0) & (theta.gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
         volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
-        return np.where(inside, self._log_normals(theta.mu1, theta.sigma_p) + volume, -np.inf)
+        return np.where(inside, self._log_densities(theta, theta.gamma) + volume, -np.inf)
 
     def log_density_unconstrained(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
         """Log density with respect to the unconstrained coordinates x, shape (..., 4) -> (...)."""
         points = np.asarray(x, np.float64)
-        with np.errstate(over="ignore"):  # mu1 or its square beyond the largest float: the density is 0 there
-            theta = natural(points, sbar)
-            return self._log_normals(theta.mu1, theta.sigma_p) + log_jacobian(points)
+        return self.log_density_of_update(points, sbar) + self.log_density_of_peak(points[..., 3])
 
-    def _log_normals(self, mu1: FloatArray, sigma_p: FloatArray) -> FloatArray:
-        of_mu1 = -0.5 * (LOG_2PI + ((mu1 - self.mu1_mean) / self.mu1_sd) ** 2) - np.log(self.mu1_sd)
-        of_sigma = -0.5 * (np.log(np.pi / 2.0) + (sigma_p / self.sigma_p_scale) ** 2) - np.log(self.sigma_p_scale)
-        return np.asarray(of_mu1 + of_sigma)
+    def log_density_of_update(self, x: FloatArray, sbar: float) -> FloatArray:
+        """The part of (mu1, sigma_p, gamma), with respect to (c, logit(p/p_max), log w), of x[..., :3], (..., k) -> (...)."""
+        a, b = x[..., 1], x[..., 2]
+        p = MAX_PULL * expit(a)
+        with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
+            values = {"mu1": sbar + reach(x), "sigma_p": np.exp(b) * (1.0 - p) ** 1.5, "gamma": _noise_ratio(a)}
+            of_pull = np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a)
+            return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()) + of_pull + b)
+
+    def log_density_of_peak(self, logit_q0: FloatArray) -> FloatArray:
+        """The part of q0, with respect to its logit, (...) -> (...)."""
+        return np.asarray(self.distributions["q0"].log_density(expit(logit_q0)) + log_expit(logit_q0) + log_expit(-logit_q0))
+
+    def _log_densities(self, theta: Natural, gamma: FloatArray) -> FloatArray:
+        values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}
+        return np.asarray(sum(one.log_density(values[name]) for name, one in self.distributions.items()))
 
     def derivatives(self, x: npt.ArrayLike, sbar: float) -> tuple[FloatArray, FloatArray]:
         """Gradient (..., 4) and Hessian (..., 4, 4) of :meth:`log_density_unconstrained`."""
         points = np.asarray(x, np.float64)
         gradient, hessian = jacobian_derivatives(points)
         with np.errstate(over="ignore"):  # 1/p^2 is beyond the largest float where p < 1e-154: infinite is right there
-            for part in (self._mu1_derivatives(points, sbar), self._sigma_p_derivatives(points)):
-                gradient += part[0]
-                hessian += part[1]
+            for name, one in self.distributions.items():
+                here = _BENDS[name](points, sbar)
+                first, second = here.pulled_back(one)
+                gradient[..., here.on] += first
+                hessian[..., here.on, here.on] += second
         return gradient, hessian
 
-    def _mu1_derivatives(self, x: FloatArray, sbar: float) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of -(mu1 - mean)^2 / (2 sd^2) with mu1 = sbar + c/p, d(1/p)/da = -expit(-a)/p."""
-        fall, inverse, far = expit(-x[..., 1]), inverse_pull(x[..., 1]), reach(x)
-        first = np.stack([inverse, -far * fall], -1)
-        second = np.stack([np.stack([np.zeros_like(far), -fall * inverse], -1), np.stack([-fall * inverse, far * fall], -1)], -2)
-        score = (sbar - self.mu1_mean + far) / self.mu1_sd**2
-        gradient, hessian = _zeros(x)
-        gradient[..., :2] = -score[..., None] * first
-        steep = first / self.mu1_sd
-        hessian[..., :2, :2] = -steep[..., :, None] * steep[..., None, :] - score[..., None, None] * second
-        return gradient, hessian
-
-    def _sigma_p_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of -sigma_p^2 / (2 scale^2) with log sigma_p = b + 1.5 log(1 - p)."""
-        slope, bend = log_sigma_p_derivatives(x[..., 1])
-        y = (np.exp(x[..., 2]) * (1.0 - MAX_PULL * expit(x[..., 1])) ** 1.5 / self.sigma_p_scale) ** 2
-        gradient, hessian = _zeros(x)
-        gradient[..., 1], gradient[..., 2] = -y * slope, -y
-        hessian[..., 1, 1], hessian[..., 2, 2] = -y * (2.0 * slope**2 + bend), -2.0 * y
-        hessian[..., 1, 2] = hessian[..., 2, 1] = -2.0 * y * slope
-        return gradient, hessian
-
-    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> Natural:
+    def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,).
 
         Examples
@@ -127,14 +161,79 @@ class Prior:
         >>> Prior().sample(np.random.default_rng(1), 3).q0.shape
         (3,)
         """
-        mu1 = rng.normal(self.mu1_mean, self.mu1_sd, size)
-        sigma_p = np.abs(rng.normal(0.0, self.sigma_p_scale, size))
-        gamma, q0 = rng.uniform(size=size), rng.uniform(size=size)
-        return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
+        drawn = {name: one.sample(rng, size) for name, one in self.distributions.items()}
+        return Natural(drawn["mu1"], drawn["sigma_p"], drawn["sigma_p"] * np.sqrt(drawn["gamma"]), drawn["q0"])
 
-    def sample_unconstrained(self, rng: np.random.Generator | np.random.RandomState, size: int, sbar: float) -> FloatArray:
+    def sample_unconstrained(self, rng: Random, size: int, sbar: float) -> FloatArray:
         """Independent draws in unconstrained coordinates, shape (size, 4)."""
         return unconstrained(self.sample(rng, size), sbar)
+
+
+# --- parameters as functions of the unconstrained coordinates (c, a, b, l) -----------------------------------------------------------
+
+
+class _Bend(NamedTuple):
+    """A parameter t near points x: its value (...), and its derivatives (..., k), (..., k, k) in the coordinates it depends on."""
+
+    on: slice
+    value: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+    def pulled_back(self, distribution: Distribution) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of f(t(x)), f the log density of t: f' t_i and f'' t_i t_j + f' t_ij; t_i^2 may be huge, |f''| t_i^2 is not."""
+        slope, curve = (part[..., None] for part in distribution.derivatives(self.value))
+        steep = np.sqrt(np.abs(curve)) * self.first
+        square = np.sign(curve)[..., None] * steep[..., :, None] * steep[..., None, :]
+        return slope * self.first, square + slope[..., None] * self.second
+
+
+def _mu1_bend(x: FloatArray, sbar: float) -> _Bend:
+    """mu1 = sbar + c/p, with d(1/p)/da = -expit(-a)/p."""
+    fall, inverse, far = expit(-x[..., 1]), inverse_pull(x[..., 1]), reach(x)
+    first = np.stack([inverse, -far * fall], -1)
+    return _Bend(slice(0, 2), sbar + far, first, _symmetric(np.zeros_like(far), -fall * inverse, far * fall))
+
+
+def _sigma_p_bend(x: FloatArray, sbar: float) -> _Bend:
+    """sigma_p = exp(b + 1.5 log(1 - p))."""
+    slope, bend = log_sigma_p_derivatives(x[..., 1])
+    value = np.exp(x[..., 2]) * (1.0 - MAX_PULL * expit(x[..., 1])) ** 1.5
+    first = value[..., None] * np.stack([slope, np.ones_like(slope)], -1)
+    return _Bend(slice(1, 3), value, first, _symmetric(value * (slope**2 + bend), value * slope, value))
+
+
+def _gamma_bend(x: FloatArray, sbar: float) -> _Bend:
+    """Noise ratio p/(1 - p)^2, with d gamma/dp = (1 + p)/(1 - p)^3 and its derivative (4 + 2 p)/(1 - p)^4."""
+    p, p1, p2 = pull_derivatives(x[..., 1])
+    slope, bend = (1.0 + p) / (1.0 - p) ** 3, (4.0 + 2.0 * p) / (1.0 - p) ** 4
+    return _Bend(slice(1, 2), _noise_ratio(x[..., 1]), (slope * p1)[..., None], (bend * p1**2 + slope * p2)[..., None, None])
+
+
+def _q0_bend(x: FloatArray, sbar: float) -> _Bend:
+    """q0 = expit(l)."""
+    q0 = expit(x[..., 3])
+    first = q0 * expit(-x[..., 3])
+    return _Bend(slice(3, 4), q0, first[..., None], (first * -np.tanh(0.5 * x[..., 3]))[..., None, None])
+
+
+_BENDS: Mapping[str, Callable[[FloatArray, float], _Bend]] = {
+    "mu1": _mu1_bend,
+    "sigma_p": _sigma_p_bend,
+    "gamma": _gamma_bend,
+    "q0": _q0_bend,
+}
+
+
+def _noise_ratio(a: FloatArray) -> FloatArray:
+    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
+    p = MAX_PULL * expit(a)
+    return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
+
+
+def _symmetric(first: FloatArray, across: FloatArray, second: FloatArray) -> FloatArray:
+    """The matrices [[first, across], [across, second]], shape (..., 2, 2)."""
+    return np.stack([np.stack([first, across], -1), np.stack([across, second], -1)], -2)
 
 
 def pull_derivatives(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

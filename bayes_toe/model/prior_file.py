@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
-from collections.abc import Mapping
-from dataclasses import asdict, fields
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bayes_toe.data.cells import bare, quoted
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import PriorField
 
-#: What a prior file may hold: the values of a :class:`~bayes_toe.model.prior.Prior`.
-KEYS = tuple(field.name for field in fields(Prior))
-#: Beyond these a square would leave the range of floats.
-_SMALLEST, _LARGEST = 1e-100, 1e100
-_NUMBER = f"a number from -{_LARGEST:g} to {_LARGEST:g}"
-_SCALE = f"a number from {_SMALLEST:g} to {_LARGEST:g}"
+AnyPrior = TypeVar("AnyPrior", bound=Prior)
 
 
-def read_prior(path: str | Path) -> Prior:
-    """The prior in a TOML file with some of the keys mu1_mean, mu1_sd and sigma_p_scale, all natural-log intensity.
+def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # type: ignore[assignment]
+    """The prior in a TOML file with some of the numbers that it declares, by name; :func:`example_file` has all, with their units.
 
     Parameters
     ----------
     path : str or Path
         UTF-8; a key that is absent keeps its default.
+    kind : type
+        Of prior; its declaration says which keys there are and which numbers are allowed.
 
     Raises
     ------
@@ -44,11 +40,12 @@ def read_prior(path: str | Path) -> Prior:
     ...     read_prior(file)
     Prior(mu1_mean=0.0, mu1_sd=2.5, sigma_p_scale=1.0)
     """
-    found = _table(path)
-    problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(key, value)]
+    keys = {one.name: one for one in kind.declared()}
+    found = _table(path, keys)
+    problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(keys, key, value)]
     if problems:
         raise InputError(problems)
-    return Prior(**{key: float(value) for key, value in found.items()})
+    return kind(**{key: float(value) for key, value in found.items()})
 
 
 def prior_or_default(path: str | Path | None) -> Prior:
@@ -56,24 +53,23 @@ def prior_or_default(path: str | Path | None) -> Prior:
     return Prior() if path is None else read_prior(path)
 
 
-def example_file() -> str:
+def example_file(kind: type[Prior] = Prior) -> str:
     """A complete prior file with the defaults and what they mean.
 
     Examples
     --------
-    >>> tomllib.loads(example_file()) == asdict(Prior())
-    True
+    >>> print(example_file(), end="")
+    mu1_mean = 0.0       # mean of the normal prior of mu1, natural-log intensity
+    mu1_sd = 10.0        # its standard deviation, natural-log intensity; positive
+    sigma_p_scale = 1.0  # scale of the half-normal prior of sigma_p, natural-log intensity; positive
     """
-    about = {
-        "mu1_mean": "mean of the normal prior of mu1, natural-log intensity",
-        "mu1_sd": "its standard deviation, natural-log intensity; positive",
-        "sigma_p_scale": "scale of the half-normal prior of sigma_p, natural-log intensity; positive",
-    }
-    return "".join(f"{f'{key} = {value!r}':<21}# {about[key]}\n" for key, value in asdict(Prior()).items())
+    lines = {f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
+    width = max(map(len, lines))
+    return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 
 
-def _table(path: str | Path) -> Mapping[str, Any]:
-    lines = ", ".join(f"{key} = NUMBER" for key in KEYS)
+def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
+    lines = ", ".join(f"{key} = NUMBER" for key in keys)
     try:
         return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
     except OSError as error:
@@ -86,19 +82,13 @@ def _table(path: str | Path) -> Mapping[str, Any]:
         raise InputError(f"{path}: found text that is not TOML ({what}), allowed: lines {lines}") from error
 
 
-def _problem(key: str, value: object) -> list[str]:
-    if key not in KEYS:
-        return [f"key {quoted(key)}: unknown, allowed: {', '.join(KEYS)}"]
-    allowed = _NUMBER if key == "mu1_mean" else _SCALE
-    # bool is an int for Python, not for a reader
-    good = isinstance(value, int | float) and not isinstance(value, bool) and _in_range(key, value)
-    return [] if good else [f"key {key}: found {_shown(value)}, allowed: {allowed}"]
-
-
-def _in_range(key: str, value: float) -> bool:
-    if isinstance(value, float) and not math.isfinite(value):
-        return False
-    return abs(value) <= _LARGEST if key == "mu1_mean" else _SMALLEST <= value <= _LARGEST
+def _problem(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
+    if key not in keys:
+        return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
+    one = keys[key]
+    # bool is an int for Python, not for a reader; a NaN is in no range
+    good = isinstance(value, int | float) and not isinstance(value, bool) and one.smallest <= value <= one.largest
+    return [] if good else [f"key {key}: found {_shown(value)}, allowed: {one.allowed}"]
 
 
 def _shown(value: object) -> str:

@@ -39,7 +39,8 @@ import numpy as np
 from scipy.special import expit, exprel
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
-from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
+from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
+from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, softplus_jet
 
 
 class Scales(NamedTuple):
@@ -136,6 +137,58 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, secon
     return Scales(at.pull / one.pull, at.width / one.width)
 
 
+class Growth(NamedTuple):
+    """Logarithmic derivatives of the scales in a propagator's q coordinates.
+
+    `pull` and `width` have shape (q, points, intervals), their second derivatives (q, q, points, intervals).
+    """
+
+    pull: FloatArray
+    pull_bend: FloatArray
+    width: FloatArray
+    width_bend: FloatArray
+
+    def of_pairs(self, which: IndexArray) -> Growth:
+        """The derivatives of pairs, given the place of each pair's interval."""
+        return Growth(*(part[..., which] for part in self))
+
+
+def random_walk_growth(logit_pull: FloatArray, seconds: FloatArray) -> Growth:
+    """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
+
+    With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1), its slope that of p (1 - p)/(1 + p)^3, and
+    du/da = expit(-a) (1 + p_1)/(1 - p_1).
+    """
+    gamma, fall = noise_ratio_at(logit_pull), expit(-logit_pull[:, None])
+    p1, pt = pull(gamma), pull(gamma / seconds)
+    u1 = fall * (1.0 + p1) / (1.0 - p1)
+    u2 = 2.0 * p1 * np.square(fall / (1.0 - p1)) - (1.0 - fall) * u1
+    steep = pt / (1.0 + pt) - p1 / (1.0 + p1)
+    bent = pt * (1.0 - pt) / (1.0 + pt) ** 3 - p1 * (1.0 - p1) / (1.0 + p1) ** 3
+    slope, bend = (steep * u1)[None], (bent * np.square(u1) + steep * u2)[None, None]
+    return Growth(-2.0 * slope, -2.0 * bend, 1.5 * slope, 1.5 * bend)
+
+
+def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, seconds: FloatArray) -> Growth:
+    """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split).
+
+    Both are differences, at t less at one second, of logs of what was lost: see :func:`bayes_toe.model.decay.log_lost_growth`.
+    """
+    lost, split, kept = softplus_jet(logit_pull[:, None]), expit_jet(logit_split[:, None]), expit(-logit_split[:, None])
+
+    def exponent(t: FloatArray, times: float) -> Jet:
+        """1 - s + times s t: m for times = 1, n for times = 2."""
+        per = times * t - 1.0
+        return Jet(kept + split.value * times * t, split.first * per, split.second * per)
+
+    def forms(t: FloatArray) -> Growth:
+        m, n = exponent(t, 1.0), exponent(t, 2.0)
+        whole, twice, mixed = (log_lost_growth(lost, *which) for which in ((m, 1.0), (m, 2.0), (n, 1.0)))
+        return Growth(*whole, *(one - 0.5 * other for one, other in zip(twice, mixed, strict=True)))
+
+    return Growth(*(at - one for at, one in zip(forms(seconds), forms(np.ones(1)), strict=True)))
+
+
 @dataclass(frozen=True)
 class Propagator:
     """How a memory evolves over an interval, as its scales.
@@ -148,12 +201,31 @@ class Propagator:
         Unconstrained coordinates that the scales depend on.
     scales : callable
         From these coordinates, each of shape (points,), and the seconds, shape (intervals,), to :class:`Scales`.
+    growth : callable
+        From the same to the logarithmic derivatives of the scales, :class:`Growth`.
+    units : tuple of (name, unit)
+        Of quantities that are those at one second.
     """
 
     about: str
     coordinates: tuple[str, ...]
     scales: Callable[..., Scales]
+    growth: Callable[..., Growth]
+    units: tuple[tuple[str, str], ...]
 
 
-RANDOM_WALK = Propagator("memory's variance grows by sigma_p^2 a second", ("logit_pull",), random_walk_scales)
-MEAN_REVERSION = Propagator("memory keeps rho over one second, rho^t over t", ("logit_pull", "logit_split"), mean_reverting_scales)
+_SHARE, _INTENSITY = "1, at 1 s", "ln intensity, at 1 s"
+RANDOM_WALK = Propagator(
+    "memory's variance grows by sigma_p^2 a second, with a self-consistent prior for each interval",
+    ("logit_pull",),
+    random_walk_scales,
+    random_walk_growth,
+    (("sigma_p", "ln intensity / s^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+)
+MEAN_REVERSION = Propagator(
+    "memory keeps rho over one second, rho^t over t",
+    ("logit_pull", "logit_split"),
+    mean_reverting_scales,
+    mean_reverting_growth,
+    (("rho", _SHARE), ("gain", _SHARE), ("width", _INTENSITY)),
+)

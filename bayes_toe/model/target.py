@@ -5,7 +5,9 @@ Proposal, sampler and evidence are written against :class:`Target` alone, so eac
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,57 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.model.prior import Prior
+
+Random = np.random.Generator | np.random.RandomState
+
+
+#: The order in which tables and figures name quantities.
+ORDER = ("mu1", "sigma_p", "sigma_l", "rho", "q0", "gamma", "sigma1", "gain", "width", "offset", "pull")
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of quantities: as many natural and as many identified ones as there are coordinates.
+
+    Attributes
+    ----------
+    natural : tuple of str
+        What the model is written in.
+    identified : tuple of str
+        What the answers depend on.
+    derived : tuple of str
+        Further ones that tables report.
+    monotone : tuple of str
+        Those that are a monotone function of a single other one, so that their ranks say nothing new.
+    """
+
+    natural: tuple[str, ...]
+    identified: tuple[str, ...]
+    derived: tuple[str, ...] = ()
+    monotone: tuple[str, ...] = ()
+
+    @property
+    def reported(self) -> tuple[str, ...]:
+        """What tables and files hold: natural and derived, in order."""
+        return _ordered((*self.natural, *self.derived))
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Every name, in order."""
+        return _ordered((*self.natural, *self.derived, *self.identified))
+
+    def __add__(self, other: Names) -> Names:
+        return Names(
+            self.natural + other.natural,
+            self.identified + other.identified,
+            self.derived + other.derived,
+            self.monotone + other.monotone,
+        )
+
+
+def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(sorted(dict.fromkeys(names), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER)))
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
@@ -43,6 +96,19 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
 
+def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
+    counts = subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
+    of_equal, of_different = (_given(count, values) for count, values in zip(counts, log_answers, strict=True))
+    return of_equal + of_different
+
+
+def _given(counts: FloatArray, log_answer: FloatArray) -> FloatArray:
+    """Counts times log probabilities; an answer never given contributes 0, also where its probability is 0."""
+    given = counts > 0.0
+    return counts * log_answer if given.all() else np.where(given, counts * np.where(given, log_answer, 0.0), 0.0)
+
+
 class Levels(Protocol):
     """A bijection between unconstrained coordinates x and levelled ones y, in which mixtures of Student-t densities fit the posterior."""
 
@@ -55,12 +121,50 @@ class Levels(Protocol):
         ...
 
 
+class Described(Protocol):
+    """A record of a model, as tables and files name it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def knows_intervals(self) -> bool:
+        """Whether it says how an inter-stimulus interval acts."""
+        ...
+
+    @property
+    def of_intervals(self) -> str:
+        """What it says of inter-stimulus intervals, in a few words."""
+        ...
+
+    @property
+    def units_at_intervals(self) -> Mapping[str, str]:
+        """Units of quantities that are those at one second where there are several intervals."""
+        ...
+
+    def describe(self, prior: Prior) -> str:
+        """The prior of every free parameter, in words."""
+        ...
+
+
 class Answering(Protocol):
     """A model that gives probabilities of both answers to every pair of one subject; x has shape (points, k)."""
 
     @property
     def subject(self) -> Subject:
         """The counts."""
+        ...
+
+    @property
+    def model(self) -> Described:
+        """Which model."""
+        ...
+
+    @property
+    def prior(self) -> Prior:
+        """The prior of its parameters."""
         ...
 
     @property
@@ -72,24 +176,64 @@ class Answering(Protocol):
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         ...
 
+    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """The same of every pair, (points, k) -> (points, pairs)."""
+        ...
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density, (points, k) -> (points,); proper and normalised."""
+        ...
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Sum of log likelihood and log prior, (points, k) -> (points,); its integral over x is the model's evidence."""
+        ...
+
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
         ...
 
+    @property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        ...
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, (..., k) -> (...) each."""
+        ...
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """The inverse: x, shape (..., k), from natural quantities, each of shape (...)."""
+        ...
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a named quantity."""
+        ...
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        ...
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
+        ...
+
+
+@runtime_checkable
+class Conjugate(Answering, Protocol):
+    """A posterior in closed form: its evidence is exact and its draws are independent."""
+
+    @property
+    def log_evidence(self) -> float:
+        """Exact log evidence, nats."""
+        ...
+
+    def sample(self, rng: Random, size: int) -> FloatArray:
+        """Independent posterior draws, shape (size, k)."""
+        ...
+
 
 class Target(Answering, Protocol):
-    """The posterior of one model of one subject over unconstrained x, shape (points, k); both densities are with respect to x.
-
-    The prior is proper and normalised, so the integral of likelihood times prior over x is the model's evidence.
-    """
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density, (points, k) -> (points,)."""
-        ...
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Their sum, (points, k) -> (points,)."""
-        ...
+    """The posterior of one model of one subject over unconstrained x, shape (points, k), as the engines want it."""
 
     def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Gradient (points, k) and Hessian (points, k, k) of the log density."""
@@ -99,18 +243,10 @@ class Target(Answering, Protocol):
         """Points from which to look for maxima, shape (starts, k), of finite density."""
         ...
 
-    def sample_prior(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
-        ...
-
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
         ...
 
     def for_subject(self, subject: Subject) -> Target:
         """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""
-        ...
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
         ...

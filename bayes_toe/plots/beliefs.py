@@ -11,13 +11,12 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.beliefs import Gaussian, TrialView, noticed, trial_view
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.plots.style import EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, dress, panel
+from bayes_toe.plots.style import BELIEF, EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, dress, panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-BELIEF = "#4B3B8F"
 #: Height of the tallest curve in units of the distance between rows.
 _TALL = 0.78
 #: Least distance of the labels of two stimuli in units of the panel's width.

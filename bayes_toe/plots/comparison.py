@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.exact_random_effects import ExactFrequencies
 from bayes_toe.comparison.ladder_table import ModelComparison
-from bayes_toe.comparison.random_effects import ExactFrequencies, ModelFrequencies
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain, save_figure
+from bayes_toe.comparison.random_effects import ModelFrequencies
+from bayes_toe.plots.figure_files import save_figure
+from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,7 +130,7 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
 
 
 def save_comparison(table: ModelComparison, path: str | Path, *, synthetic: bool = False, overwrite: bool = False) -> Path:
-    """Draw :func:`comparison_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.style.save_figure`."""
+    """Draw :func:`comparison_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.figure_files.save_figure`."""
     return save_figure(comparison_figure(table, synthetic=synthetic), path, overwrite=overwrite)
 
 

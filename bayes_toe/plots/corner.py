@@ -17,10 +17,11 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import IDENTIFIED, NATURAL, QUANTITIES, Natural, quantities
-from bayes_toe.model.interval_posterior import posterior_of
+from bayes_toe.model.coordinates import NATURAL, Natural, quantities
+from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Answering
 from bayes_toe.plots.style import POSTERIOR, WEAKER_FIRST, new_figure, plain
 
 if TYPE_CHECKING:
@@ -41,18 +42,10 @@ LABELS = {
     "width": r"width $w$",
     "offset": r"offset $c$",
     "pull": r"pull $p$",
+    "rho": r"$\rho$",
 }
-COORDINATES = {"natural": NATURAL, "identified": IDENTIFIED}
-#: Where a quantity can lie, if not in (0, inf).
-_SUPPORT = {
-    "mu1": (-np.inf, np.inf),
-    "offset": (-np.inf, np.inf),
-    "q0": (0.0, 1.0),
-    "gamma": (0.0, 1.0),
-    "gain": (1.0 - MAX_PULL, 1.0),
-    "pull": (0.0, MAX_PULL),
-}
-_PRIOR_DRAWS = 200_000
+COORDINATES = ("natural", "identified")
+_PRIOR_DRAWS = 100_000
 _BINS = 40
 
 # Inches: margins with room for tick and axis labels, the gap between panels, a panel, the widest line of the key.
@@ -77,7 +70,7 @@ def corner(
     draws : Draws
     subject : str
     coordinates : {"natural", "identified"} or sequence of str
-        Which quantities; a sequence names posterior variables, `offset` or `pull`.
+        Which quantities; a sequence names quantities of the model, such as `gain`, `offset` or `pull`.
     truths : mapping of str to float, optional
         Known values of a synthetic subject. What follows from them is drawn too: natural parameters are enough for any quantity.
     prior : Prior, optional
@@ -91,16 +84,18 @@ def corner(
     InputError
         For an unknown subject or quantity, no quantity at all, or a true value that cannot be one.
     """
-    names = _names(coordinates)
+    target = draws.posterior(subject)
+    names = _names(coordinates, target)
     samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-    sbar = posterior_of(draws.subject(subject)).sbar
-    known = {} if truths is None else _known(truths, sbar)
-    spans = [_span(name, column) for name, column in zip(names, samples.T, strict=True)]
+    known = {} if truths is None else _known(truths, target)
+    spans = [_span(column, _support(target, name)) for name, column in zip(names, samples.T, strict=True)]
     lines = _title(draws, subject) + _key(len(names), prior is not None, _truth_key(names, spans, known))
     figure = _figure_for(len(names), lines) if fig is None else fig
     axes = _panels(figure, samples, names, spans)
     if prior is not None:
-        _draw_prior(axes, quantities(prior.sample(np.random.default_rng(0), _PRIOR_DRAWS), sbar), names, len(samples))
+        believed = posterior_of(target.subject, prior, model=draws.model)
+        drawn = believed.quantities(believed.sample_prior(np.random.default_rng(0), _PRIOR_DRAWS))
+        _draw_prior(axes, drawn, names, len(samples))
     _draw_truths(axes, names, known)
     for i, span in enumerate(spans):
         _draw_ticks(axes, i, span)
@@ -108,22 +103,36 @@ def corner(
     return figure
 
 
-def _names(coordinates: str | Sequence[str]) -> tuple[str, ...]:
+def _names(coordinates: str | Sequence[str], target: Answering) -> tuple[str, ...]:
     if not isinstance(coordinates, str):
         if len(coordinates) == 0:
-            raise InputError(f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(QUANTITIES)}")
+            raise InputError(f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(target.names.all)}")
         return tuple(coordinates)
     if coordinates not in COORDINATES:
         raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
-    return COORDINATES[coordinates]
+    return target.names.natural if coordinates == "natural" else target.names.identified
 
 
-def _span(name: str, values: FloatArray) -> tuple[float, float]:
+def _label(name: str) -> str:
+    return LABELS.get(name, name)
+
+
+def _support(target: Answering, name: str) -> tuple[float, float]:
+    """Where a quantity can lie."""
+    if name in ("mu1", "offset"):
+        return -np.inf, np.inf
+    if name in ("gamma", "rho") or name.startswith("q"):
+        return 0.0, 1.0
+    if name in ("gain", "pull"):  # as far as the model's prior reaches
+        return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
+    return 0.0, np.inf
+
+
+def _span(values: FloatArray, support: tuple[float, float]) -> tuple[float, float]:
     """Axis limits from quantiles, within the support: a few draws far out in a funnel do not squeeze the rest into one bin."""
     low, high = np.quantile(values, [0.005, 0.995])
     pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
-    least, most = _SUPPORT.get(name, (0.0, np.inf))
-    return max(float(low - pad), least), min(float(high + pad), most)
+    return max(float(low - pad), support[0]), min(float(high + pad), support[1])
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
@@ -140,7 +149,7 @@ def _panels(figure: Figure, samples: FloatArray, names: Sequence[str], spans: Se
         fig=figure,
         bins=_BINS,
         range=list(spans),
-        labels=[LABELS[name] for name in names],
+        labels=[_label(name) for name in names],
         quantiles=(0.05, 0.5, 0.95),
         levels=(0.5, 0.9),
         color=POSTERIOR,
@@ -164,23 +173,28 @@ def _draw_prior(axes: npt.NDArray[Any], prior: Mapping[str, FloatArray], names: 
 # --- true values --------------------------------------------------------------------------------------------------------------------
 
 
-def _known(truths: Values, sbar: float) -> dict[str, float]:
+def _known(truths: Values, target: Answering) -> dict[str, float]:
     """The true values given and all that follow from them."""
+    allowed = target.names.all
     for name, value in truths.items():
-        if name not in QUANTITIES:
-            raise InputError(f"truths: unknown quantity {name!r}; there are: {', '.join(QUANTITIES)}")
+        if name not in allowed:
+            raise InputError(f"truths: unknown quantity {name!r}; there are: {', '.join(allowed)}")
         if not np.isfinite(value) or (name == "sigma_p" and value <= 0):
             raise InputError(f"truths: {name}={value!r}, allowed: a {'positive ' if name == 'sigma_p' else ''}finite number")
     # NaN stands for what was not given, and marks what cannot be known without it.
-    theta = Natural(*(np.asarray(truths.get(name, np.nan), np.float64) for name in NATURAL))
-    follow = {name: float(value) for name, value in quantities(theta, sbar).items() if np.isfinite(value)}
+    given = {name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural}
+    if isinstance(target, Posterior) and set(NATURAL) <= set(given):  # the paper's parameters may also lie outside the prior's support
+        found = quantities(Natural(*(given[name] for name in NATURAL)), target.sbar)
+    else:
+        found = target.quantities(target.points(given))
+    follow = {name: float(value) for name, value in found.items() if np.isfinite(value)}
     return {**follow, **truths}
 
 
 def _truth_key(names: Sequence[str], spans: Sequence[tuple[float, float]], known: Values) -> list[str]:
     """What the key says of true values: nothing where none is shown, and which lie outside their panels."""
     shown = [(name, known[name], low <= known[name] <= high) for name, (low, high) in zip(names, spans, strict=True) if name in known]
-    outside = [f"{LABELS[name]} = {value:.5g}".replace("-", "−") for name, value, inside in shown if not inside]
+    outside = [f"{_label(name)} = {value:.5g}".replace("-", "−") for name, value, inside in shown if not inside]
     lines = ["red: true value"] if len(outside) < len(shown) else []
     return lines + ([f"true value outside: {', '.join(outside)}"] if outside else [])
 
@@ -270,6 +284,7 @@ class _Line:
 
 def _title(draws: Draws, subject: str) -> list[_Line]:
     lines = [_Line(plain(subject), 14.0, "bold", "black")]
+    lines.append(_Line(draws.model, 11.0, colour="black"))
     lines += [_Line("synthetic data", 11.0, colour="black")] if draws.synthetic else []
     return lines + ([_Line("NOT CONVERGED", 13.0, "bold", "black")] if subject in draws.not_converged else [])
 

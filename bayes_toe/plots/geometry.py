@@ -9,25 +9,27 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.geometry import axis_band, axis_properties, plane
+from bayes_toe.plots.curves import thinned
 from bayes_toe.plots.style import (
-    EQUAL,
     LETTERS,
+    ORDERS,
     PAGE,
     SMALL,
     STRONGER_FIRST,
-    WEAKER_FIRST,
     dress,
+    dress_bar,
     even_columns,
+    first_panels,
     legend_below,
     new_figure,
     panel,
     plain,
-    thinned,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +48,6 @@ _LABELS = {
     "slope": r"slope of the axis $K$",
     "prefactor": r"prefactor of the intercept $p$",
 }
-_KINDS = ((-1, WEAKER_FIRST, "o", "weaker first"), (1, STRONGER_FIRST, "s", "stronger first"), (0, EQUAL, "D", "equal stimuli"))
 
 
 def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band: float = 0.6) -> Axes:
@@ -79,12 +80,12 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
     for edge in (line.s2[0], line.s2[2]):
         ax.plot(side, edge, ":", color=AXIS, lw=0.9)
     refuse_intervals([counts], "plane of pairs")
-    order, crowded = np.sign(counts.s1 - counts.s2), counts.n_pairs > 60
-    for kind, colour, marker, label in _KINDS:
+    order, crowded = presentation_order(counts), counts.n_pairs > 60
+    for kind, mark in ORDERS.items():
         at = order == kind
         if at.any():
-            mark: dict[str, Any] = {"ms": 2.0, "mew": 0.6} if crowded else {"ms": 4.6, "mew": 1.2}
-            ax.plot(counts.s1[at], counts.s2[at], marker, mfc="white", mec=colour, label=label, zorder=4, **mark)
+            style: dict[str, Any] = {"ms": 2.0, "mew": 0.6} if crowded else {"ms": 4.6, "mew": 1.2}
+            ax.plot(counts.s1[at], counts.s2[at], mark.marker, mfc="white", mec=mark.colour, label=mark.label, zorder=4, **style)
     ax.set(xlim=(low, high), ylim=(low, high), xlabel="first stimulus $s_1$ (ln intensity)", ylabel="second stimulus $s_2$ (ln intensity)")
     ax.set_aspect("equal")
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
@@ -105,21 +106,14 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     across = even_columns(len(subjects), _ACROSS)
     down = -(-len(subjects) // across)
     figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
-    panels = figure.subplots(down, across, squeeze=False)
-    for i, ax in enumerate(panels.ravel()):
-        if i >= len(subjects):
-            ax.remove()
-            continue
-        plane_axes(draws.subject(subjects[i]), draws.natural(subjects[i]), ax)
-        ax.set_title(plain(subjects[i], 20) + (" (synthetic)" if draws.synthetic else ""), fontsize=LETTERS)
+    panels = first_panels(figure.add_gridspec(down, across), len(subjects))
+    for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
+        plane_axes(draws.subject(subject), draws.natural(subject), ax)
+        ax.set_title(plain(subject, 20) + (" (synthetic)" if draws.synthetic else ""), fontsize=LETTERS)
         if i % across:
             ax.set_ylabel("")
-    bar = figure.colorbar(
-        ScalarMappable(cmap=_greys()), ax=panels.ravel()[: len(subjects)].tolist(), fraction=0.02, pad=0.01, aspect=30, shrink=0.85
-    )
-    bar.set_label("P('equal')", fontsize=LETTERS)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-    bar.outline.set_linewidth(0.6)
+    bar = figure.colorbar(ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
+    dress_bar(bar, "P('equal')")
     legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
     return figure
 

@@ -14,23 +14,18 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.intervals import at_interval, equal_probability_at, gain_at, require_intervals
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.intervals import require_intervals
+from bayes_toe.plots.curves import CURVE_DRAWS, draw_band, draw_points, order_panel
 from bayes_toe.plots.style import (
     EQUAL,
+    ORDERS,
     POSTERIOR,
-    STRONGER_FIRST,
-    WEAKER_FIRST,
-    Mark,
-    draw_band,
-    draw_points,
     dress,
     legend_below,
     new_figure,
-    order_panel,
     panel,
     plain,
-    thinned,
 )
 from bayes_toe.plots.subject import main_weaker
 
@@ -65,7 +60,7 @@ def interval_gain_axes(draws: Draws, subject: str, ax: Axes | None = None, *, is
     """
     tested = _tested(draws, subject)
     ax, x = panel(ax), _range(tested, isi)
-    draw_band(ax, x, gain_at(thinned(draws.natural(subject)), x), POSTERIOR, 1.3)
+    draw_band(ax, x, _fitted(draws, subject).gain(x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
     _dress(ax, x, tested)
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
@@ -97,21 +92,17 @@ def interval_answers_axes(
         For an unknown subject, draws without intervals, or an interval that is not positive and finite.
     """
     counts, tested = draws.subject(subject), _tested(draws, subject)
-    ax, x, theta = panel(ax), _range(tested, isi), thinned(draws.natural(subject))
+    ax, x, fitted = panel(ax), _range(tested, isi), _fitted(draws, subject)
     weak, strong = sorted(_shown_pair(counts) if pair is None else pair)
-    orders = [
-        (weak, strong, Mark(WEAKER_FIRST, "o", "weaker first", _SIZE)),
-        (strong, weak, Mark(STRONGER_FIRST, "s", "stronger first", _SIZE)),
-    ]
-    if weak == strong:
-        orders = [(weak, weak, Mark(EQUAL, "D", "equal stimuli", _SIZE))]
-    for s1, s2, mark in orders:
-        draw_band(ax, x, equal_probability_at(s1, s2, x, theta), mark.colour, 1.3)
+    orders = {-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}
+    for order, (s1, s2) in orders.items():
+        mark = ORDERS[order]
+        draw_band(ax, x, fitted.equal(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
         at = (counts.s1 == s1) & (counts.s2 == s2)
         if counts.isi is not None and at.any():
             shown = Subject(subject, counts.s1[at], counts.s2[at], counts.n_equal[at], counts.n_trials[at], counts.isi[at])
-            beside = (x[-1] / x[0]) ** (_APART * np.sign(s1 - s2))
-            draw_points(ax, counts.isi[at] * beside, shown, np.ones(shown.n_pairs, np.bool_), mark)
+            beside = (x[-1] / x[0]) ** (_APART * order)
+            draw_points(ax, counts.isi[at] * beside, shown, np.ones(shown.n_pairs, np.bool_), mark, size=_SIZE)
     _dress(ax, x, tested)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
     ax.set(ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
@@ -139,25 +130,29 @@ def interval_curves(draws: Draws, subject: str) -> Figure:
         wide = 6 // across
         ax = figure.add_subplot(grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first)
         first = ax if first is None else first
-        _draw_interval(ax, counts, thinned(draws.natural(subject)), isi, weaker)
+        _draw_interval(ax, counts, _fitted(draws, subject), isi, weaker)
         ax.set_ylabel("P('equal')" if i % across == 0 else "")
         dress(ax)
     if rows:
         legend_below(figure, size=8.0)
     interval_gain_axes(draws, subject, figure.add_subplot(grid[rows, :3]))
     interval_answers_axes(draws, subject, figure.add_subplot(grid[rows, 3:]))
-    figure.suptitle(plain(subject) + (" (synthetic data)" if draws.synthetic else ""), fontsize=11)
+    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=11)
     return figure
 
 
-def _draw_interval(ax: Axes, counts: Subject, theta: Natural, isi: float, weaker: float | None) -> None:
-    """One panel of both orders: at this interval the paper's model holds with sigma_p sqrt(isi)."""
+def _draw_interval(ax: Axes, counts: Subject, fitted: Predictor, isi: float, weaker: float | None) -> None:
+    """One panel of both orders at one interval."""
     here = counts.at_isi(isi)
     low = main_weaker(here) if weaker is None or not _has(here, weaker) else weaker
     if low is None:
         low = float(here.s1.min())
-    order_panel(ax, here, at_interval(theta, isi), low, size=_SIZE)
+    order_panel(ax, here, lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi)), low, size=_SIZE)
     ax.set(title=f"{isi:g} s", xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
+
+
+def _fitted(draws: Draws, subject: str) -> Predictor:
+    return Predictor.of(draws, subject, most=CURVE_DRAWS)
 
 
 def _has(counts: Subject, weaker: float) -> bool:

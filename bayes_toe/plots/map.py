@@ -12,7 +12,20 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.plots.style import COLUMN, EQUAL, LETTERS, PAGE, SMALL, any_characters, dress, legend_below, new_figure, panel, plain
+from bayes_toe.plots.style import (
+    COLUMN,
+    EQUAL,
+    PAGE,
+    SMALL,
+    any_characters,
+    dress,
+    dress_bar,
+    first_panels,
+    legend_below,
+    new_figure,
+    panel,
+    plain,
+)
 from bayes_toe.plots.subject import answers_axes, central
 
 if TYPE_CHECKING:
@@ -166,15 +179,13 @@ def farthest(values: Sequence[float], count: int) -> list[int]:
 def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str, str]) -> None:
     """Small panels in the order of their letters, at least three rows high so that they stay small."""
     down = max(-(-len(letters) // _ACROSS), 3)
-    panels = place.subgridspec(down, _ACROSS).subplots(squeeze=False, sharey=True)
+    panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
     for i, (name, letter) in enumerate(letters.items()):
-        ax = answers_axes(draws.subject(name), draws.natural(name), panels[divmod(i, _ACROSS)], size=2.8)
+        ax = answers_axes(draws.subject(name), draws.natural(name), panels[i], size=2.8)
         ax.set_title(f"{letter}: {plain(name, 12)}", fontsize=SMALL, pad=2.0)
         last = i + _ACROSS >= len(letters)
         ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
         ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)
-    for ax in panels.ravel()[len(letters) :]:
-        ax.remove()
     legend_below(figure, size=SMALL)
 
 
@@ -214,9 +225,7 @@ def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> d
     values = [sigma_l[name] for name in clouds]
     scale = ScalarMappable(Normalize(min(0.0, *values) if len(values) > 1 else 0.0, max(values)), COLOURS)
     bar = ax.figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
-    bar.set_label(r"likelihood noise $\sigma_\ell$ (ln intensity)", fontsize=LETTERS)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-    bar.outline.set_linewidth(0.6)
+    dress_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
     return {name: scale.to_rgba(np.array([value]))[0] for name, value in zip(clouds, values, strict=True)}
 
 

@@ -4,37 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.api import Analysis
+from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.data.whole_files import whole_folder
+from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes
+from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
-from bayes_toe.plots.style import (
-    COLUMN,
-    PAGE,
-    SMALL,
-    any_characters,
-    dress,
-    evidence_axes,
-    evidence_plane_axes,
-    legend_above,
-    new_figure,
-    picture,
-    plain,
-)
+from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
 from bayes_toe.plots.subject import central, examples_figure
-from bayes_toe.workers import Progress, run_jobs
+from bayes_toe.workers import Progress, run_in_order
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -258,13 +249,6 @@ def products(formats: Sequence[str]) -> tuple[str, ...]:
     return (*(f"{name}.{suffix}" for name in FIGURES for suffix in dict.fromkeys(formats)), CAPTIONS)
 
 
-@dataclass(frozen=True, eq=False)
-class _Drawing:
-    name: str
-    material: Material
-    formats: tuple[str, ...]
-
-
 def write_figures(
     analysis: Analysis,
     folder: str | Path,
@@ -301,24 +285,23 @@ def write_figures(
         If the folder cannot be written or holds products already; nothing is changed then.
     """
     names, material = products(formats), material_of(analysis, subjects)
-    missing = left_out(material)
-    jobs = [_Drawing(name, material, tuple(dict.fromkeys(formats))) for name in FIGURES if name not in missing]
+    shown = [name for name in FIGURES if name not in left_out(material)]
+    jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
     with whole_folder(folder, names, overwrite=overwrite) as target:
-        for index, files in run_jobs(_draw, jobs, workers):
+        for name, files in zip(shown, run_in_order(jobs, workers, progress, [(name,) for name in shown]), strict=True):
             for suffix, content in files.items():
-                (target / f"{jobs[index].name}.{suffix}").write_bytes(content)
-            if progress is not None:
-                progress(jobs[index].name)
+                (target / f"{name}.{suffix}").write_bytes(content)
         (target / CAPTIONS).write_text(captions(material), encoding="utf-8")
     return Path(folder)
 
 
-def _draw(job: _Drawing) -> dict[str, bytes]:
-    figure = FIGURES[job.name](job.material)
+def _draw(name: str, material: Material, formats: Sequence[str]) -> dict[str, bytes]:
+    """One figure in every format, by suffix."""
+    figure = FIGURES[name](material)
     with any_characters():
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, so that every format has it alike
-    return {suffix: picture(figure, suffix, dpi=_DPI) for suffix in job.formats}
+    return {suffix: picture(figure, suffix, dpi=_DPI) for suffix in formats}
 
 
 # --- captions -----------------------------------------------------------------------------------------------------------------------

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SCALES, SensitivityRow, SensitivityTable
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, legend_above, new_figure, panel, plain, save_figure
+from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SensitivityRow, SensitivityTable
+from bayes_toe.plots.figure_files import save_figure
+from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, legend_above, new_figure, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-_COLOURS = {"mu1_sd": STRONGER_FIRST, "sigma_p_scale": "#CC79A7"}
-_LABELS = {"mu1_sd": "sd of mu1", "sigma_p_scale": "scale of sigma_p"}
-_MARKERS = {"mu1_sd": "o", "sigma_p_scale": "s"}
+#: Of the scales and shapes of a prior in their order; a prior with more of them starts anew.
+_COLOURS, _MARKERS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00"), ("o", "s", "^", "D")
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 
@@ -42,12 +42,12 @@ def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = No
     ax.axhline(0.0, color="black", lw=0.8, zorder=1)
     ax.axvline(1.0, color=EQUAL, lw=0.8, ls=":", zorder=1)
     ax.set_xscale("log")
-    for varied in SCALES:
-        _draw_scale(ax, table.of(subject, varied))
-        _mark_turns(ax, table, subject, varied)
-    factors = [row.factor for row in table.of(subject, SCALES[0]) if row.factor is not None]
+    for place, varied in enumerate(table.scales):
+        _draw_scale(ax, table.of(subject, varied), place)
+        _mark_turns(ax, table, subject, place)
+    factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
     _dress_factors(ax, min(factors), max(factors))
-    _set_limits(ax, [row for varied in SCALES for row in table.of(subject, varied)])
+    _set_limits(ax, [row for varied in table.scales for row in table.of(subject, varied)])
     ax.set(xlabel="factor on the prior's scale", ylabel="log Bayes factor (nats)")
     if own:
         legend_above(ax, columns=2)
@@ -62,11 +62,8 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
     figure = new_figure(max(_WIDE * across + 0.4, 3.4), _HIGH * down + 1.0)
-    panels = figure.subplots(down, across, squeeze=False)
-    for ax, name in zip(panels.ravel(), names, strict=False):
+    for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         sensitivity_axes(table, name, ax).set(xlabel="", ylabel="")
-    for ax in panels.ravel()[len(names) :]:
-        ax.remove()
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
     figure.supxlabel("factor on the prior's scale" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS)
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
@@ -76,13 +73,13 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
 
 
 def save_sensitivity(table: SensitivityTable, path: str | Path, *, synthetic: bool = False, overwrite: bool = False) -> Path:
-    """Draw :func:`sensitivity_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.style.save_figure`."""
+    """Draw :func:`sensitivity_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.figure_files.save_figure`."""
     return save_figure(sensitivity_figure(table, synthetic=synthetic), path, overwrite=overwrite)
 
 
-def _draw_scale(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
-    varied = rows[0].varied
-    colour, marker = _COLOURS[varied], _MARKERS[varied]
+def _draw_scale(ax: Axes, rows: Sequence[SensitivityRow], place: int) -> None:
+    colour, marker = _COLOURS[place % len(_COLOURS)], _MARKERS[place % len(_MARKERS)]
+    label = rows[0].prior.declared_as(rows[0].varied).label
     factor = np.array([row.factor for row in rows], np.float64)
     value = np.array([row.log_bayes_factor for row in rows], np.float64)  # None becomes NaN: a gap
     error = np.array([row.se for row in rows], np.float64)
@@ -90,19 +87,19 @@ def _draw_scale(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
     ax.plot(factor, value, "-", color=colour, lw=1.0)
     for old in (True, False):
         at = np.array([(row.method == REWEIGHTED) == old for row in rows])
-        said = f"{_LABELS[varied]}, {'re-weighted' if old else 'sampled anew'}"
+        said = f"{label}, {'re-weighted' if old else 'sampled anew'}"
         ax.plot(
             factor[at], value[at], marker, ms=3.2, color=colour, mfc=colour if old else "white", mew=0.8, label=said if at.any() else None
         )
 
 
-def _mark_turns(ax: Axes, table: SensitivityTable, subject: str, varied: str) -> None:
+def _mark_turns(ax: Axes, table: SensitivityTable, subject: str, place: int) -> None:
+    varied, colour, above = table.scales[place], _COLOURS[place % len(_COLOURS)], place % 2 == 0
     given = getattr(table.prior, varied)
     for value in table.turns(subject, varied):
-        ax.plot(value / given, 0.0, "x", ms=6.5, mew=1.6, color=_COLOURS[varied], zorder=4)
-        above = varied == SCALES[0]
+        ax.plot(value / given, 0.0, "x", ms=6.5, mew=1.6, color=colour, zorder=4)
         style: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "textcoords": "offset points"}
-        ax.annotate(f"{value:.2g}", (value / given, 0.0), (0, 5 if above else -5), fontsize=SMALL, color=_COLOURS[varied], **style)
+        ax.annotate(f"{value:.2g}", (value / given, 0.0), (0, 5 if above else -5), fontsize=SMALL, color=colour, **style)
 
 
 def _dress_factors(ax: Axes, low: float, high: float) -> None:

@@ -9,29 +9,26 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
-from bayes_toe.comparison.predictive_checks import collapse, universal_curve
+from bayes_toe.classical.collapse import collapse, universal_curve
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.interval_posterior import posterior_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
+from bayes_toe.plots.curves import natural_curve, order_panel
 from bayes_toe.plots.style import (
+    BELIEF,
     COLUMN,
-    EQUAL,
     LETTERS,
+    ORDERS,
     PAGE,
     SMALL,
-    STRONGER_FIRST,
-    WEAKER_FIRST,
     dress,
     even_columns,
     legend_below,
     new_figure,
-    order_panel,
     panel,
     plain,
-    thinned,
 )
 
 if TYPE_CHECKING:
@@ -39,10 +36,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PRIOR_BELIEF = "#4B3B8F"
 _ACROSS = 3  # columns of one block of rows
 _SHADOWS = 40  # draws whose priors are shown behind the central one
-_KINDS = ((-1, WEAKER_FIRST, "o"), (1, STRONGER_FIRST, "s"), (0, EQUAL, "D"))
 
 
 def central(draws: Draws, subject: str) -> Natural:
@@ -89,7 +84,7 @@ def answers_axes(
     ax = panel(ax, high=2.4)
     reference = main_weaker(counts) if weaker is None else weaker
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
-    order_panel(ax, counts, thinned(theta), low, size=size)
+    order_panel(ax, counts, natural_curve(theta), low, size=size)
     high = _strongest(counts, low)
     pad = max(0.06 * (high - low), 0.05)
     ax.set(xlim=(low - pad, high + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
@@ -128,9 +123,9 @@ def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None
     x, peak = np.linspace(low, high, 400), float(prior.density(prior.mean))
     every = max(1, theta.mu1.size // _SHADOWS)
     some = steady_prior(*(np.ravel(values)[every // 2 :: every, None] for values in (theta.mu1, theta.sigma_p, theta.sigma_l)))
-    ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=PRIOR_BELIEF, lw=0.4, alpha=0.25)
-    ax.fill_between(x, 0.0, prior.density(x) / peak, color=PRIOR_BELIEF, alpha=0.18, lw=0)
-    ax.plot(x, prior.density(x) / peak, color=PRIOR_BELIEF, lw=1.4)
+    ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
+    ax.fill_between(x, 0.0, prior.density(x) / peak, color=BELIEF, alpha=0.18, lw=0)
+    ax.plot(x, prior.density(x) / peak, color=BELIEF, lw=1.4)
     ax.plot(stimuli, np.full_like(stimuli, -0.09), "^", ms=4.0, color="black", mec="white", mew=0.4, clip_on=False)
     centre, noise = float(stimuli.mean()), float(middle.sigma_l)
     ax.plot([centre - noise, centre + noise], [-0.3, -0.3], color="#333333", lw=2.2, solid_capstyle="butt")
@@ -157,7 +152,7 @@ def _point_outside(ax: Axes, mean: float, low: float, high: float) -> None:
     if low <= mean <= high:
         return
     side, way = (0.02, 1.0) if mean < low else (0.98, -1.0)
-    style: dict[str, Any] = {"arrowstyle": "->", "color": PRIOR_BELIEF, "lw": 1.2}
+    style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
     ax.annotate("", (side, 0.6), (side + 0.14 * way, 0.6), xycoords="axes fraction", textcoords="axes fraction", arrowprops=style)
 
 
@@ -177,18 +172,21 @@ def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, ma
         Of the marks, points.
     """
     ax = panel(ax, high=2.2)
-    posterior = Posterior(counts)
+    refuse_intervals([counts], "collapse of both orders")
+    posterior = posterior_of(counts)
     found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=mass)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
     ax.plot(x, universal_curve(x), color="#333333", lw=1.2)
     crowded = counts.n_pairs > 60
-    for order, colour, marker in _KINDS:
+    for order, mark in ORDERS.items():
         at = found.order == order
         if at.any():
             across = np.stack([found.z - found.z_low, found.z_high - found.z])[:, at]
             style: dict[str, Any] = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": size, "elinewidth": size / 5.0}
-            ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, fmt=marker, color=colour, mec="white", mew=0.4, **style)
+            ax.errorbar(
+                found.z[at], found.ratio[at], found.error[at], across, fmt=mark.marker, color=mark.colour, mec="white", mew=0.4, **style
+            )
     top = max(1.14, 1.04 * float((found.ratio + found.error).max()))
     ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=r"P('equal')$/q_0$")
     return dress(ax)

@@ -63,7 +63,7 @@ def chosen_cases(ordinary: Sequence[str], hard: Sequence[str] | None) -> tuple[l
     subjects = [(ORDINARY, study[name]) for name in ordinary] + [(HARD, collection[name]) for name in names]
     ready = [(kind, subject) for kind, subject in subjects if subject.name in stored["cases"]]
     missing = [subject.name for kind, subject in subjects if subject.name not in stored["cases"]]
-    return [Case(kind, bt.Posterior(subject), _reference(stored["cases"][subject.name], subject)) for kind, subject in ready], missing
+    return [Case(kind, bt.posterior_of(subject), _reference(stored["cases"][subject.name], subject)) for kind, subject in ready], missing
 
 
 def _reference(case: dict[str, object], subject: bt.Subject) -> Reference:

@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.posterior import Parts, Posterior
+from bayes_toe.model.posterior import Posterior
 
 
 class Counting(Posterior):
     """The same posterior; `evaluations` is the count."""
 
     def __init__(self, posterior: Posterior) -> None:
-        super().__init__(posterior.subject, posterior.prior)
+        super().__init__(posterior.subject, posterior.model, posterior.prior)
         object.__setattr__(self, "_inside", False)
         object.__setattr__(self, "evaluations", 0)
 
@@ -32,9 +32,6 @@ class Counting(Posterior):
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         return self._counted("log_density", x)  # type: ignore[return-value]
-
-    def parts(self, x: npt.ArrayLike) -> Parts:
-        return self._counted("parts", x)  # type: ignore[return-value]
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         return self._counted("log_likelihood", x)  # type: ignore[return-value]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_toe.comparison.evidence_table import importance_evidence
+from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import adapt_proposal, fit_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.cases import Case
@@ -41,7 +41,8 @@ def prepare_importance(case: Case) -> Prepared:
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
         fitted = fit_proposal(posterior, _stream(posterior, seed), maxima=find_maxima(posterior), draws=effort)
-        value, error, why_not = importance_evidence(fitted)
+        estimate = importance_evidence(fitted)
+        value, error, why_not = estimate.value, estimate.se, estimate.why_not
         return Outcome(
             WEIGHTED,
             natural_draws(*posterior.natural(fitted.draws.x)),

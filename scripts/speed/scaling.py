@@ -12,8 +12,8 @@ import numpy as np
 
 import bayes_toe as bt
 from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference.adaptation import adapt_proposal
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import adapt_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.seeds import generator
 from speed.counting import Counting
@@ -91,13 +91,13 @@ def _subject(pairs: int, trials: int) -> bt.Subject:
         sides = (np.linspace(0.0, 0.6, size) for size in _GRIDS[pairs])
         s1, s2 = (side.ravel() for side in np.meshgrid(*sides, indexing="ij"))
     n = trials // pairs + (np.arange(pairs) < trials % pairs)
-    q = bt.equal_probability(s1, s2, mu1=-0.5, sigma_p=0.25, sigma_l=0.14, q0=0.9)
+    q = bt.model.equal_probability(s1, s2, mu1=-0.5, sigma_p=0.25, sigma_l=0.14, q0=0.9)
     rounding = (np.arange(pairs) * (np.sqrt(5.0) - 1.0) / 2.0) % 1.0
     return bt.Subject(f"{pairs} pairs, {trials} trials", s1, s2, np.floor(q * n + rounding).astype(np.int64).clip(0, n), n)
 
 
 def _timed(subject: bt.Subject, seed: int) -> Timing:
-    posterior = Counting(bt.Posterior(subject))
+    posterior = Counting(bt.posterior_of(subject))
     clock = [time.perf_counter()]
     maxima = find_maxima(posterior)
     clock.append(time.perf_counter())

@@ -37,7 +37,7 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, mu1
     assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
     wrong_weak, wrong_strong = row.maximal.q_weak_first, row.maximal.q_strong_first
     assert sign * (wrong_strong - wrong_weak) > 0
-    q = [float(bt.equal_probability(*pair, mu1, 0.25, 0.18, 0.9)) for pair in ((0.3, 0.0), (0.0, 0.3))]
+    q = [float(bt.model.equal_probability(*pair, mu1, 0.25, 0.18, 0.9)) for pair in ((0.3, 0.0), (0.0, 0.3))]
     assert np.sign(q[0] - q[1]) == sign
 
 

@@ -91,7 +91,7 @@ def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
     for i, (low, high) in enumerate(replicates.intervals(0.9)):
         assert ((values[:, i] >= low) & (values[:, i] <= high)).mean() == pytest.approx(0.9, abs=0.01)
     subject = SUBJECTS["S01"]
-    q = np.array([bt.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
+    q = np.array([bt.model.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
     assert replicates.bands(subject.s1, subject.s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
     squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
     assert replicates.covariance() == pytest.approx(np.cov(squares.T))
@@ -176,7 +176,7 @@ def test_wrong_options_raise(small_study):
 
 def test_posterior_and_bootstrap_side_by_side(analysis):
     table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
-    frame = bt.compare_intervals(analysis.draws, table)
+    frame = bt.uncertainty_table(analysis.draws, table)
     assert len(frame) == 4 * len(analysis.study)
     row = frame[(frame.subject == "A") & (frame.parameter == "q0")].iloc[0]
     assert row.posterior_lower < row.posterior_median < row.posterior_upper
@@ -184,4 +184,4 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     assert (row.posterior_lower, row.posterior_upper) == pytest.approx((low, high))
     assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(tuple(table["A"].bootstrap.intervals(0.8)[3]))
     with pytest.raises(InputError, match="same subjects"):
-        bt.compare_intervals(analysis.draws, bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1))
+        bt.uncertainty_table(analysis.draws, bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1))

@@ -3,30 +3,56 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import stdtr
 
 import bayes_toe as bt
-from bayes_toe.classical.covariates import Covariates, covariate_tests, pearson, read_covariates, welch
+from bayes_toe.classical.covariates import Covariates, covariate_tests, read_covariates
 from bayes_toe.errors import InputError
 
 
-def test_welch_and_pearson_agree_with_scipy():
+def one_test(column, values):
+    """The only row of one covariate and one outcome, both in the order of the subjects."""
+    names = [f"{i}" for i in range(len(values))]
+    (row,) = covariate_tests(Covariates({"x": dict(zip(names, column, strict=True))}), {"y": dict(zip(names, values, strict=True))})
+    return row
+
+
+def test_welch_by_its_formulas():
     rng = np.random.default_rng(4)
     for _ in range(10):
-        a, b = rng.normal(1, 2, rng.integers(2, 12)), rng.normal(0, 0.5, rng.integers(2, 12))
-        found, expected = welch(a, b), stats.ttest_ind(a, b, equal_var=False)
-        assert found == pytest.approx((expected.statistic, expected.df, expected.pvalue), rel=1e-10)
+        groups = rng.normal(1, 2, rng.integers(2, 12)), rng.normal(0, 0.5, rng.integers(2, 12))
+        row = one_test(np.repeat(["a", "b"], [*map(len, groups)]), np.concatenate(groups))
+        shares = [values.var(ddof=1) / len(values) for values in groups]
+        t = (groups[0].mean() - groups[1].mean()) / np.sqrt(sum(shares))
+        df = sum(shares) ** 2 / sum(share**2 / (len(values) - 1) for share, values in zip(shares, groups, strict=True))
+        assert (row.statistic, row.df, row.p_value) == pytest.approx((t, df, 2 * stdtr(df, -abs(t))), rel=1e-10)
+
+
+def test_welch_with_one_group_all_alike():
+    row = one_test(["a", "a", "b", "b"], [1.0, 1.0, 2.0, 4.0])
+    assert (row.statistic, row.df) == pytest.approx((-2.0, 1.0))
+    assert row.p_value == pytest.approx(2 * np.arctan(0.5) / np.pi)  # Student's t with one degree of freedom is Cauchy
+
+
+def test_pearson_by_its_formulas():
+    rng = np.random.default_rng(5)
+    for _ in range(10):
         x = rng.normal(1e6, 1, 9)
         y = x + rng.normal(0, 0.3, 9)
-        r, t, df, p = pearson(x, y)
-        assert (r, p) == pytest.approx(tuple(stats.pearsonr(x, y)), rel=1e-6)
-        assert (df, t) == pytest.approx((7, r * np.sqrt(7 / (1 - r**2))), rel=1e-6)
+        row = one_test(x, y)
+        u, v = x - x.mean(), y - y.mean()
+        slope = u @ v / (u @ u)
+        error = np.sqrt(((v - slope * u) ** 2).sum() / 7 / (u @ u))  # t of the regression's slope, with no r in it
+        assert (row.df, row.statistic) == pytest.approx((7, slope / error), rel=1e-6)
+        assert row.p_value == pytest.approx(2 * stdtr(7, -slope / error), rel=1e-6)
+        assert row.difference_or_r == pytest.approx(slope * np.sqrt(u @ u / (v @ v)), rel=1e-6)
 
 
 def test_a_perfect_correlation():
-    r, t, _, p = pearson([1.0, 2.0, 4.0], [-2.0, -4.0, -8.0])
-    assert r == pytest.approx(-1)
-    assert p == pytest.approx(0, abs=1e-7)
-    assert t < 0
+    row = one_test([1.0, 2.0, 4.0], [-2.0, -4.0, -8.0])
+    assert row.difference_or_r == pytest.approx(-1)
+    assert row.p_value == pytest.approx(0, abs=1e-7)
+    assert row.statistic < -1e7
 
 
 @pytest.fixture
@@ -68,15 +94,15 @@ def test_semicolons_decimal_commas_and_a_byte_order_mark(people):
         ("subject,age\na,23\nb,inf\nc,31\n", "row 3, column age: found 'inf'"),
         ("subject,group\na,x\nb,y\nc,z\n", "row 2, column group: found 'x'"),
         ("subject,100% sure\na,x\nb,y\nc,z\n", "column 100% sure: found 'x'"),
-        ("subject,age\na,23\na,24\n", "row 3, column subject: found 'a' as in row 2"),
+        ("subject,age\na,23\na,24\n", "row 3, column subject: found 'a', allowed: each name once, and row 2 has it"),
         ("subject,age\n,23\n", "row 2, column subject: found ''"),
         ("subject,age\na,23,5\n", "row 2: found 3 cells, allowed: 2"),
         ("name,age\na,23\n", "found columns 'name', 'age', allowed: subject and"),
         ("subject\na\n", "at least one covariate"),
         ("subject,age,age\na,1,2\n", "a name of its own"),
-        ("subject,age\n", "no row below the header"),
-        ("", "no row below the header"),
-        ('subject,age\n"a"b,3\n', "row 2: cannot be split"),
+        ("subject,age\n", "row 1: found a header only, allowed: at least one row"),
+        ("", "found an empty file, allowed: a header and at least one row"),
+        ('subject,age\n"a"b,3\n', "row 2: found text after a closing quote"),
     ],
 )
 def test_bad_files_are_refused_with_the_place(people, text, said):
@@ -89,7 +115,7 @@ def test_files_that_are_not_there_or_not_text(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_covariates(tmp_path / "none.csv")
     (tmp_path / "latin.csv").write_bytes(b"subject,age\n\xe9,3\n")
-    with pytest.raises(InputError, match="not UTF-8"):
+    with pytest.raises(InputError, match="row 2: found byte 0xe9 at offset 12, not UTF-8"):
         read_covariates(tmp_path / "latin.csv")
 
 

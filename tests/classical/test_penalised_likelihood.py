@@ -6,17 +6,18 @@ from reference.hard_cases import hard_cases
 from scipy.special import log_expit
 
 from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.distributions import Normal
+from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
 
 
-def objective(subject, row=None, equal=None, **penalty):
+def objective(subject, row=None, equal=None, mean=0.0, sd=10.0):
     """Of one subject, or of many count vectors in its design."""
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     counts = np.asarray(subject.n_equal if equal is None else equal, float).reshape(-1, subject.n_pairs).T.copy()
     row = np.zeros(1000, int) if row is None else row
-    return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, **penalty)
+    return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, Normal(mean, sd))
 
 
 def points(n=30, seed=3):
@@ -28,16 +29,16 @@ def points(n=30, seed=3):
 @pytest.mark.parametrize("name", ["funnel", "all equal", "reversed answers", "stimuli offset by 100", "400 pairs with 3 trials"])
 def test_value_is_the_likelihood_minus_the_penalty(name):
     subject = CASES[name]
-    posterior, (x, y) = Posterior(subject), points()
+    posterior, (x, y) = posterior_of(subject), points()
     value, _, _ = objective(subject, mean=0.5, sd=3.0).evaluate(y, np.arange(y.shape[1]))
-    expected = posterior.parts(x).log_likelihood - 0.5 * ((posterior.natural(x).mu1 - 0.5) / 3.0) ** 2
+    expected = posterior.log_likelihood(x) - 0.5 * ((posterior.natural(x).mu1 - 0.5) / 3.0) ** 2
     assert value == pytest.approx(expected, rel=1e-11, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["funnel", "perfect observer", "400 pairs with 3 trials"])
 def test_derivatives_are_those_of_the_likelihood_by_the_chain_rule(name):
     subject = CASES[name]
-    posterior, (x, y) = Posterior(subject), points()
+    posterior, (x, y) = posterior_of(subject), points()
     _, gradient, hessian = objective(subject, sd=1e9).evaluate(y, np.arange(y.shape[1]))
     # d log(p/p_max) / da = expit(-a) and its derivative -expit(a) expit(-a); the same for log q0.
     back, bend = np.ones_like(x), np.zeros_like(x)

@@ -1,4 +1,7 @@
-"""The real command line: outputs, exit codes, messages, and nothing half-written."""
+"""The real command line: outputs, exit codes, messages, and nothing half-written.
+
+Every command, and every exit code, is seen in a process of its own once; what a process would not change runs inside this one.
+"""
 
 import re
 import subprocess
@@ -9,9 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import call
+from commands import call, inside
 
 import bayes_toe as bt
+from bayes_toe.cli.app import COMMANDS
 from bayes_toe.cli.results_folder import corner_files
 
 
@@ -62,15 +66,15 @@ def test_the_report_stands_alone(results):
 def test_run_refuses_to_overwrite_and_changes_nothing(results, folder):
     out = results[0]
     before = {p: p.stat().st_mtime_ns for p in out.rglob("*")}
-    again = call("run", "study.csv", "-o", "out", cwd=folder)
+    again = inside("run", "study.csv", "-o", "out", cwd=folder)
     assert again.returncode == 2
     assert "overwrite" in again.stderr
     assert {p: p.stat().st_mtime_ns for p in out.rglob("*")} == before
 
 
 def test_sample_is_the_same_for_any_number_of_workers(folder):
-    for workers in ("1", "2"):
-        done = call("sample", "study.csv", "-o", f"p{workers}.nc", "--seed", "7", "--draws", "500", "--workers", workers, cwd=folder)
+    for run, workers in ((inside, "1"), (call, "2")):
+        done = run("sample", "study.csv", "-o", f"p{workers}.nc", "--seed", "7", "--draws", "500", "--workers", workers, cwd=folder)
         assert done.returncode == 0, done.stderr
     one, two = (bt.load(folder / f"p{w}.nc") for w in ("1", "2"))
     for name in one.names:
@@ -89,22 +93,22 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     done = call("corner", results[0] / "posterior.nc", "-o", "one", "--subject", "B", "--coordinates", "identified", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert [p.name for p in (folder / "one").glob("*.png")] == ["B.png"]
-    wrong = call("corner", results[0] / "posterior.nc", "-o", "two", "--subject", "Z", cwd=folder)
+    wrong = inside("corner", results[0] / "posterior.nc", "-o", "two", "--subject", "Z", cwd=folder)
     assert wrong.returncode == 2
     assert wrong.stderr.count("\n") == 1
     assert not (folder / "two").exists()
 
 
 def test_evidence_alone_gives_the_table_of_run(folder, results):
-    done = call("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", cwd=folder)
+    done = inside("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert (folder / "evidence.csv").read_text() == (results[0] / "evidence.csv").read_text()
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
-    for workers in ("1", "2"):
+    for run, workers in ((inside, "1"), (call, "2")):
         args = ("-o", f"fit{workers}.csv", "--replicates", "50", "--level", "0.8", "--seed", "1", "--workers", workers)
-        done = call("fit", "study.csv", *args, cwd=folder)
+        done = run("fit", "study.csv", *args, cwd=folder)
         assert done.returncode == 0, done.stderr
         assert "80 % percentile intervals of 50 bootstrap replicates" in done.stdout
     assert (folder / "fit1.csv").read_text() == (folder / "fit2.csv").read_text()
@@ -126,17 +130,17 @@ def test_fit_writes_its_columns_and_states_its_level(folder):
     assert set(frame.level) == {0.8}
     assert list(frame.subject) == ["A", "B"]
     assert (frame.sigma_p_lower < frame.sigma_p_upper).all()
-    again = call("fit", "study.csv", "-o", "fit1.csv", cwd=folder)
+    again = inside("fit", "study.csv", "-o", "fit1.csv", cwd=folder)
     assert again.returncode == 2
     assert "exists" in again.stderr
-    wrong = call("fit", "study.csv", "-o", "x.csv", "--level", "1.5", cwd=folder)
+    wrong = inside("fit", "study.csv", "-o", "x.csv", "--level", "1.5", cwd=folder)
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
     assert not (folder / "x.csv").exists()
 
 
 def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
-    done = call("fit", "s.csv", "-o", "fit.csv", "--replicates", "20", "--seed", "1", cwd=tmp_path)
+    done = inside("fit", "s.csv", "-o", "fit.csv", "--replicates", "20", "--seed", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert "not determined by these answers: sigma_p, sigma_l, q0" in done.stdout
@@ -154,7 +158,7 @@ def test_figures_of_chosen_subjects_in_one_format(folder):
     assert len(made) == 8
     assert all(name.endswith(".svg") for name in made - {"captions.md"})
     assert "Subjects B." in (folder / "pictures" / "captions.md").read_text(encoding="utf-8")
-    again = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
+    again = inside(*args, "--subject", "B", "--format", "svg", cwd=folder)
     assert again.returncode == 2
     assert "overwrite" in again.stderr
 
@@ -163,7 +167,7 @@ def test_figures_of_chosen_subjects_in_one_format(folder):
     ("option", "said"), [(("--subject", "Z"), "no subject 'Z'"), (("--format", "gif"), "allowed: pdf, png, svg")], ids=["subject", "format"]
 )
 def test_figures_refuse_before_the_work(folder, option, said):
-    done = call("figures", "study.csv", "-o", "none", *option, cwd=folder)
+    done = inside("figures", "study.csv", "-o", "none", *option, cwd=folder)
     assert done.returncode == 2
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
@@ -179,13 +183,13 @@ def test_simulate_then_check_then_quiet(tmp_path):
     checked = call("check", "s.csv", cwd=tmp_path)
     assert checked.returncode == 0
     assert "synthetic" in checked.stdout
-    silent = call("evidence", "s.csv", "-o", "e.csv", "--quiet", cwd=tmp_path)
+    silent = call("evidence", "s.csv", "-o", "e.csv", "--quiet", "--workers", "1", cwd=tmp_path)
     assert (silent.returncode, silent.stdout, silent.stderr) == (0, "", "")
 
 
 def test_check_names_what_cannot_be_learnt(tmp_path):
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0,10,10\nx,0,0.3,10,10\n")
-    done = call("check", "s.csv", cwd=tmp_path)
+    done = inside("check", "s.csv", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stdout.count("warning") >= 2
 
@@ -199,7 +203,7 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
         ["evidence", "bad.csv"],
         ["fit", "bad.csv"],
     ):
-        done = call(*command, cwd=tmp_path)
+        done = (call if command[0] == "run" else inside)(*command, cwd=tmp_path)
         assert done.returncode == 2
         lines = done.stderr.strip().splitlines()
         assert len(lines) == 2
@@ -210,7 +214,7 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
 
 @pytest.mark.parametrize("place", ["study.csv/out", "study.csv"])
 def test_an_output_that_cannot_be_written_is_known_before_the_work(folder, place):
-    done = call("run", "study.csv", "-o", place, cwd=folder)
+    done = inside("run", "study.csv", "-o", place, cwd=folder)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
 
@@ -224,7 +228,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
     )
     counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + counts + "\n")
-    args = ["run", "s.csv", "-o", "out", "--draws", "20000", "--seed", "1", "--workers", "1"]
+    args = ["run", "s.csv", "-o", "out", "--draws", "500", "--seed", "1", "--workers", "1"]
     done = subprocess.run([sys.executable, "-c", code, *args], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "not converged" in done.stdout
@@ -236,7 +240,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
     names = ["../../etc", "<script>alert(1)</script>", "a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
     rows = [f'"{n}",{a},{b},{k},20' for n in names for a, b, k in [(0, 0, 18), (0, 0.4, 6), (0.4, 0, 11), (0.4, 0.4, 17)]]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    done = call("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "300", cwd=tmp_path)
+    done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "300", "--workers", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     files = [p.name for p in (tmp_path / "out" / "corner").iterdir()]
@@ -252,8 +256,8 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in ("run", "sample", "evidence", "asymmetry", "fit", "figures", "corner", "simulate", "calibrate", "check"):
-        done = call(command, "--help")
+    for command in (one.__name__ for one in COMMANDS):
+        done = (call if command == "run" else inside)(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example
 
@@ -279,7 +283,9 @@ def test_help_and_check_load_no_sampler(tmp_path):
 def test_a_prior_file_is_used_shown_and_stored(folder):
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
     said = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
-    done = call("run", "study.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--prior", "narrow.toml", cwd=folder)
+    done = inside(
+        "run", "study.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--workers", "1", "--prior", "narrow.toml", cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     assert f"prior: {said}" in done.stdout
     assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
@@ -288,11 +294,11 @@ def test_a_prior_file_is_used_shown_and_stored(folder):
     table = pd.read_csv(folder / "narrow" / "evidence.csv")
     assert table.columns[-1] == "prior"
     assert table.prior.str.startswith(said).all()
-    done = call("evidence", "study.csv", "-o", "narrow.csv", "--seed", "1", "--prior", "narrow.toml", cwd=folder)
+    done = inside("evidence", "study.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert (folder / "narrow.csv").read_text() == (folder / "narrow" / "evidence.csv").read_text()
-    assert said in call("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
-    done = call("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--prior", "narrow.toml", cwd=folder)
+    assert said in inside("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
+    done = inside("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
@@ -303,7 +309,7 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder):
     for command in commands:
         study = () if command == "simulate" else ("study.csv",)
         out = () if command == "check" else ("-o", f"bad_{command}.csv")
-        done = call(command, *study, *out, "--prior", "bad.toml", cwd=folder)
+        done = inside(command, *study, *out, "--prior", "bad.toml", cwd=folder)
         assert done.returncode == 2, command
         assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100\n", command
         assert not (folder / f"bad_{command}.csv").exists()
@@ -312,27 +318,28 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder):
 def test_simulate_draws_its_population_from_a_prior_file(folder):
     (folder / "near.toml").write_text("mu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
     args = ("--subjects", "20", "--batches", "1", "--seed", "1", "--prior", "near.toml")
-    done = call("simulate", "-o", "made.csv", "--truth", "made_truth.csv", "--population", "prior", *args, cwd=folder)
+    done = inside("simulate", "-o", "made.csv", "--truth", "made_truth.csv", "--population", "prior", *args, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert abs(pd.read_csv(folder / "made_truth.csv").mu1 - 5.0).max() < 0.5
-    done = call("simulate", "-o", "other.csv", *args, cwd=folder)
+    done = inside("simulate", "-o", "other.csv", *args, cwd=folder)
     assert done.returncode == 2
     assert "allowed: with --population prior" in done.stderr
 
 
 def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(folder):
-    done = call("sensitivity", "study.csv", "-o", "sensitivity.csv", "--steps", "3", "--reach", "2", "--seed", "1", cwd=folder)
+    args = ("--steps", "3", "--reach", "2", "--seed", "1", "--workers", "1")
+    done = call("sensitivity", "study.csv", "-o", "sensitivity.csv", *args, cwd=folder)
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
     assert len(table) == 2 * 3 * 3
     assert sorted(set(table[table.varied == "mu1_sd"].value)) == [5.0, 10.0, 20.0]
     assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
     assert "0 of 2 conclusions turn within this range" in done.stdout
-    again = call("sensitivity", "study.csv", "-o", "sensitivity.csv", cwd=folder)
+    again = inside("sensitivity", "study.csv", "-o", "sensitivity.csv", cwd=folder)
     assert again.returncode == 2
     assert "overwrite" in again.stderr
     for args in (("-o", "x.csv", "--steps", "4"), ("-o", "x.csv", "--reach", "1"), ("-o", "x.png")):
-        wrong = call("sensitivity", "study.csv", *args, cwd=folder)
+        wrong = inside("sensitivity", "study.csv", *args, cwd=folder)
         assert wrong.returncode == 2
         assert wrong.stderr.count("\n") == 1
 
@@ -341,8 +348,8 @@ def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
     (folder / "first.csv").write_text(
         "subject,s1,s2,n_equal,n_trials\n" + "".join(f"X,0,{0.1 * i:.1f},{9 - 2 * i},10\n" for i in range(4)), encoding="utf-8"
     )
-    done = call("sample", "first.csv", "-o", "first.nc", "--draws", "200", "--seed", "1", cwd=folder)
+    done = inside("sample", "first.csv", "-o", "first.nc", "--draws", "200", "--seed", "1", "--workers", "1", cwd=folder)
     assert done.returncode in (0, 3), done.stderr
     assert "note X: The pairs can tell 3 of 4 combinations" in done.stdout
     assert "the smaller model 'constant bias' carries all the information" in done.stdout
-    assert "smaller model 'constant bias'" in call("check", "first.csv", cwd=folder).stdout
+    assert "smaller model 'constant bias'" in inside("check", "first.csv", cwd=folder).stdout

@@ -11,15 +11,16 @@ import bayes_toe as bt
 from bayes_toe.classical.bootstrap import bootstrap_subject
 from bayes_toe.comparison.evidence_table import (
     EVIDENCE_COLUMNS,
-    frequency_evidence,
     frequency_evidence_laplace,
-    importance_evidence,
     subject_evidence,
 )
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.laplace import laplace_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import fit_proposal
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
 
@@ -54,11 +55,11 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
     subject = CASES[name]
     rng = np.random.default_rng(21)
     sums, squares, n = 0.0, 0.0, 0
-    top = max(find_maxima(Posterior(subject)).value.max(), -1e9) + 20
+    top = max(find_maxima(posterior_of(subject)).value.max(), -1e9) + 20
     for _ in range(40):
         theta = bt.Prior().sample(rng, 50_000)
         columns = [v[:, None] for v in theta]
-        q = bt.equal_probability(subject.s1, subject.s2, *columns)
+        q = bt.model.equal_probability(subject.s1, subject.s2, *columns)
         with np.errstate(divide="ignore", invalid="ignore"):
             log_equal = np.where(subject.n_equal > 0, subject.n_equal * np.log(q), 0.0)
             rest = subject.n_trials - subject.n_equal
@@ -67,7 +68,8 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
         sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)
     mean = sums / n
     error = math.sqrt((squares / n - mean**2) / n) / mean
-    value, own_error, why_not = importance_evidence(fit_proposal(Posterior(subject), np.random.default_rng(22)))
+    estimate = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(22)))
+    value, own_error, why_not = estimate.value, estimate.se, estimate.why_not
     assert why_not == ""
     assert error < 0.08
     assert value == pytest.approx(math.log(mean) + top, abs=4 * math.hypot(error, own_error))
@@ -85,13 +87,8 @@ def test_laplace_is_exact_for_a_normal_density():
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
-    maxima = find_maxima(Posterior(subject))
-    row = subject_evidence(
-        Posterior(subject),
-        maxima,
-        fit_proposal(Posterior(subject), np.random.default_rng(1), maxima=maxima),
-        bootstrap_subject(subject, seed=1),
-    )
+    result, found = fitted_result(posterior_of(subject), 1, Wanted(evidence_draws=20_000))
+    row = subject_evidence(posterior_of(subject), result, found.maxima, bootstrap_subject(subject, seed=1))
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None
@@ -111,8 +108,9 @@ def test_a_saddle_has_no_laplace_approximation():
 def test_untrusted_weights_give_no_number():
     from dataclasses import replace
 
-    fitted = fit_proposal(Posterior(CASES["one batch"]), np.random.default_rng(1))
-    value, error, why_not = importance_evidence(replace(fitted, pareto_k=0.9))
+    fitted = fit_proposal(posterior_of(CASES["one batch"]), np.random.default_rng(1))
+    estimate = importance_evidence(replace(fitted, pareto_k=0.9))
+    value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert (value, error) == (None, None)
     assert "0.90" in why_not
 

@@ -6,17 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from one_subject import sample_model
 from typer.testing import CliRunner
 
 import bayes_toe as bt
-from bayes_toe.cli import terminal
 from bayes_toe.cli.app import app
-from bayes_toe.comparison.evidence_table import frequency_evidence
+from bayes_toe.cli.summaries import say_comparison
+from bayes_toe.cli.terminal import new_console
+from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, sample_model
-from bayes_toe.comparison.random_effects import is_affordable
+from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without
 from bayes_toe.errors import InputError
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
 
 FEW = ("free frequencies", "symmetric", "predictive update")
@@ -113,7 +115,7 @@ def test_beyond_the_limit_exact_columns_are_empty_and_the_terminal_says_why(caps
     frame = made(evidence).study_frame()
     assert frame[[name for name in MODEL_COLUMNS if name.endswith("_exact")]].isna().all(axis=None)
     assert frame["omnibus_risk"].notna().all()
-    terminal.say_comparison(terminal.new_console(False), made(evidence))
+    say_comparison(new_console(False), made(evidence))
     said = capsys.readouterr().out
     assert "random effects (variational)" in said
     assert f"probability {frame['omnibus_risk'][0]:.3f} (variational); too many subjects and models for the exact value" in said
@@ -122,7 +124,7 @@ def test_beyond_the_limit_exact_columns_are_empty_and_the_terminal_says_why(caps
 def test_the_terminal_shows_both_risks(capsys):
     table = made(np.random.default_rng(1).normal(size=(7, 3)))
     exact, variational = table.exact_frequencies().omnibus_risk, table.frequencies().omnibus_risk
-    terminal.say_comparison(terminal.new_console(False), table)
+    say_comparison(new_console(False), table)
     said = capsys.readouterr().out
     assert f"all models equally frequent with probability {exact:.3f} (exact), {variational:.3f} (variational)" in said
     assert "LOO by" not in said.split("all models")[1]  # every value is there: nothing to say
@@ -137,7 +139,7 @@ def test_sums_of_leave_one_out_go_over_subjects_with_a_value_under_every_model(c
     assert frame["elpd_loo_trial_subjects"].tolist() == [2, 2]
     assert frame["elpd_loo_pair"].isna().all()
     assert frame["elpd_loo_pair_subjects"].tolist() == [0, 0]
-    terminal.say_comparison(terminal.new_console(False), table)
+    say_comparison(new_console(False), table)
     said = capsys.readouterr().out
     assert "LOO by trial: sums over 2 of 3 subjects, those with a value under every model" in said
     assert "LOO by pair: no sum, no subject has a value under every model" in said

@@ -6,13 +6,14 @@ from scipy.integrate import quad
 from scipy.special import betaln, logit
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.leave_one_out import leave_one_out, leave_one_out_frequencies
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
-from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.ladder import posterior_of
 
 K, N = np.array([9, 0, 25, 13]), np.array([20, 15, 25, 40])
 
@@ -29,7 +30,8 @@ def observed():
 
 
 def evidence(subject):
-    value, error, why_not = importance_evidence(fit_proposal(Posterior(subject), np.random.default_rng(11)))
+    estimate = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(11)))
+    value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not
     return np.array([value, error])
 

@@ -9,18 +9,17 @@ from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.prior_sensitivity import (
     REWEIGHTED,
-    SCALES,
     SENSITIVITY_COLUMNS,
-    VARIED,
     SensitivityRow,
     SensitivityTable,
     conclusion,
     weighted_quantiles,
 )
-from bayes_toe.inference.proposal import fit_proposal
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.free_frequencies import frequency_evidence
 
 CASES = hard_cases()
 HARD = ["funnel", "all equal", "single pair", "perfect observer", "one batch"]
@@ -45,8 +44,9 @@ def hard():
 
 def fresh(subject, row):
     """Evidence and draws of a proposal fitted under the row's own prior, from a stream of its own."""
-    fitted = fit_proposal(bt.Posterior(subject, row.prior), np.random.default_rng(77))
-    value, error, why_not = importance_evidence(fitted)
+    fitted = fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77))
+    estimate = importance_evidence(fitted)
+    value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not
     return fitted, value - frequency_evidence(subject), error
 
@@ -96,7 +96,7 @@ def test_medians_are_those_of_draws_under_that_prior(table, small_study):
 def test_the_middle_row_is_the_evidence_table(table, small_study):
     evidence = bt.evidence(small_study, seed=5, workers=1)
     for row in evidence:
-        for varied in VARIED:
+        for varied in table.varied:
             middle = next(found for found in table.of(row.subject, varied) if found.prior == bt.Prior())
             assert middle.log_bayes_factor == pytest.approx(row.log_bayes_factor, abs=2.0 * row.log_evidence_h1_se)
 
@@ -152,9 +152,9 @@ def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
     assert tuple(frame.columns) == SENSITIVITY_COLUMNS
     assert len(frame) == 3 * 3 * 5
-    assert set(frame["varied"]) == set(VARIED)
+    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()
-    scales = frame[frame["varied"].isin(SCALES)]
+    scales = frame[frame["varied"].isin(table.scales)]
     assert np.allclose(sorted(set(scales["factor"].round(9))), [0.25, 0.5, 1.0, 2.0, 4.0])
     for name, group in frame.groupby("subject"):
         assert all(np.diff(values["value"]).min() > 0 for _, values in group.groupby("varied")), name
@@ -212,12 +212,12 @@ def test_ranges_that_cannot_be_walked(small_study, bad):
 def test_figures_show_every_value_and_mark_the_turns(table):
     rows = [*made([2.0, 1.0, -1.0, -3.5]), *made([1.0, None, -1.0], "sigma_p_scale"), *made([-1.0, 3.0], "mu1_mean")]
     turning = SensitivityTable(tuple(rows), bt.Prior(mu1_sd=1.0), 1)
-    ax = bt.sensitivity_axes(turning, "S")
+    ax = bt.plots.sensitivity_axes(turning, "S")
     crosses = [line for line in ax.lines if line.get_marker() == "x"]
     assert [float(line.get_xdata()) if np.ndim(line.get_xdata()) == 0 else line.get_xdata()[0] for line in crosses] == pytest.approx(
         [2**1.5]
     )
-    figure = bt.sensitivity_figure(table)
+    figure = bt.plots.sensitivity_figure(table)
     assert [ax.get_title() for ax in figure.axes] == ["A", "B", "C"]
     for ax, name in zip(figure.axes, "ABC", strict=True):
         shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() in "os"])

@@ -12,8 +12,7 @@ import bayes_toe as bt
 from bayes_toe.experiments.checks import check_subject
 from bayes_toe.experiments.identifiability import identifiability
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.interval_posterior import posterior_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 
 STEPS = (0.0, 0.13, 0.31, 0.42, 0.55)
 DESIGNS = {
@@ -95,9 +94,9 @@ def test_rank_is_that_of_the_closed_form(pairs):
 
 @pytest.mark.parametrize("name", DESIGNS)
 def test_rank_is_that_of_finite_differences_of_the_probabilities(name):
-    posterior = Posterior(made(DESIGNS[name]))
+    posterior = posterior_of(made(DESIGNS[name]))
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
-    sides = [posterior.equal_probability(np.stack([x + h * axis, x - h * axis])) for axis in np.eye(4)]
+    sides = [np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0]) for axis in np.eye(4)]
     jacobian = np.stack([(up - down) / (2 * h) for up, down in sides], axis=1)
     values = np.linalg.svd(jacobian, compute_uv=False)
     assert np.count_nonzero(values > 1e-7 * values[0]) == EXPECTED[name][0]
@@ -115,14 +114,14 @@ def predicted(subject, c, p, log_width, q0):
     return q0 * 2.0 ** -np.square((subject.s2 - subject.s1 - c + p * lever) * np.exp(-log_width))
 
 
-def misfit(subject, target, model, rng):
-    """The smallest error with which a model reproduces the probabilities, from many starts."""
+def reproduces(subject, target, model, rng, error):
+    """Whether a model reproduces the probabilities within this error from one of many starts; the first that does ends the search."""
     size, full = SMALLER[model]
     fits = (
         least_squares(lambda v: predicted(subject, *full(np.clip(v, -40, 40))) - target, rng.normal(0.0, 1.5, size), xtol=1e-14, ftol=1e-14)
         for _ in range(30)
     )
-    return min(np.abs(fit.fun).max() for fit in fits)
+    return any(np.abs(fit.fun).max() < error for fit in fits)
 
 
 def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one_does_not():
@@ -131,12 +130,13 @@ def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one
         subject, model = made(pairs), EXPECTED[name][1]
         targets = [
             predicted(subject, rng.normal(0, 0.1), rng.uniform(0.05, 0.35), np.log(rng.uniform(0.2, 0.6)), rng.uniform(0.6, 0.95))
-            for _ in range(6)
+            for _ in range(20)
         ]
         if model in SMALLER:
-            assert max(misfit(subject, target, model, rng) for target in targets) < 1e-5, name
+            assert all(reproduces(subject, target, model, rng, 1e-5) for target in targets), name
         for smaller in [m for m in SMALLER if model == "predictive update" or SMALLER[m][0] < SMALLER[model][0]]:
-            assert max(misfit(subject, target, smaller, rng) for target in targets) > 1e-4, (name, smaller)
+            # The first prediction that is out of reach from every start is enough.
+            assert not all(reproduces(subject, target, smaller, rng, 1e-4) for target in targets), (name, smaller)
 
 
 def test_the_finding_names_the_model_and_what_stays_open():
@@ -164,7 +164,7 @@ def test_intervals_rank_is_that_of_finite_differences(pairs):
     subject = bt.Subject("S", s1, s2, np.full(len(s1), 4), np.full(len(s1), 10), isi)
     posterior = posterior_of(subject)
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
-    sides = [posterior.equal_probability(np.stack([x + h * axis, x - h * axis])) for axis in np.eye(4)]
+    sides = [np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0]) for axis in np.eye(4)]
     values = np.linalg.svd(np.stack([(up - down) / (2 * h) for up, down in sides], axis=1), compute_uv=False)
     found = identifiability(subject)
     assert found.rank == np.count_nonzero(values > 1e-7 * values[0])

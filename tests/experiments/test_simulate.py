@@ -41,7 +41,7 @@ def test_answers_follow_the_model():
     observer = Natural(*(np.array([v]) for v in (-0.6, 0.25, 0.15, 0.9)))
     [trials] = simulate_trials(["S"], observer, reference_design(batches=20_000), seed=2)
     subject = bt.Subject.from_trials("S", trials.s1, trials.s2, trials.equal)
-    q = bt.equal_probability(subject.s1, subject.s2, -0.6, 0.25, 0.15, 0.9)
+    q = bt.model.equal_probability(subject.s1, subject.s2, -0.6, 0.25, 0.15, 0.9)
     z = (subject.n_equal / 20_000 - q) / np.sqrt(q * (1 - q) / 20_000)
     assert np.abs(z).max() < 4.2  # 13 normals: false alarms below 4 in 10,000
 
@@ -57,7 +57,7 @@ def test_the_paper_population_shows_its_three_kinds():
     theta = paper_population(400, np.random.default_rng(1))
     assert ((theta.gamma > 0) & (theta.gamma < 1)).all()
     r, c = 0.0, np.log(1.55)
-    asymmetry = bt.equal_probability(c, r, *theta) - bt.equal_probability(r, c, *theta)
+    asymmetry = bt.model.equal_probability(c, r, *theta) - bt.model.equal_probability(r, c, *theta)
     kinds = np.arange(400) % 5
     usual = np.arange(400) % 16 != 15
     assert (asymmetry[(kinds == 0) & usual] > 0).all()
@@ -111,8 +111,8 @@ def test_designs_and_populations_from_files(tmp_path):
         ("subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n", "column q0: missing"),
         ("subject,mu1,sigma_p,sigma_l,q0\nx,0,abc,0.1,0.9\n", "row 2, column sigma_p: found 'abc'"),
         ("subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n", "sigma_p must be finite and positive"),
-        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n", "repeated"),
-        ("subject,mu1,sigma_p,sigma_l,q0\n", "no row"),
+        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n", "found .x., allowed: each name once, and row 2 has it"),
+        ("subject,mu1,sigma_p,sigma_l,q0\n", "row 1: found a header only"),
     ],
 )
 def test_bad_populations_are_refused(tmp_path, text, named):

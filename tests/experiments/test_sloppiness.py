@@ -49,7 +49,7 @@ def information_by_jets(subject, theta):
             mean = (v * float(s1) + vl * mu1) / (v + vl)
             z = (float(s2) - mean) / (v ** mpmath.mpf("0.5") + vl / v ** mpmath.mpf("0.5"))
             q = peak * (z * z * (-mpmath.log(2))).exp()
-            total += int(n) * (q.slope * q.slope.T) / (q.value * (1 - q.value))
+            total += int(n) * (mpmath.matrix(q.slope) * mpmath.matrix(q.slope).T) / (q.value * (1 - q.value))
         return np.array([[float(total[i, j]) for j in range(4)] for i in range(4)])
 
 
@@ -73,8 +73,8 @@ def test_information_against_many_digits(theta):
 def test_it_is_the_curvature_of_the_log_likelihood_where_data_are_the_models_own():
     theta, n = observer(-0.5, 0.25, 0.14, 0.9), 10**11
     d = reference_design()
-    q = bt.equal_probability(d.s1, d.s2, *theta)
-    posterior = bt.Posterior(bt.Subject("S", d.s1, d.s2, np.rint(n * q).astype(np.int64), np.full(13, n)))
+    q = bt.model.equal_probability(d.s1, d.s2, *theta)
+    posterior = bt.posterior_of(bt.Subject("S", d.s1, d.s2, np.rint(n * q).astype(np.int64), np.full(13, n)))
     sbar = posterior.sbar
 
     def x_of(phi):

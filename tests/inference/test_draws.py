@@ -12,8 +12,9 @@ import bayes_toe as bt
 from bayes_toe import analysis as analysis_module
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.inference.diagnostics import pareto_k
-from bayes_toe.inference.draws import PARAMETERS, SUMMARY_COLUMNS
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.inference.draws import SUMMARY_COLUMNS
+
+PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width")
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +88,7 @@ def test_pointwise_groups_follow_from_the_draws(analysis):
     at = tree["observed_data"]["subject"].values == name
     theta = [analysis.draws.values(name, key)[..., None] for key in ("mu1", "sigma_p", "sigma_l", "q0")]
     s = analysis.study[name]
-    q = bt.equal_probability(s.s1, s.s2, *theta)
+    q = bt.model.equal_probability(s.s1, s.s2, *theta)
     expected = s.n_equal * np.log(q) + (s.n_trials - s.n_equal) * np.log1p(-q)
     assert tree["log_likelihood"]["n_equal"].values[..., at] == pytest.approx(expected, rel=1e-4, abs=1e-4)
     predicted = tree["posterior_predictive"]["n_equal"].values[..., at]
@@ -98,7 +99,7 @@ def test_pointwise_groups_follow_from_the_draws(analysis):
 
 def test_log_posterior_is_the_density_of_the_draws(analysis):
     name = "A"
-    x = bt.Posterior(analysis.study[name])
+    x = bt.posterior_of(analysis.study[name])
     theta = analysis.draws.natural(name)
     from bayes_toe.model.coordinates import unconstrained
 
@@ -123,7 +124,7 @@ def test_offset_and_pull_are_the_identified_ones(analysis):
     gamma = draws.values("A", "gamma")
     big = (1 + np.sqrt(1 + 4 * gamma)) / 2
     assert draws.values("A", "pull") == pytest.approx(1 - 1 / big, rel=1e-9)
-    sbar = Posterior(draws.subject("A")).sbar
+    sbar = bt.posterior_of(draws.subject("A")).sbar
     assert draws.values("A", "offset") == pytest.approx((1 - 1 / big) * (draws.values("A", "mu1") - sbar), rel=1e-7, abs=1e-9)
 
 

@@ -24,7 +24,7 @@ def _joint(subject, theta):
     if not (0 < small < v and 0 < q0 < 1):
         return -np.inf
     sp = np.sqrt(v)
-    q = bt.equal_probability(subject.s1, subject.s2, mu1, sp, np.sqrt(small), q0)
+    q = bt.model.equal_probability(subject.s1, subject.s2, mu1, sp, np.sqrt(small), q0)
     rest = subject.n_trials - subject.n_equal
     likelihood = (subject.n_equal * np.log(q) + rest * np.log1p(-q)).sum()
     prior = -0.5 * (mu1 / 10) ** 2 - np.log(10 * np.sqrt(2 * np.pi)) - 0.5 * v + 0.5 * np.log(2 / np.pi) - np.log(2 * sp**3)
@@ -50,7 +50,7 @@ def _hessian(function, x, steps):
 @pytest.mark.parametrize("name", ["S04", "S07", "S14", "funnel", "stimuli spanning 10 log units"])
 def test_value_is_that_of_the_definition_in_natural_coordinates(name):
     subject = CASES[name]
-    value, why_not = laplace_evidence_natural(bt.Posterior(subject))
+    value, why_not = laplace_evidence_natural(bt.posterior_of(subject))
     assert why_not == ""
     simplex = {"maxiter": 20_000, "maxfev": 20_000, "xatol": 1e-10, "fatol": 1e-12}
     best = None
@@ -74,12 +74,12 @@ def test_no_value_where_the_maximum_lies_on_an_edge():
         "all different": "sigma_p = 0",
         "perfect observer": "gamma = 0",
     }.items():
-        value, why_not = laplace_evidence_natural(bt.Posterior(CASES[name]))
+        value, why_not = laplace_evidence_natural(bt.posterior_of(CASES[name]))
         assert value is None, name
         assert edge in why_not
 
 
 def test_it_becomes_exact_with_many_trials():
     for name in ("a million trials a pair", "a hundred million trials"):
-        value, _ = laplace_evidence_natural(bt.Posterior(CASES[name]))
+        value, _ = laplace_evidence_natural(bt.posterior_of(CASES[name]))
         assert value == pytest.approx(EVIDENCE[name], abs=0.01)

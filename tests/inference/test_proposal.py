@@ -1,173 +1,19 @@
-"""Maxima, mixtures and fitted proposals."""
-
-from dataclasses import replace
-from itertools import pairwise
+"""Proposals: density, draws and their weights."""
 
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
-from scipy.optimize import minimize
-from scipy.special import logsumexp
-from scipy.stats import multivariate_t
 
-from bayes_toe.comparison.evidence_table import importance_evidence
-from bayes_toe.data.study import Subject
-from bayes_toe.experiments.simulate import reference_design
-from bayes_toe.inference.mixture import StudentMixture
-from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.proposal import efficiency, fit_proposal, importance_draws, with_fresh_draws
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.seeds import generator
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.proposal import efficiency, importance_draws
+from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()
 
 
-@pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "guessing at 0.5", "400 pairs with 3 trials"])
-def test_newton_is_never_beaten_by_a_general_optimiser(name):
-    posterior = Posterior(CASES[name])
-    found = find_maxima(posterior)
-    assert found.arrived
-    simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
-    rivals = [
-        -minimize(lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex).fun for s in posterior.starts()[::4]
-    ]
-    assert found.value[0] >= max(rivals) - 1e-7
-    gradient, _ = posterior.derivatives(found.x[:1])
-    assert np.linalg.eigvalsh(found.curvature[0])[0] > 0
-    step = np.linalg.solve(found.curvature[0], gradient[0])
-    assert gradient[0] @ step < 1e-9
-
-
-def test_two_maxima_are_both_found():
-    found = find_maxima(Posterior(CASES["all different"]))
-    assert len(found.x) >= 2
-    assert found.x[:, 0].min() < 0 < found.x[:, 0].max()
-    assert list(found.value) == sorted(found.value, reverse=True)
-
-
-def test_a_maximum_that_does_not_exist_is_not_claimed():
-    # A perfect observer's density rises without end toward gamma = 0.
-    assert not find_maxima(Posterior(CASES["perfect observer"])).arrived
-
-
-@pytest.fixture
-def mixture():
-    means = np.array([[0.0, 1.0], [2.0, -1.0]])
-    scales = np.array([[[1.0, 0.6], [0.6, 0.8]], [[0.3, -0.1], [-0.1, 0.2]]])
-    return StudentMixture(np.array([0.3, 0.7]), means, scales, df=6)
-
-
-def test_mixture_density_is_scipys(mixture):
-    x = np.random.default_rng(0).normal(size=(40, 2))
-    parts = [w * multivariate_t(m, s, df=6).pdf(x) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True)]
-    assert mixture.log_density(x) == pytest.approx(np.log(sum(parts)), rel=1e-12)
-
-
-@pytest.mark.parametrize(("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)])
-def test_mixture_density_in_any_dimension(dim, df):
-    rng = np.random.default_rng([dim, df])
-    roots = rng.normal(size=(3, dim, dim))
-    scales, means = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim), rng.normal(size=(3, dim))
-    x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))  # more than two blocks of points
-    parts = [np.log(1 / 3) + multivariate_t(m, s, df=df).logpdf(x) for m, s in zip(means, scales, strict=True)]
-    assert StudentMixture(np.full(3, 1 / 3), means, scales, df).log_density(x) == pytest.approx(logsumexp(parts, axis=0), rel=1e-11)
-
-
-@pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
-def test_mixture_density_of_narrow_components_far_apart(apart):
-    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over scale, and no more.
-    means = np.array([[0.0, 0.0], [apart, -apart]])
-    one = StudentMixture(np.array([0.5, 0.5]), means, np.repeat(np.eye(2)[None], 2, 0), 8)
-    x = means[1] + np.random.default_rng(1).normal(size=(500, 2))
-    parts = [np.log(0.5) + multivariate_t(m, np.eye(2), df=8).logpdf(x) for m in means]
-    assert one.log_density(x) == pytest.approx(logsumexp(parts, axis=0), abs=1e-13 + 1e-15 * apart)
-
-
-def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
-    # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean lost all digits there.
-    rng = np.random.default_rng(5)
-    x = rng.normal(size=(2000, 2)) @ np.array([[1.0, 0.9], [0.0, 0.1]])
-    means, scales = np.array([[0.0, 0.0], [3e9, 0.0]]), np.array([np.eye(2), np.diag([1e21, 1.0])])
-    fitted = StudentMixture(np.array([0.2, 0.8]), means, scales, 8)
-    for _ in range(20):
-        fitted = fitted.updated(x, np.full(len(x), 1 / len(x)))
-    assert len(fitted.weights) == 1
-    assert fitted.covariance == pytest.approx(np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25)
-
-
-def test_mixture_refuses_degrees_of_freedom_that_leave_a_root():
-    with pytest.raises(ValueError, match="df=5 and dimension 2: their sum must be even"):
-        StudentMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None], df=5)
-
-
-def test_draws_that_chose_the_proposal_give_no_evidence():
-    fitted = fit_proposal(Posterior(CASES["one batch"]), np.random.default_rng(3))
-    assert fitted.independent
-    with pytest.raises(ValueError, match="helped to choose"):
-        importance_evidence(replace(fitted, independent=False))
-    again = with_fresh_draws(replace(fitted, independent=False), np.random.default_rng(4))
-    assert again.independent
-    assert len(again.draws.x) == 2 * len(fitted.draws.x)
-    assert not set(again.draws.log_posterior) & set(fitted.draws.log_posterior)
-
-
-def test_a_joined_mixture_is_the_weighted_sum(mixture):
-    x = np.random.default_rng(3).normal(size=(10, 2))
-    other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
-    expected = 0.8 * np.exp(mixture.log_density(x)) + 0.2 * np.exp(other.log_density(x))
-    assert np.exp(mixture.joined(other, 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
-
-
-def test_mixture_draws_have_the_mixtures_moments(mixture):
-    n = 400_000
-    x = mixture.sample(np.random.default_rng(1), n)
-    mean = mixture.weights @ mixture.means
-    assert x.mean(axis=0) == pytest.approx(mean, abs=5 * x.std(axis=0).max() / np.sqrt(n))
-    second = sum(w * (6 / 4 * s + np.outer(m, m)) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True))
-    assert x.T @ x / n == pytest.approx(second, abs=0.05)
-    assert mixture.covariance + np.outer(mean, mean) == pytest.approx(second, rel=1e-12)
-
-
-def test_em_climbs_and_recovers_the_mixture(mixture):
-    x = mixture.sample(np.random.default_rng(2), 20_000)
-    weights = np.full(len(x), 1 / len(x))
-    start = StudentMixture(np.array([0.5, 0.5]), np.array([[-1.0, 0.0], [1.0, 0.0]]), np.repeat(np.eye(2)[None], 2, 0), 6)
-    fits = [start]
-    for _ in range(60):
-        fits.append(fits[-1].updated(x, weights))
-    likelihoods = [weights @ fit.log_density(x) for fit in fits]
-    assert all(b >= a - 1e-3 for a, b in pairwise(likelihoods))
-    assert np.sort(fits[-1].weights) == pytest.approx([0.3, 0.7], abs=0.03)
-    assert likelihoods[-1] == pytest.approx(weights @ mixture.log_density(x), abs=0.005)
-
-
-@pytest.mark.parametrize("name", list(CASES))
-def test_proposals_fit_every_hard_case_or_say_so(name):
-    posterior = Posterior(CASES[name])
-    fitted = fit_proposal(posterior, np.random.default_rng(7))
-    assert fitted.trusted == (fitted.pareto_k < 0.7 and fitted.efficiency > 0.02)
-    # Independent draws from two differently seeded proposals estimate one evidence. A far tail may come to light in one of them.
-    other = fit_proposal(posterior, np.random.default_rng(8))
-    assert max(fitted.efficiency, other.efficiency) > 0.6
-    both = [logsumexp(f.draws.log_weights) - np.log(len(f.draws.log_weights)) for f in (fitted, other)]
-    error = np.sqrt(sum((1 / f.efficiency - 1) / len(f.draws.log_weights) for f in (fitted, other)))
-    assert both[0] - both[1] == pytest.approx(0.0, abs=5 * error)
-
-
-def test_a_fit_survives_starting_components_of_enormous_scale():
-    # With these answers the Laplace approximation reaches where levelled offsets are of the order 1e10.
-    design = reference_design(batches=5)
-    order = np.lexsort((design.s2, design.s1))
-    answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
-    posterior = Posterior(Subject("any", design.s1[order], design.s2[order], answers, [5] * 13))
-    fitted = fit_proposal(posterior, generator(1, "sparse-h0-0291", "proposal"))
-    assert fitted.trusted
-    assert fitted.efficiency > 0.5
-
-
 def test_log_proposal_density_integrates_to_one():
     # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
-    posterior = Posterior(CASES["one batch"])
+    posterior = posterior_of(CASES["one batch"])
     proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
     draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
     ratio = np.exp(draws.log_prior - draws.log_proposal)
@@ -175,7 +21,7 @@ def test_log_proposal_density_integrates_to_one():
 
 
 def test_draws_come_with_the_densities_that_their_points_have():
-    proposal = fit_proposal(Posterior(CASES["funnel"]), np.random.default_rng(11)).proposal
+    proposal = fit_proposal(posterior_of(CASES["funnel"]), np.random.default_rng(11)).proposal
     x, log_prior, log_proposal = proposal.sample(np.random.default_rng(12), 20_000)
     prior, sbar = proposal.posterior.prior, proposal.posterior.sbar
     assert log_prior == pytest.approx(prior.log_density_unconstrained(x, sbar), rel=1e-12)

@@ -1,4 +1,4 @@
-"""Moves, ensembles, stopping, seeds."""
+"""Ensembles, stopping, seeds."""
 
 from dataclasses import replace
 
@@ -8,105 +8,25 @@ from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe.analysis import Settings, analyse
 from bayes_toe.errors import ConvergenceWarning, InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import convergence
-from bayes_toe.inference.proposal import fit_proposal, importance_draws
-from bayes_toe.inference.sampling import GlobalMove, SamplerSettings, burn_in, moves, sample_chains
-from bayes_toe.model.posterior import JUDGED, Posterior
+from bayes_toe.inference.proposal import importance_draws
+from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
+from bayes_toe.inference.subject import Settings, Wanted, infer
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
 CASES = hard_cases()
 QUICK = SamplerSettings(draws=1000)
 
 
-class Target:
-    """A known density in the place of a posterior: normal, or the log of a product of gammas (skewed, with known mean)."""
-
-    def __init__(self, skewed):
-        self.skewed = skewed
-        self.shape = np.array([0.7, 1.5, 3.0, 8.0])
-
-    def log_density(self, x):
-        return (self.shape * x - np.exp(x)).sum(axis=1) if self.skewed else -0.5 * np.square(x).sum(axis=1)
-
-    def truth(self):
-        from scipy.special import digamma, polygamma
-
-        if not self.skewed:
-            return np.zeros(4), np.ones(4)
-        return digamma(self.shape), polygamma(1, self.shape)
-
-
-def _fitted_for(target):
-    """A proposal deliberately off the target, so that a wrong acceptance rule shows."""
-    from bayes_toe.inference import proposal as module
-    from bayes_toe.inference.mixture import StudentMixture
-
-    class Known:
-        log_density = staticmethod(target.log_density)
-
-        def log_prior(self, x):
-            return -0.5 * (np.square(x - 0.5) / 9 + np.log(2 * np.pi * 9)).sum(axis=1)
-
-        def sample_prior(self, rng, size):
-            return 0.5 + 3 * rng.standard_normal((size, 4))
-
-    class Level:
-        level = staticmethod(lambda x: (x, np.zeros(len(x))))
-        unlevel = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
-
-    one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
-    made = module.Proposal(Known(), Level(), one, one, 0.05)
-    return module.FittedProposal(made, None, 0.5, 0.1)
-
-
-@pytest.mark.parametrize("skewed", [False, True])
-@pytest.mark.parametrize("index", [0, 1, 2], ids=["global", "differential evolution", "stretch"])
-def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
-    import emcee
-
-    target = Target(skewed)
-    move = moves(_fitted_for(target))[index][0]
-    assert type(move).__name__ != "DESnookerMove"
-    means, variances = [], []
-    for k in range(24):
-        random = np.random.RandomState(np.random.MT19937(stream(11, "moments", index, k)))
-        sampler = emcee.EnsembleSampler(64, 4, target.log_density, vectorize=True, moves=[(move, 1.0)])
-        sampler.random_state = random.get_state()
-        mean, variance = target.truth()
-        state = sampler.run_mcmc(mean + np.sqrt(variance) * random.standard_normal((64, 4)), 300, store=False)
-        sampler.run_mcmc(state, 800)
-        x = sampler.get_chain(flat=True)
-        means.append(x.mean(axis=0))
-        variances.append(np.square(x - mean).mean(axis=0))
-    for found, truth in ((np.array(means), mean), (np.array(variances), variance)):
-        z = (found.mean(axis=0) - truth) / (found.std(axis=0, ddof=1) / np.sqrt(len(found)))
-        # 8 looks at a t distribution with 23 degrees of freedom, 6 parametrisations: |t| < 4.6 has a false-alarm rate near 0.6 %.
-        assert np.abs(z).max() < 4.6
-
-
-def test_the_moment_test_catches_emcees_snooker_move():
-    import emcee
-
-    target = Target(skewed=False)
-    sampler = emcee.EnsembleSampler(64, 4, target.log_density, vectorize=True, moves=[(emcee.moves.DESnookerMove(), 1.0)])
-    sampler.random_state = np.random.RandomState(1).get_state()
-    state = sampler.run_mcmc(np.random.default_rng(0).standard_normal((64, 4)), 300, store=False)
-    sampler.run_mcmc(state, 3000)
-    if emcee.__version__ == "3.1.6":
-        assert np.square(sampler.get_chain(flat=True)).mean() < 0.9
-
-
-def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "x"))
-    assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
-    poor = replace(fitted, pareto_k=1.2)
-    assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
+def sampled(study, settings):
+    return [infer(posterior_of(subject, settings.prior), settings.seed, Wanted(settings.sampler)) for subject in study]
 
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "x"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
     steps = [burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)]
     assert steps == [3, 5, 8, 8]  # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
     assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
@@ -117,7 +37,7 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
 @pytest.mark.parametrize("name", ["S01", "S07", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
     # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
-    posterior = Posterior(bt.example_study()[name])
+    posterior = posterior_of(bt.example_study()[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
     draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
@@ -134,7 +54,7 @@ def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
     # emcee itself refuses such a start with an error.
     from bayes_toe.inference import sampling
 
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "line"))
+    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "line"))
     start = sampling._dispersed
 
     def on_a_line(*arguments):
@@ -152,7 +72,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     sampler = analysis.settings.sampler
     assert dict(tree["posterior"].sizes) == {"chain": 4, "draw": sampler.walkers * sampler.kept_steps, "subject": 3}
     for name in analysis.draws.names:
-        posterior = Posterior(analysis.draws.subject(name))
+        posterior = posterior_of(analysis.draws.subject(name))
         for parameter in ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "gain", "width"):
             found = convergence(analysis.draws.values(name, parameter))
             assert min(found.ess_bulk, found.ess_tail) >= 2000
@@ -164,7 +84,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
 
 
 def test_claimed_effective_sizes_hold_over_independent_runs():
-    posterior = Posterior(CASES["one order missing"])
+    posterior = posterior_of(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
     runs = [sample_chains(fitted, QUICK, seed) for seed in range(40)]
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
@@ -178,7 +98,7 @@ def test_claimed_effective_sizes_hold_over_independent_runs():
 
 def test_draws_agree_with_weighted_draws_of_the_proposal():
     for name in ("funnel", "single pair"):
-        posterior = Posterior(CASES[name])
+        posterior = posterior_of(CASES[name])
         fitted = fit_proposal(posterior, generator(5, name))
         chains = sample_chains(fitted, SamplerSettings(draws=8000), 5)
         assert chains.converged
@@ -195,8 +115,8 @@ def test_draws_agree_with_weighted_draws_of_the_proposal():
 
 def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     hard = bt.Study([CASES["guessing at 0.5"]])
-    settings = Settings(seed=1, sampler=SamplerSettings(max_r_hat=1.000001, max_thin=1))
-    [result] = analyse(hard, settings, with_chains=True, workers=1)
+    settings = Settings(seed=1, sampler=SamplerSettings(max_r_hat=1.000001, max_thin=1), model="predictive update")
+    [result] = sampled(hard, settings)
     assert not result.chains.converged
     assert "required" in result.chains.reason
     draws = bt.Draws(__import__("bayes_toe.inference.draws", fromlist=["build_draws"]).build_draws(hard, [result], settings).tree)
@@ -204,29 +124,36 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
 
 
 def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
-    from bayes_toe import api
+    from bayes_toe import analysis as module
 
-    monkeypatch.setattr(api, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
+    monkeypatch.setattr(module, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
     with pytest.warns(ConvergenceWarning, match="did not converge"):
         bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(small_study):
-    settings = Settings(seed=9, sampler=QUICK)
-    forward = analyse(small_study, settings, with_chains=True, workers=1)
-    backward = analyse(small_study.select(["C", "B", "A"]), settings, with_chains=True, workers=2)
-    alone = analyse(small_study.select(["B"]), settings, with_chains=True, workers=1)
-    for one, other in [*zip(forward, reversed(backward), strict=True), (forward[1], alone[0])]:
-        assert one.subject.name == other.subject.name
-        assert np.array_equal(one.chains.x, other.chains.x)
-        assert one.evidence == other.evidence
-    changed = analyse(small_study.select(["B"]), Settings(seed=10, sampler=QUICK), with_chains=True, workers=1)
-    assert not np.array_equal(changed[0].chains.x, alone[0].chains.x)
+    forward = bt.run(small_study, draws=300, seed=9, workers=1)
+    backward = bt.run(small_study.select(["C", "B", "A"]), draws=300, seed=9, workers=2)
+    alone = bt.run(small_study.select(["B"]), draws=300, seed=9, workers=1)
+    for one, other, names in ((forward, backward, "ABC"), (forward, alone, "B")):
+        for name in names:
+            assert np.array_equal(one.draws.points(name), other.draws.points(name))
+            assert one.evidence[name] == other.evidence[name]
+    changed = bt.run(small_study.select(["B"]), draws=300, seed=10, workers=1)
+    assert not np.array_equal(changed.draws.points("B"), alone.draws.points("B"))
+
+
+def test_models_of_a_subject_have_streams_of_their_own(small_study):
+    one = small_study.select(["B"])
+    free, fixed = (bt.sample(one, model=model, draws=300, seed=9, workers=1) for model in ("free weighting", "constant bias"))
+    ranks = [np.argsort(np.argsort(draws.values("B", "q0")[0])) for draws in (free, fixed)]
+    # Walkers that took the same steps would leave the same order behind.
+    assert abs(np.corrcoef(ranks)[0, 1]) < 4.5 / np.sqrt(len(ranks[0]) / 8)
 
 
 def test_subjects_whose_names_differ_in_case_are_two():
     study = bt.Study(twins())
-    results = analyse(study, Settings(seed=1, sampler=QUICK), with_chains=True, workers=1)
+    results = sampled(study, Settings(seed=1, sampler=QUICK))
     assert [r.subject.name for r in results] == ["Ann", "ann"]
     assert results[0].chains.x[..., 0].mean() < 0 < results[1].chains.x[..., 0].mean()
 
@@ -254,22 +181,5 @@ def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
 
 
 def test_judged_quantities_are_all_there():
-    posterior = Posterior(CASES["funnel"])
-    assert tuple(posterior.judged(np.zeros((2, 3, 4)))) == JUDGED
-
-
-def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since():
-    fitted = fit_proposal(Posterior(CASES["funnel"]), generator(1, "move", "proposal"))
-    prior, sbar = fitted.proposal.posterior.prior, fitted.proposal.posterior.sbar
-
-    def log_density(x):
-        return fitted.proposal.log_density(x, prior.log_density_unconstrained(x, sbar))
-
-    propose, random = GlobalMove(fitted.proposal).get_proposal, np.random.RandomState(1)
-    x = fitted.draws.x[:16].copy()
-    for moved in (None, 3, slice(8, 12)):  # in place, as emcee does it
-        if moved is not None:
-            x[moved] += 0.01
-        fresh, factors = propose(x, random)
-        assert factors == pytest.approx(log_density(x) - log_density(fresh), rel=1e-9, abs=1e-9)
-        x[::2] = fresh[::2]
+    posterior = posterior_of(CASES["funnel"])
+    assert tuple(posterior.judged(np.zeros((2, 3, 4)))) == ("mu1", "sigma_p", "sigma_l", "gamma", "sigma1", "width", "offset", "q0")

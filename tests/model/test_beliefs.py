@@ -35,7 +35,9 @@ def test_two_stimuli_are_the_papers_model(s1, s2, mu1, sigma_p, gamma):
 
 def test_the_probability_of_a_trial():
     view = trial_view(0.0, 0.4, -0.5, 0.3, 0.2)
-    assert float(0.9 * 2 ** -(view.distance**2)) == pytest.approx(float(bt.equal_probability(0.0, 0.4, -0.5, 0.3, 0.2, 0.9)), rel=1e-13)
+    assert float(0.9 * 2 ** -(view.distance**2)) == pytest.approx(
+        float(bt.model.equal_probability(0.0, 0.4, -0.5, 0.3, 0.2, 0.9)), rel=1e-13
+    )
 
 
 def test_the_unsimplified_equations_of_appendix_b():
@@ -130,7 +132,7 @@ def test_two_stimuli_are_noticed_as_in_the_papers_model(s1, s2, mu1, sigma_p, ga
     sigma_l = sigma_p * np.sqrt(gamma)
     found = bt.noticed([s1, s2], mu1, sigma_p, sigma_l, q0)
     assert found.shape == (1,)
-    assert found[0] == pytest.approx(1 - float(bt.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)), abs=1e-12)
+    assert found[0] == pytest.approx(1 - float(bt.model.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)), abs=1e-12)
     if 0 < q0 < 1:  # and to the relative digits of the stable form, where 1 - q is small
         z = model.normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
         log_rest = float(model.log_different(z, np.log(q0) - np.log1p(-q0)))
@@ -141,7 +143,7 @@ def test_a_stream_at_another_pace_is_the_papers_model_with_more_diffusion():
     mu1, sigma_p, sigma_l, q0, pause = 0.4, 0.3, 0.2, 0.93, 2.5
     slow = sigma_p * np.sqrt(pause)
     found = bt.noticed([0.1, 0.7], mu1, sigma_p, sigma_l, q0, intervals=[pause], prior=steady_prior(mu1, slow, sigma_l))
-    assert found[0] == pytest.approx(1 - float(bt.equal_probability(0.1, 0.7, mu1, slow, sigma_l, q0)), abs=1e-13)
+    assert found[0] == pytest.approx(1 - float(bt.model.equal_probability(0.1, 0.7, mu1, slow, sigma_l, q0)), abs=1e-13)
 
 
 def test_noticed_along_a_sequence_by_densities_on_a_grid():
@@ -204,13 +206,13 @@ def test_the_panel_of_a_sequence_shows_medians_and_bands():
     rng = np.random.default_rng(6)
     theta = Natural(rng.normal(size=(2, 40)), np.full((2, 40), 0.3), np.full((2, 40), 0.2), rng.uniform(0.8, 1, (2, 40)))
     s, pauses = [0.0, 0.3, 0.3], [1.0, 2.5]
-    ax = bt.noticed_axes(s, theta, intervals=pauses, share=0.8)
+    ax = bt.plots.noticed_axes(s, theta, intervals=pauses, share=0.8)
     low, middle, high = np.quantile(bt.noticed(s, *(v.ravel() for v in theta), intervals=pauses), [0.1, 0.5, 0.9], axis=0)
     [drawn] = ax.containers
     assert drawn.lines[0].get_xydata() == pytest.approx(np.column_stack([[1.0, 3.5], middle]))
     [bars] = drawn.lines[2]
     assert np.array([bar[:, 1] for bar in bars.get_segments()]) == pytest.approx(np.column_stack([low, high]))
     assert [label.get_text() for label in ax.get_xticklabels()] == ["0\n0.00", "1\n0.30", "3.5\n0.30"]
-    assert bt.noticed_axes(s, Natural(*np.array([0.0, 0.3, 0.2, 0.9])), ax=ax) is ax
-    many = bt.noticed_axes(np.zeros(200), Natural(*np.array([0.0, 0.3, 0.2, 0.9])))
+    assert bt.plots.noticed_axes(s, Natural(*np.array([0.0, 0.3, 0.2, 0.9])), ax=ax) is ax
+    many = bt.plots.noticed_axes(np.zeros(200), Natural(*np.array([0.0, 0.3, 0.2, 0.9])))
     assert 5 < len(many.get_xticks()) < 11

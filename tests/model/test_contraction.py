@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.inference.draws import PARAMETERS
 from bayes_toe.model.contraction import contraction, prior_quantile
 from bayes_toe.model.coordinates import quantities
 
 PRIOR = bt.Prior(0.4, 2.5, 0.3)
+TARGET = bt.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)
+PARAMETERS = TARGET.names.reported
 
 
 @pytest.fixture(scope="module")
@@ -26,17 +27,17 @@ def test_quantiles_are_those_of_prior_draws(sampled, parameter, probability):
 
 @pytest.mark.parametrize("parameter", PARAMETERS)
 def test_prior_draws_have_no_contraction(sampled, parameter):
-    assert contraction(PRIOR, parameter, *np.quantile(sampled[parameter], [0.05, 0.95])) == pytest.approx(0.0, abs=0.02)
+    assert contraction(TARGET, parameter, *np.quantile(sampled[parameter], [0.05, 0.95])) == pytest.approx(0.0, abs=0.02)
 
 
 def test_for_normal_densities_it_is_one_minus_the_ratio_of_variances():
     half_width = 1.6448536269514722 * 0.5
-    assert contraction(PRIOR, "mu1", 1.0 - half_width, 1.0 + half_width) == pytest.approx(1.0 - 0.5**2 / 2.5**2, rel=1e-12)
+    assert contraction(TARGET, "mu1", 1.0 - half_width, 1.0 + half_width) == pytest.approx(1.0 - 0.5**2 / 2.5**2, rel=1e-12)
 
 
 def test_a_point_is_all_contraction_and_a_wider_range_is_negative():
-    assert contraction(PRIOR, "q0", 0.7, 0.7) == 1.0
-    assert contraction(PRIOR, "gamma", 0.01, 0.99) < 0.0
+    assert contraction(TARGET, "q0", 0.7, 0.7) == 1.0
+    assert contraction(TARGET, "gamma", 0.01, 0.99) < 0.0
 
 
 def test_the_summary_says_what_the_prior_rules(small_study):

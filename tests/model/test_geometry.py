@@ -17,7 +17,7 @@ SIGMA_P, Q0 = 0.7, 0.9
 
 
 def q(pair, mu1, gamma):
-    return float(bt.equal_probability(*pair, mu1, SIGMA_P, SIGMA_P * np.sqrt(gamma), Q0))
+    return float(bt.model.equal_probability(*pair, mu1, SIGMA_P, SIGMA_P * np.sqrt(gamma), Q0))
 
 
 @settings(max_examples=60, deadline=None)
@@ -126,7 +126,7 @@ def test_the_plane_is_the_mean_over_draws(monkeypatch):
     whole = geo.plane(s1, s2, theta)
     for i, second in enumerate(s2):
         for j, first in enumerate(s1):
-            assert whole.q[i, j] == pytest.approx(bt.equal_probability(first, second, *theta).mean(), rel=1e-12)
+            assert whole.q[i, j] == pytest.approx(bt.model.equal_probability(first, second, *theta).mean(), rel=1e-12)
     monkeypatch.setattr(geo, "_BLOCK", 12)
     assert geo.plane(s1, s2, theta).q == pytest.approx(whole.q, rel=1e-14)
 

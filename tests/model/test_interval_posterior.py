@@ -8,10 +8,8 @@ from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
-from bayes_toe.model.interval_posterior import IntervalPosterior, posterior_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
@@ -31,7 +29,7 @@ def at_one_second(subject):
 
 @pytest.mark.parametrize("name", ["funnel", "all equal", "stimuli offset by 100", "400 pairs with 3 trials"])
 def test_one_second_everywhere_is_the_posterior_without_intervals(name):
-    plain, timed = Posterior(CASES[name]), posterior_of(at_one_second(CASES[name]))
+    plain, timed = posterior_of(CASES[name]), posterior_of(at_one_second(CASES[name]))
     x = np.random.default_rng(1).normal(size=(50, 4)) * [0.3, 3.0, 1.0, 4.0]
     assert timed.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-12, abs=1e-12)
     for with_isi, without in zip(timed.derivatives(x), plain.derivatives(x), strict=True):
@@ -39,7 +37,7 @@ def test_one_second_everywhere_is_the_posterior_without_intervals(name):
 
 
 def test_likelihood_is_that_of_the_filter_equations_pair_by_pair():
-    posterior = IntervalPosterior(UNEVEN)
+    posterior = posterior_of(UNEVEN)
     x = np.random.default_rng(2).normal(size=(30, 4)) * [0.3, 1.5, 0.4, 1.0] + [0.0, 0.0, -1.0, 2.0]
     theta = posterior.natural(x)
     total = np.zeros(len(x))
@@ -78,7 +76,7 @@ def precise(posterior, x):
 @settings(max_examples=25, deadline=None)
 @given(x=st.tuples(st.floats(-1, 1), st.floats(-600, 20), st.floats(-2, 3), st.floats(-10, 20)))
 def test_value_agrees_with_hundreds_of_digits(x):
-    posterior = IntervalPosterior(UNEVEN, Prior(mu1_sd=1e300))  # flat, so that a tiny pull is not outside the floats
+    posterior = posterior_of(UNEVEN, Prior(mu1_sd=1e300))  # flat, so that a tiny pull is not outside the floats
     with mpmath.workdps(900):
         truth = float(precise(posterior, x))
     # Rounding of each displacement, times the slope of both logs there.
@@ -92,7 +90,7 @@ def test_value_agrees_with_hundreds_of_digits(x):
 @settings(max_examples=8, deadline=None)
 @given(x=st.tuples(st.floats(-0.5, 0.5), st.floats(-6, 6), st.floats(-2, 2), st.floats(-5, 8)))
 def test_derivatives_agree_with_fifty_digits(x):
-    posterior = IntervalPosterior(UNEVEN)
+    posterior = posterior_of(UNEVEN)
     gradient, hessian = (part[0] for part in posterior.derivatives([x]))
     with mpmath.workdps(50):
         h = mpmath.mpf(10) ** -12
@@ -110,7 +108,7 @@ def test_derivatives_agree_with_fifty_digits(x):
 
 def test_slopes_hold_where_the_pull_is_tiny_and_the_interval_extreme():
     subject = Subject("far", [0.0, 0.1, 0.4], [0.2, 0.1, 0.1], [10, 20, 12], [30, 30, 30], isi=[1e-6, 1.0, 1e6])
-    posterior = IntervalPosterior(subject)
+    posterior = posterior_of(subject)
     x = np.array([[1e-5, -40.0, -0.5, 1.0], [0.02, 3.0, 0.5, 1.0], [0.02, 12.0, 6.0, 1.0]])
     gradient, hessian = posterior.derivatives(x)
     for i in range(4):
@@ -120,11 +118,3 @@ def test_slopes_hold_where_the_pull_is_tiny_and_the_interval_extreme():
         slope = (posterior.log_density(x + step) - posterior.log_density(x - step)) / (2 * step[i])
         assert gradient[:, i] == pytest.approx(slope, rel=1e-4, abs=1e-6 * np.abs(gradient).max())
         assert hessian[:, i] == pytest.approx((ahead[0] - behind[0]) / (2 * step[i]), rel=1e-3, abs=1e-6 * np.abs(hessian).max())
-
-
-def test_intervals_are_never_pooled_in_silence():
-    with pytest.raises(InputError, match=r"not for intervals \(column isi\), which subject 'uneven' has \(0.2, 1, 5, 30 s\)"):
-        Posterior(UNEVEN)
-    with pytest.raises(InputError, match="has no intervals"):
-        IntervalPosterior(CASES["funnel"])
-    assert type(posterior_of(CASES["funnel"])) is Posterior

@@ -3,37 +3,38 @@
 import numpy as np
 import pandas as pd
 import pytest
+from one_subject import sample_model
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp, roots_legendre
 from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
-from bayes_toe.comparison.evidence_table import frequency_evidence, importance_evidence
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import _log_evidence_without, sample_model
+from bayes_toe.comparison.model_row import _log_evidence_without
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
-from bayes_toe.inference.proposal import fit_proposal
-from bayes_toe.model import ladder
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model import posterior as module
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.interval_posterior import IntervalPosterior
+from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.intervals import equal_probability_at
 from bayes_toe.model.ladder import (
-    IGNORES_INTERVALS,
     MEAN_REVERTING,
     MODELS,
     NAMES,
     NO_LAPSES,
     PREDICTIVE_UPDATE,
-    LadderPosterior,
-    knows_intervals,
-    model_posterior,
+    posterior_of,
 )
+from bayes_toe.model.posterior import Model
 
 CASES = hard_cases()
-IGNORING = [model for model in MODELS if model.propagator is None]
+IGNORES_INTERVALS = "ignores the interval: a pair has the same P(equal) at every one"
+RUNGS = [model for model in MODELS if isinstance(model, Model)]
+IGNORING = [model for model in RUNGS if model.propagator is None]
 WEAK = Subject("a", [0.0, 0.5, 0.0, 0.5, 0.4], [0.5, 0.0, 0.5, 0.1, 0.4], [3, 5, 4, 3, 6], [7, 7, 6, 7, 7], isi=[0.3, 0.3, 3.0, 3.0, 1.0])
 
 
@@ -42,7 +43,7 @@ def made_by(model, x, intervals=(0.25, 1.0, 4.0), trials=50, seed=5):
     design = at_intervals(reference_design(), intervals)
     n = np.full(len(design.s1), trials)
     empty = Subject(f"made by {model.name}", design.s1, design.s2, np.zeros_like(n), n, design.isi)
-    q = np.exp(LadderPosterior(empty, model).log_answers([x])[0][0])
+    q = np.exp(posterior_of(empty, model=model).log_answers([x])[0][0])
     return Subject(empty.name, empty.s1, empty.s2, np.random.default_rng(seed).binomial(n, q), n, empty.isi)
 
 
@@ -51,18 +52,19 @@ OF_WALK = made_by(PREDICTIVE_UPDATE, [-0.14, 1.5, np.log(0.28), 1.5])
 
 
 def evidence_of(subject, model, prior=None):
-    return importance_evidence(fit_proposal(model_posterior(subject, model, prior), np.random.default_rng(1)))[:2]
+    estimate = importance_evidence(fit_proposal(posterior_of(subject, prior, model=model), np.random.default_rng(1)))
+    return estimate.value, estimate.se
 
 
 # --- What each says ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+@pytest.mark.parametrize("model", RUNGS, ids=lambda model: model.name)
 @pytest.mark.parametrize("case", ["funnel", "all equal", "stimuli offset by 100"])
 def test_one_second_everywhere_is_the_model_without_intervals(model, case):
     plain = CASES[case]
     timed = Subject(plain.name, plain.s1, plain.s2, plain.n_equal, plain.n_trials, isi=np.ones(plain.n_pairs))
-    without, with_isi = LadderPosterior(plain, model), LadderPosterior(timed, model)
+    without, with_isi = posterior_of(plain, model=model), posterior_of(timed, model=model)
     x = without.sample_prior(np.random.default_rng(1), 500)
     assert with_isi.log_density(x) == pytest.approx(without.log_density(x), rel=1e-12, abs=1e-12)
     assert with_isi.distance(x) == pytest.approx(without.distance(x), rel=1e-12, abs=1e-12)
@@ -73,26 +75,19 @@ def test_one_second_everywhere_is_the_model_without_intervals(model, case):
 def test_models_without_a_memory_pool_the_answers_over_intervals(model):
     pooled = Subject.from_counts("a", OF_WALK.s1, OF_WALK.s2, OF_WALK.n_equal, OF_WALK.n_trials)
     assert pooled.n_pairs * 3 == OF_WALK.n_pairs
-    x = LadderPosterior(pooled, model).sample_prior(np.random.default_rng(1), 500)
-    assert LadderPosterior(OF_WALK, model).log_density(x) == pytest.approx(LadderPosterior(pooled, model).log_density(x), rel=1e-12)
+    x = posterior_of(pooled, model=model).sample_prior(np.random.default_rng(1), 500)
+    assert posterior_of(OF_WALK, model=model).log_density(x) == pytest.approx(posterior_of(pooled, model=model).log_density(x), rel=1e-12)
     assert model.of_intervals == IGNORES_INTERVALS
 
 
 def test_which_models_know_intervals():
-    assert [name for name in NAMES if knows_intervals(name)] == ["no lapses", "predictive update", "mean-reverting memory"]
+    assert [model.name for model in MODELS if model.knows_intervals] == ["no lapses", "predictive update", "mean-reverting memory"]
     assert "sigma_p^2 a second" in PREDICTIVE_UPDATE.of_intervals
     assert "rho^t" in MEAN_REVERTING.of_intervals
 
 
-def test_the_record_of_h1_is_its_posterior_with_intervals():
-    known, record = IntervalPosterior(OF_WALK), LadderPosterior(OF_WALK, PREDICTIVE_UPDATE)
-    x = known.sample_prior(np.random.default_rng(1), 2000)
-    assert record.log_density(x) == pytest.approx(known.log_density(x), rel=1e-11)
-    assert isinstance(model_posterior(OF_WALK, "predictive update"), IntervalPosterior)
-
-
 def test_no_lapses_is_the_closed_form_of_h1_at_each_interval():
-    target = LadderPosterior(OF_WALK, NO_LAPSES)
+    target = posterior_of(OF_WALK, model=NO_LAPSES)
     x = np.random.default_rng(2).normal(size=(200, 3)) * [0.2, 2.0, 0.4] + [0.0, 0.0, -1.0]
     named = target.judged(x)
     theta = Natural(*(named[key][:, None] for key in ("mu1", "sigma_p", "sigma_l")), np.ones(1))
@@ -101,7 +96,7 @@ def test_no_lapses_is_the_closed_form_of_h1_at_each_interval():
 
 
 def test_mean_reverting_memory_is_its_filter_at_each_interval():
-    target = LadderPosterior(OF_MEMORY, MEAN_REVERTING)
+    target = posterior_of(OF_MEMORY, model=MEAN_REVERTING)
     x = target.sample_prior(np.random.default_rng(3), 500)
     x = x[np.abs(x[:, 1]) < 12]
     named = target.judged(x)
@@ -119,10 +114,10 @@ def test_without_the_column_nothing_of_this_runs(monkeypatch):
     def never(*_):
         raise AssertionError("evaluated without intervals")
 
-    monkeypatch.setattr(ladder, "grouped_intervals", never)
+    monkeypatch.setattr(module, "grouped_intervals", never)
     subject = CASES["funnel"]
-    for model in MODELS:
-        assert np.isfinite(LadderPosterior(subject, model).log_density(np.zeros((1, len(model.coordinates))))).all()
+    for model in RUNGS:
+        assert np.isfinite(posterior_of(subject, model=model).log_density(np.zeros((1, len(model.coordinates))))).all()
 
 
 # --- Evidence ---------------------------------------------------------------------------------------
@@ -182,7 +177,7 @@ def test_starts_find_the_maxima_of_intervals_far_from_one_second():
 
 @pytest.mark.parametrize(("subject", "winner"), [(OF_MEMORY, MEAN_REVERTING), (OF_WALK, PREDICTIVE_UPDATE)], ids=["memory", "walk"])
 def test_intervals_separate_what_one_interval_cannot(subject, winner):
-    values = {model.name: evidence_of(subject, model)[0] for model in MODELS}
+    values = {model.name: evidence_of(subject, model)[0] for model in RUNGS}
     found = {name: -np.inf if value is None else value for name, value in values.items()}  # a withheld one is that of a model far off
     assert max(found, key=found.get) == winner.name
     rival = ({MEAN_REVERTING.name, PREDICTIVE_UPDATE.name} - {winner.name}).pop()
@@ -193,7 +188,7 @@ def test_intervals_separate_what_one_interval_cannot(subject, winner):
 
 def test_intervals_tell_gain_and_memory_apart():
     found = sample_model(OF_MEMORY, "mean-reverting memory", draws=1000, seed=2)
-    truth = LadderPosterior(OF_MEMORY, MEAN_REVERTING).judged(np.array([[-0.14, 0.5, np.log(0.28), 0.0, 2.0]]))
+    truth = posterior_of(OF_MEMORY, model=MEAN_REVERTING).judged(np.array([[-0.14, 0.5, np.log(0.28), 0.0, 2.0]]))
     alone = sample_model(OF_MEMORY.at_isi(1.0), "mean-reverting memory", draws=1000, seed=2)
     for key in ("rho", "sigma1", "sigma_l", "mu1"):
         assert abs(found.quantities[key].mean() - truth[key][0]) < 4.5 * found.quantities[key].std()

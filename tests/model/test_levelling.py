@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.levelling import Levelling, nowhere
-from bayes_toe.model.posterior import Posterior
 
 CASES = hard_cases()
 
 
 @pytest.fixture(scope="module", params=["funnel", "all different"])
 def levelling(request):
-    posterior = Posterior(CASES[request.param])
+    posterior = posterior_of(CASES[request.param])
     return Levelling.at(posterior, find_maxima(posterior).x)
 
 
@@ -35,7 +35,7 @@ def test_volume_is_the_determinant_of_differences(levelling, x):
 
 
 def test_beyond_the_smallest_float_is_nowhere():
-    posterior = Posterior(CASES["funnel"])
+    posterior = posterior_of(CASES["funnel"])
     levelling = Levelling.at(posterior, find_maxima(posterior).x)
     x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
     assert x[0, 2] == x[1, 2] == nowhere(4, 2)[2]
@@ -44,7 +44,7 @@ def test_beyond_the_smallest_float_is_nowhere():
 
 
 def test_prior_draws_far_down_the_funnel_have_unit_spread():
-    posterior = Posterior(CASES["funnel"])
+    posterior = posterior_of(CASES["funnel"])
     levelling = Levelling.at(posterior, find_maxima(posterior).x)
     x = posterior.prior.sample_unconstrained(np.random.default_rng(0), 400_000, posterior.sbar)
     deep = x[(x[:, 1] < -8) & (x[:, 2] > levelling.log_width - 1)]

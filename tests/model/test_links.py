@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bayes_toe.model.closed_form import log_different, log_equal
-from bayes_toe.model.links import criterion, differencing_link, lapse_link
+from bayes_toe.model.links import criterion, differencing_answers, lapse_answers
 
 DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
 LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]
@@ -28,7 +28,7 @@ def _exact(z, logit):
 
 @pytest.mark.parametrize("logit", LOGITS)
 def test_differencing_against_fifty_digits(logit):
-    found = differencing_link(np.array(DISTANCES), np.array(logit))
+    found = differencing_answers(np.array(DISTANCES), np.array(logit))
     k = None
     for i, z in enumerate(DISTANCES):
         *logs, k = _exact(z, logit)
@@ -39,11 +39,11 @@ def test_differencing_against_fifty_digits(logit):
 
 
 def test_differencing_far_away_and_at_the_ends():
-    equal, different = differencing_link(np.array([1e200, 0.0, 3.0]), np.array([0.0, np.inf, np.inf]))
+    equal, different = differencing_answers(np.array([1e200, 0.0, 3.0]), np.array([0.0, np.inf, np.inf]))
     assert equal.tolist() == [-np.inf, 0.0, 0.0]
     assert different.tolist() == [0.0, -np.inf, -np.inf]
     z = np.linspace(-4, 4, 33)
-    assert differencing_link(z, np.array(0.7))[0] == pytest.approx(differencing_link(-z, np.array(0.7))[0], rel=1e-15)
+    assert differencing_answers(z, np.array(0.7))[0] == pytest.approx(differencing_answers(-z, np.array(0.7))[0], rel=1e-15)
 
 
 def test_differencing_by_simulation():
@@ -51,7 +51,7 @@ def test_differencing_by_simulation():
     noise = np.random.default_rng(3).standard_normal(1_000_000)
     logit = np.log(0.7 / 0.3)
     share = np.mean(np.abs(0.8 + noise) < criterion(logit))
-    q = np.exp(differencing_link(np.array(0.8), np.array(logit))[0])
+    q = np.exp(differencing_answers(np.array(0.8), np.array(logit))[0])
     assert share == pytest.approx(q, abs=4.5 * np.sqrt(q * (1 - q) / len(noise)))
 
 
@@ -64,9 +64,9 @@ def test_criterion_is_half_normal_where_the_peak_is_uniform():
 
 def test_the_lapse_link_is_the_papers():
     z, logit = np.array([[0.0, 0.3, 2.0, 40.0]]), np.array([[-2.0], [3.0]])
-    equal, different = lapse_link(z, logit)
+    equal, different = lapse_answers(z, logit)
     assert np.array_equal(equal, log_equal(z, -np.logaddexp(0.0, -logit)))
     assert np.array_equal(different, log_different(z, logit))
-    without = lapse_link(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
+    without = lapse_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
     assert without[0] == pytest.approx(-np.log(2) * np.array([0, 1, 9]))
     assert without[1] == pytest.approx([-np.inf, np.log(0.5), np.log1p(-(2.0**-9))])

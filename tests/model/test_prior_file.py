@@ -5,17 +5,13 @@ from dataclasses import asdict
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.model.prior_file import KEYS, example_file
+from bayes_toe.model.prior_file import example_file
 
 
 def written(tmp_path, text, name="prior.toml"):
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
-
-
-def test_keys_are_those_of_the_prior():
-    assert tuple(asdict(bt.Prior())) == KEYS
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ EVIDENCE = np.array([[-100.0, -103.04, -100.4, -120.0], [-50.0, np.nan, -41.0, -
 
 def test_every_cell_has_its_number_and_its_class():
     table = made(EVIDENCE, NAMES[:4])
-    ax = bt.comparison_axes(table)
+    ax = bt.plots.comparison_axes(table)
     patches, numbers = cells(ax)
     assert len(patches) == 16  # three subjects and the sum
     below = {0: ["best", "3.0", "0.4", "20.0"], 1: ["9.0", None, "best", "1.0"], 2: ["best", "2.0", "1.0", "200"]}
@@ -58,14 +58,14 @@ def test_every_cell_has_its_number_and_its_class():
 
 
 def test_a_withheld_evidence_is_hatched_named_and_its_subject_grey():
-    ax = bt.comparison_axes(made(EVIDENCE, NAMES[:4]))
+    ax = bt.plots.comparison_axes(made(EVIDENCE, NAMES[:4]))
     patches, numbers = cells(ax)
     assert [place for place, one in patches.items() if one.get_hatch()] == [(1, 1)]
     assert (1, 1) not in numbers
     assert "withheld: subject not counted" in [text.get_text() for text in ax.get_legend().get_texts()]
     colours = [label.get_color() for label in ax.get_yticklabels()]
     assert colours[0] == colours[2] == "black" != colours[1]
-    whole = bt.comparison_axes(made(EVIDENCE[[0, 2]], NAMES[:4]))
+    whole = bt.plots.comparison_axes(made(EVIDENCE[[0, 2]], NAMES[:4]))
     assert "withheld" not in " ".join(text.get_text() for text in whole.get_legend().get_texts())
 
 
@@ -82,7 +82,7 @@ def lines(ax):
 
 def test_the_study_panel_shows_the_exact_frequencies_where_they_exist():
     table = made(np.random.default_rng(2).normal(size=(9, 4)) * 2, NAMES[:4])
-    ax, exact = bt.model_frequency_axes(table), table.exact_frequencies()
+    ax, exact = bt.plots.model_frequency_axes(table), table.exact_frequencies()
     shown = lines(ax)
     assert np.array_equal(shown["expected frequency, 95 % interval"], exact.expected)
     assert np.array_equal(shown["most frequent (exceedance)"], exact.exceedance)
@@ -97,7 +97,7 @@ def test_the_study_panel_shows_the_exact_frequencies_where_they_exist():
 
 def test_beyond_the_exact_sum_the_study_panel_is_variational_and_says_so():
     table = made(np.random.default_rng(2).normal(size=(40, 8)))
-    ax = bt.model_frequency_axes(table)
+    ax = bt.plots.model_frequency_axes(table)
     assert table.exact_frequencies() is None
     assert np.array_equal(lines(ax)["expected frequency, 95 % interval"], table.frequencies().expected)
     assert "40 of 40 subjects, random effects, variational" in ax.get_title(loc="left")
@@ -106,7 +106,7 @@ def test_beyond_the_exact_sum_the_study_panel_is_variational_and_says_so():
 
 def test_one_subject_has_probabilities_and_no_sum():
     table = made(np.zeros((1, 8)), probability=0.125)
-    upper, lower = bt.comparison_figure(table).axes
+    upper, lower = bt.plots.comparison_figure(table).axes
     assert [label.get_text() for label in upper.get_yticklabels()] == ["P1"]
     assert lines(lower)["model probability, equal prior odds"].tolist() == [0.125] * 8
 
@@ -121,9 +121,9 @@ def test_one_subject_has_probabilities_and_no_sum():
     ],
 )
 def test_without_frequencies_the_panel_says_why(evidence, models, words):
-    ax = bt.model_frequency_axes(made(evidence, models))
+    ax = bt.plots.model_frequency_axes(made(evidence, models))
     assert words in " ".join(text.get_text() for text in ax.texts)
-    bt.comparison_figure(made(evidence, models)).draw_without_rendering()
+    bt.plots.comparison_figure(made(evidence, models)).draw_without_rendering()
 
 
 @pytest.mark.parametrize("shape", [(1, 8), (2, 2), (16, 8), (40, 8)])
@@ -132,7 +132,7 @@ def test_nothing_leaves_the_figure_or_meets(shape):
     if shape[0] > 2:
         evidence[1, 1] = np.nan
     table = made(evidence, NAMES[: shape[1]], 1 / shape[1])
-    figure = bt.comparison_figure(table, synthetic=True)
+    figure = bt.plots.comparison_figure(table, synthetic=True)
     figure.draw_without_rendering()
     assert "synthetic data" in figure.legends[0].get_title().get_text()
     width, height = figure.bbox.size
@@ -155,7 +155,7 @@ def test_given_axes_are_used_and_the_file_is_the_same_each_time(tmp_path):
     from bayes_toe.plots.style import new_figure
 
     ax = new_figure(3.0, 3.0).subplots()
-    assert bt.comparison_axes(made(EVIDENCE, NAMES[:4]), ax) is ax
+    assert bt.plots.comparison_axes(made(EVIDENCE, NAMES[:4]), ax) is ax
     assert ax.get_legend() is None
     one, two = (save_comparison(made(EVIDENCE, NAMES[:4]), tmp_path / name).read_bytes() for name in ("a.png", "b.png"))
     assert one == two

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.corner import LABELS, TRUTH
-from bayes_toe.plots.style import png
+from bayes_toe.plots.figure_files import png
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 
@@ -29,7 +29,7 @@ def marked(ax):
 
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     truth = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
-    figure = bt.corner(analysis.draws, "A", truths=truth, prior=bt.Prior())
+    figure = bt.plots.corner(analysis.draws, "A", truths=truth, prior=bt.Prior())
     axes = np.array(figure.axes).reshape(4, 4)
     assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[k] for k in ("mu1", "sigma_p", "sigma_l", "q0")]
     for i, value in enumerate(truth.values()):
@@ -45,19 +45,19 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
 
 
 def test_corner_in_identified_or_any_coordinates(analysis):
-    assert len(bt.corner(analysis.draws, "B", coordinates="identified").axes) == 16
-    assert len(bt.corner(analysis.draws, "B", coordinates=["gain", "mu1"]).axes) == 4
+    assert len(bt.plots.corner(analysis.draws, "B", coordinates="identified").axes) == 16
+    assert len(bt.plots.corner(analysis.draws, "B", coordinates=["gain", "mu1"]).axes) == 4
     with pytest.raises(InputError, match="must be one of"):
-        bt.corner(analysis.draws, "B", coordinates="polar")
+        bt.plots.corner(analysis.draws, "B", coordinates="polar")
     with pytest.raises(InputError, match="unknown parameter"):
-        bt.corner(analysis.draws, "B", coordinates=["gain", "x"])
+        bt.plots.corner(analysis.draws, "B", coordinates=["gain", "x"])
     with pytest.raises(InputError, match="found none, allowed: natural"):
-        bt.corner(analysis.draws, "B", coordinates=[])
+        bt.plots.corner(analysis.draws, "B", coordinates=[])
 
 
 @pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], ["offset", "pull", "q0"], list(QUANTITIES)], ids=len)
 def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, names):
-    figure = bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE, prior=bt.Prior())
+    figure = bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, prior=bt.Prior())
     figure.draw_without_rendering()  # lays the texts out
     axes = np.array(figure.axes).reshape(len(names), len(names))
     panels = [axes[i, j].get_window_extent() for i in range(len(names)) for j in range(i + 1)]
@@ -77,7 +77,7 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
 def test_drawn_into_a_part_of_a_figure(analysis):
     parts = Figure(figsize=(12, 6)).subfigures(1, 2)
     for part, names in zip(parts, (["gain"], "identified"), strict=True):
-        assert bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
+        assert bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
     assert len(parts[1].axes) == 16
     assert "red: true value" in words(parts[0])
 
@@ -86,8 +86,8 @@ def test_drawn_into_a_part_of_a_figure(analysis):
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
     theta = Natural(*map(np.float64, TRUE.values()))
     gain = derived(theta)["gain"]
-    true = {**TRUE, **derived(theta), "pull": 1 - gain, "offset": (1 - gain) * (TRUE["mu1"] - Posterior(analysis.study["A"]).sbar)}
-    axes = np.array(bt.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
+    true = {**TRUE, **derived(theta), "pull": 1 - gain, "offset": (1 - gain) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)}
+    axes = np.array(bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
     for i, name in enumerate(names):
         assert marked(axes[i, i])[0] == pytest.approx([float(true[name])])
         for j in range(i):
@@ -95,12 +95,12 @@ def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis
 
 
 def test_the_key_names_true_values_only_where_they_are_shown(analysis):
-    figure = bt.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
+    figure = bt.plots.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
     assert marked(figure.axes[0]) == ([-0.7], [])
     assert marked(figure.axes[3]) == ([], [])  # the gain follows from sigma_p and sigma_l, not from mu1
     assert "red: true value" in words(figure)
-    assert "true value" not in words(bt.corner(analysis.draws, "A", coordinates=["gain", "q0"], truths={"mu1": -0.7}))
-    figure = bt.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
+    assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["gain", "q0"], truths={"mu1": -0.7}))
+    figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
     assert "red: true value" not in words(figure)
     assert "true value outside: $q_0$ = 0.001" in words(figure)
 
@@ -111,4 +111,4 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
 )
 def test_what_cannot_be_a_true_value_is_refused(analysis, truths, named):
     with pytest.raises(InputError, match=named):
-        bt.corner(analysis.draws, "A", truths=truths)
+        bt.plots.corner(analysis.draws, "A", truths=truths)

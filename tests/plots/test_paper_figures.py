@@ -10,17 +10,19 @@ from matplotlib.text import Text
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.api import Analysis
-from bayes_toe.comparison.predictive_checks import collapse
+from bayes_toe.analysis import Analysis
+from bayes_toe.classical.asymmetry import AsymmetryTable
+from bayes_toe.classical.collapse import collapse
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.asymmetry import asymmetry_height
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
-from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, _Drawing, captions, left_out, material_of, products, representative
-from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, picture
+from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, left_out, material_of, products, representative
+from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST
 from bayes_toe.plots.subject import central, main_weaker
 
 NAMES = tuple(FIGURES)
@@ -41,7 +43,7 @@ def points_of(ax):
 
 
 def test_asymmetries_are_where_the_table_has_them(table):
-    ax = bt.asymmetry_axes(table)
+    ax = bt.plots.asymmetry_axes(table)
     drawn = points_of(ax)
     expected = [one for row in table for one in row.comparisons]
     assert [x for x, *_ in drawn] == pytest.approx([one.asymmetry for one in expected])
@@ -54,7 +56,7 @@ def test_asymmetries_are_where_the_table_has_them(table):
 
 def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(table):
     one = table["A"].maximal
-    drawn = points_of(bt.order_axes(one))
+    drawn = points_of(bt.plots.order_axes(one))
     assert [(y, edge) for _, y, edge, _ in drawn] == [
         (pytest.approx(one.q_weak_first), WEAKER_FIRST),
         (pytest.approx(one.q_strong_first), STRONGER_FIRST),
@@ -65,17 +67,17 @@ def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(tabl
 def test_the_filter_view_shows_the_four_beliefs(pair):
     theta = (-0.7, 0.25, 0.17)
     view = trial_view(*pair, *theta)
-    ax = bt.filter_axes(*pair, *theta, 0.9)
+    ax = bt.plots.filter_axes(*pair, *theta, 0.9)
     vertical = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1]]
     assert vertical == pytest.approx([float(b.mean) for b in (view.prior, view.after_first, view.evolved, view.after_second)])
     assert f"{abs(float(view.distance)):.2f}" in ax.get_title()
-    assert f"{float(bt.equal_probability(*pair, *theta, 0.9)):.2f}" in ax.get_title()
+    assert f"{float(bt.model.equal_probability(*pair, *theta, 0.9)):.2f}" in ax.get_title()
     [arrow] = [text for text in ax.texts if getattr(text, "arrow_patch", None) is not None]
     assert (arrow.xyann[0], arrow.xy[0]) == pytest.approx((float(view.evolved.mean), float(view.after_second.mean)))
 
 
 def test_stars_stand_where_the_orders_differ(analysis, table):
-    ax = bt.answers_axes(analysis.study["A"], analysis.draws.natural("A"))
+    ax = bt.plots.answers_axes(analysis.study["A"], analysis.draws.natural("A"))
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
     assert stars == pytest.approx([one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05])
     assert stars
@@ -83,7 +85,7 @@ def test_stars_stand_where_the_orders_differ(analysis, table):
 
 def test_the_prior_is_drawn_at_its_mean_with_the_stimuli(analysis):
     counts, middle = analysis.study["A"], central(analysis.draws, "A")
-    ax = bt.prior_axes(counts, analysis.draws.natural("A"), middle)
+    ax = bt.plots.prior_axes(counts, analysis.draws.natural("A"), middle)
     [thick] = [line for line in ax.lines if line.get_linewidth() == 1.4]
     x, density = thick.get_data()
     assert x[np.argmax(density)] == pytest.approx(float(middle.mu1), abs=0.02)
@@ -99,9 +101,9 @@ def test_the_central_point_lies_among_the_draws(analysis):
 
 
 def test_both_orders_collapse_on_one_curve(analysis):
-    ax = bt.collapse_axes(analysis.study["A"], analysis.draws.natural("A"))
+    ax = bt.plots.collapse_axes(analysis.study["A"], analysis.draws.natural("A"))
     curve = next(line for line in ax.lines if len(line.get_xdata()) == 300)
-    posterior = Posterior(analysis.study["A"])
+    posterior = posterior_of(analysis.study["A"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
     found = collapse(posterior, x, mass=0.6)
     drawn = sorted((x, y) for x, y, *_ in points_of(ax))
@@ -112,7 +114,7 @@ def test_both_orders_collapse_on_one_curve(analysis):
 
 def test_ellipses_of_the_map_hold_a_fifth_of_the_draws(analysis):
     clouds = posterior_clouds(analysis.draws)
-    ax = bt.map_axes(clouds, names={"A": "one", "B": "two", "C": "three"})
+    ax = bt.plots.map_axes(clouds, names={"A": "one", "B": "two", "C": "three"})
     assert {text.get_text() for text in ax.texts} - {""} == {"one", "two", "three"}
     for cloud, patch in zip(clouds.values(), ax.patches, strict=True):
         assert patch.get_path().contains_points(np.column_stack(cloud)).mean() == pytest.approx(0.2, abs=0.01)
@@ -133,17 +135,17 @@ def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_th
     rng = np.random.default_rng(1)
     clouds = {"near": tuple(rng.normal(0.3, 0.02, (2, 500))), "line": (np.arange(9.0), np.full(9, 0.3))}
     clouds["far"] = (rng.normal(300.0, 0.02, 500), rng.normal(0.3, 0.02, 500))
-    ax = bt.map_axes(clouds, stimuli=[0.0, 0.5])
+    ax = bt.plots.map_axes(clouds, stimuli=[0.0, 0.5])
     assert [line.get_marker() for line in ax.lines].count("x") == 1
     assert ax.get_xlim()[1] < 10
     assert any("far" in text.get_text() and "3e+02" in text.get_text() for text in ax.texts)
     with pytest.raises(InputError, match="at least one subject"):
-        bt.map_axes({})
+        bt.plots.map_axes({})
 
 
 def test_the_plane_shows_axis_and_tested_pairs(analysis):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
-    ax = bt.plane_axes(counts, theta)
+    ax = bt.plots.plane_axes(counts, theta)
     axis = next(line for line in ax.lines if line.get_label() == "symmetry axis")
     x, y = axis.get_data()
     assert (y[-1] - y[0]) / (x[-1] - x[0]) == pytest.approx(float(np.median(gain(theta.gamma))), abs=0.05)
@@ -158,25 +160,25 @@ def test_the_plane_shows_axis_and_tested_pairs(analysis):
 def test_functions_of_gamma_end_at_the_golden_ratio():
     golden = (1.0 + 5.0**0.5) / 2.0
     for quantity, start, end in (("prior_uncertainty", 1.0, golden), ("slope", 1.0, 1.0 / golden), ("prefactor", 0.0, 1.0 - 1.0 / golden)):
-        y = bt.gamma_axes(quantity).lines[0].get_ydata()
+        y = bt.plots.gamma_axes(quantity).lines[0].get_ydata()
         assert (y[0], y[-1]) == pytest.approx((start, end))
     with pytest.raises(InputError, match="allowed: prior_uncertainty, slope, prefactor"):
-        bt.gamma_axes("G")
+        bt.plots.gamma_axes("G")
 
 
 @pytest.mark.parametrize("quantity", ["slope", "prefactor"])
 def test_panels_are_drawn_on_axes_that_are_given(analysis, table, quantity):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
     draw = (
-        lambda ax: bt.asymmetry_axes(table, ax),
-        lambda ax: bt.order_axes(table["A"].maximal, ax),
-        lambda ax: bt.filter_axes(0.0, 0.3, -0.7, 0.25, 0.17, ax=ax),
-        lambda ax: bt.answers_axes(counts, theta, ax),
-        lambda ax: bt.prior_axes(counts, theta, central(analysis.draws, "A"), ax),
-        lambda ax: bt.collapse_axes(counts, theta, ax),
-        lambda ax: bt.map_axes(posterior_clouds(analysis.draws), ax),
-        lambda ax: bt.plane_axes(counts, theta, ax),
-        lambda ax: bt.gamma_axes(quantity, ax),
+        lambda ax: bt.plots.asymmetry_axes(table, ax),
+        lambda ax: bt.plots.order_axes(table["A"].maximal, ax),
+        lambda ax: bt.plots.filter_axes(0.0, 0.3, -0.7, 0.25, 0.17, ax=ax),
+        lambda ax: bt.plots.answers_axes(counts, theta, ax),
+        lambda ax: bt.plots.prior_axes(counts, theta, central(analysis.draws, "A"), ax),
+        lambda ax: bt.plots.collapse_axes(counts, theta, ax),
+        lambda ax: bt.plots.map_axes(posterior_clouds(analysis.draws), ax),
+        lambda ax: bt.plots.plane_axes(counts, theta, ax),
+        lambda ax: bt.plots.gamma_axes(quantity, ax),
     )
     for one in draw:
         ax = Figure().subplots()
@@ -194,8 +196,8 @@ def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
 
 
 def test_rows_of_many_comparisons_are_higher(table):
-    wild = bt.AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
-    assert asymmetry_height(wild) > asymmetry_height(bt.AsymmetryTable(table.rows[:1]))
+    wild = AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
+    assert asymmetry_height(wild) > asymmetry_height(AsymmetryTable(table.rows[:1]))
 
 
 # --- words ------------------------------------------------------------------------------------------------------------------------
@@ -229,7 +231,7 @@ def require_legible(figure):
 
 
 def run(study):
-    return bt.run(study, bt.settings_for(draws=300, seed=1), workers=1)
+    return bt.run(study, draws=300, seed=1, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -249,7 +251,7 @@ def test_figures_of_the_bundled_study_are_legible(bundled, name):
 def test_figures_of_small_and_odd_studies_are_legible(small_study, case):
     study = small_study.select(["A"]) if case == "one subject" else bt.Study([hard_cases()[case]])
     analysis = run(study)
-    drawn = bt.figures(analysis)
+    drawn = bt.plots.figures(analysis)
     missing = {"figure_1c_asymmetry"} if case in ("one order missing", "single pair") else set()
     assert set(drawn) == set(NAMES) - missing
     assert set(left_out(material_of(analysis))) == missing
@@ -259,20 +261,20 @@ def test_figures_of_small_and_odd_studies_are_legible(small_study, case):
 
 @pytest.mark.parametrize("file", ["vibrotactile_rate/trials.csv", "morse_rothkopf_1957/dots.csv"])
 def test_figures_of_real_studies_are_legible(real_data, file):
-    for figure in bt.figures(run(bt.read_study(real_data / file))).values():
+    for figure in bt.plots.figures(run(bt.read_study(real_data / file))).values():
         require_legible(figure)
 
 
 def test_any_subjects_can_be_chosen(bundled):
     names = ("S16", "S02", "S09", "S01")
-    drawn = bt.figures(bundled, names)
+    drawn = bt.plots.figures(bundled, names)
     titles = [ax.get_title() for ax in drawn["figure_3_examples"].axes]
     assert [title for title in titles if title.startswith("S")] == [f"{name} (synthetic)" for name in ("S16", "S02", "S09", "S01")]
     require_legible(drawn["figure_3_examples"])
     require_legible(drawn["figure_5_plane"])
     for wrong in (["S99"], [], ["S01", "S01"]):
         with pytest.raises(InputError):
-            bt.figures(bundled, wrong)
+            bt.plots.figures(bundled, wrong)
 
 
 def test_names_of_any_kind_are_drawn(small_study):
@@ -296,25 +298,25 @@ def test_a_figure_gives_the_same_bytes_each_time(analysis, suffix):
 
 
 def test_files_are_all_there_and_do_not_depend_on_workers(analysis, tmp_path):
-    bt.write_figures(analysis, tmp_path / "new", formats=["svg"], workers=2)
+    bt.plots.write_figures(analysis, tmp_path / "new", formats=["svg"], workers=2)
     files = {p.name: p.read_bytes() for p in (tmp_path / "new").iterdir() if not p.name.startswith(".")}
     assert set(files) == set(products(["svg"]))
     assert "maximal asymmetry of 3 subjects" in files[CAPTIONS].decode().lower()
     for name in ("figure_2_filter", "figure_6_gamma", "appendix_c_evidence"):
-        assert _draw(_Drawing(name, material_of(analysis), ("svg",)))["svg"] == files[f"{name}.svg"]
+        assert _draw(name, material_of(analysis), ["svg"])["svg"] == files[f"{name}.svg"]
 
 
 def test_existing_files_are_refused_and_left(analysis, tmp_path):
     (tmp_path / "figure_6_gamma.png").write_text("precious")
     with pytest.raises(OutputError, match="figure_6_gamma"):
-        bt.write_figures(analysis, tmp_path, formats=["png"], workers=1)
+        bt.plots.write_figures(analysis, tmp_path, formats=["png"], workers=1)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("figure_6_gamma.png", "precious")]
 
 
 @pytest.mark.parametrize("formats", [["gif"], []])
 def test_formats_are_checked(analysis, tmp_path, formats):
     with pytest.raises(InputError, match="allowed: pdf, png, svg"):
-        bt.write_figures(analysis, tmp_path / "new", formats=formats)
+        bt.plots.write_figures(analysis, tmp_path / "new", formats=formats)
     assert not (tmp_path / "new").exists()
 
 

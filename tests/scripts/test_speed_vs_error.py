@@ -120,7 +120,7 @@ def test_counting(case):
     x = np.zeros((7, 4))
     assert counting.log_density(x) == pytest.approx(case.posterior.log_density(x))
     counting.derivatives(x[:2])
-    counting.parts(x[:1])
+    counting.log_likelihood(x[:1])
     assert counting.evaluations == 10
 
 

@@ -1,4 +1,4 @@
-"""Does the model describe the answers? Deviance, posterior predictive p-values, and the collapse of both orders on one curve."""
+"""Does the model describe the answers? Deviance and posterior predictive p-values."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, chdtrc, log_expit
+from scipy.special import betainc, chdtrc
 
-from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.classical.frequencies import frequencies
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.closed_form import LN2
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import Answering
 from bayes_toe.seeds import generator
 
@@ -86,7 +83,8 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     Examples
     --------
     >>> from bayes_toe.data.study import Subject
-    >>> posterior = Posterior(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
+    >>> from bayes_toe.model.ladder import posterior_of
+    >>> posterior = posterior_of(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
     >>> fit = fit_at(posterior, [0.0, 0.0, -1.0, 2.2])
     >>> fit.residual.shape, fit.degrees_of_freedom
     ((3,), -1)
@@ -101,14 +99,21 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
 
 def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
     """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
-    return _pair_deviance(posterior, *posterior.log_answers(_require_points(x, posterior)))
+    return _pair_deviance(posterior, *posterior.log_answers(require_draws(x, posterior)))
 
 
 def _pair_deviance(posterior: Answering, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
 
 
-def _require_points(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
+def require_draws(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
+    """Draws as an array, shape (draws, k).
+
+    Raises
+    ------
+    NumericalError
+        If they have another shape, there are none, or one is NaN.
+    """
     points, k = np.asarray(x, np.float64), len(posterior.coordinates)
     if points.ndim != 2 or points.shape[1] != k or not len(points) or np.isnan(points).any():
         raise NumericalError(f"draws must have shape (draws, {k}) and no NaN, found shape {points.shape}")
@@ -161,15 +166,15 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     x : array_like, shape (draws, k)
         Posterior draws in unconstrained coordinates.
     seed : int
-        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by the subject.
+        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
 
     Raises
     ------
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = _require_points(x, posterior), posterior.subject
-    rng = generator(seed, subject.name, "predictive check")
+    points, subject = require_draws(x, posterior), posterior.subject
+    rng = generator(seed, subject.name, posterior.model.name, "predictive check")
     expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
     beyond = 0
     rows = max(1, _BLOCK // subject.n_pairs)
@@ -201,8 +206,8 @@ class FitSummary:
         Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
     worst_p : float
         Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
-    worst_pair : tuple of float
-        That pair, (s1, s2) in natural-log intensity.
+    worst_s1, worst_s2 : float
+        That pair, natural-log intensity.
     worst_isi : float, optional
         Its interval, seconds, where the subject has intervals.
     """
@@ -212,23 +217,27 @@ class FitSummary:
     p_overall: float
     p_overall_se: float
     worst_p: float
-    worst_pair: tuple[float, float]
+    worst_s1: float
+    worst_s2: float
     worst_isi: float | None = None
 
 
-def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: int = 2000) -> FitSummary:
+def summarise_fit(
+    posterior: Answering, x: npt.ArrayLike, seed: int, *, log_likelihood: FloatArray | None = None, most: int = 2000
+) -> FitSummary:
     """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
-    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all.
+    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all, by their log likelihood, shape
+    (draws,), which is evaluated where it is not given.
 
     Raises
     ------
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = _require_points(x, posterior), posterior.subject
+    points, subject = require_draws(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
-    best = int(np.argmax(posterior.log_likelihood(points)))
+    best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
     worst = int(np.argmin(check.p_value))
     return FitSummary(
         float(deviance(posterior, points[best : best + 1]).sum()),
@@ -236,7 +245,8 @@ def summarise_fit(posterior: Answering, x: npt.ArrayLike, seed: int, *, most: in
         check.p_overall,
         check.p_overall_se,
         float(check.p_value[worst]),
-        (float(subject.s1[worst]), float(subject.s2[worst])),
+        float(subject.s1[worst]),
+        float(subject.s2[worst]),
         None if subject.isi is None else float(subject.isi[worst]),
     )
 
@@ -253,52 +263,3 @@ def binomial_tails(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, q: FloatArra
     fewer = np.where(k < n, betainc(np.maximum(n - k, 1.0), k + 1.0, rest), 1.0)
     more = np.where(k > 0, betainc(np.maximum(k, 1.0), n - k + 1.0, q), 1.0)
     return np.asarray(fewer), np.asarray(more)
-
-
-# --- Collapse ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Collapse:
-    """Model-free frequencies on the normalised distance, where both orders fall on q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
-
-    Arrays have shape (pairs,). Bands are quantiles over the draws that were given.
-
-    Attributes
-    ----------
-    order : array of int
-        -1 weaker stimulus first, 0 equal stimuli, 1 stronger first.
-    z, z_low, z_high : array
-        Normalised distance (s2 - mu_2)/w: median, lower and upper quantile; no unit.
-    ratio, error : array
-        qhat/q0 and sigmahat_q/q0 at the median q0. Source: Eq. e:2b.
-    """
-
-    order: IntArray
-    z: FloatArray
-    z_low: FloatArray
-    z_high: FloatArray
-    ratio: FloatArray
-    error: FloatArray
-
-
-def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
-    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, 4) or (4,); bands hold `mass` of the draws.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.study import Subject
-    >>> posterior = Posterior(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
-    >>> collapse(posterior, [0.0, 0.0, -1.0, 2.2]).order.tolist()
-    [0, -1, 1]
-    """
-    points = _require_points(np.atleast_2d(np.asarray(x, np.float64)), posterior)
-    low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
-    top = float(np.exp(log_expit(np.median(points[:, 3]))))
-    free = frequencies(posterior.subject)
-    return Collapse(free.order, middle, low, high, free.q / top, free.error / top)
-
-
-def universal_curve(z: npt.ArrayLike) -> FloatArray:
-    """The curve on which the data collapse, q/q0 = 2^(-z^2). Source: Eq. mod:q."""
-    return np.asarray(np.exp(-LN2 * np.square(np.asarray(z, np.float64))))

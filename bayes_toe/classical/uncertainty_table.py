@@ -20,7 +20,7 @@ COLUMNS = (
 )
 
 
-def compare_intervals(draws: Draws, fits: FitTable) -> pd.DataFrame:
+def uncertainty_table(draws: Draws, fits: FitTable) -> pd.DataFrame:
     """Central posterior interval and percentile bootstrap interval of every subject and natural parameter, both at the table's level.
 
     Columns: subject, parameter, posterior_median, posterior_lower, posterior_upper, fit, bootstrap_lower, bootstrap_upper, at_edge; the

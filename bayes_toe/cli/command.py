@@ -1,0 +1,73 @@
+"""How a function becomes a command: records of options become options, our errors become lines and an exit code."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import wraps
+from typing import Any, get_type_hints
+
+import typer
+
+from bayes_toe.cli.options import LAST_IN_HELP
+from bayes_toe.errors import BayesToeError
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """The function as the command line calls it.
+
+    A parameter whose type is a dataclass becomes one option for each of its fields, and the function receives the record of them. Our
+    errors become lines on standard error and an exit code.
+    """
+    signature = inspect.signature(function, eval_str=True)
+    records: dict[str, Any] = {name: one.annotation for name, one in signature.parameters.items() if is_dataclass(one.annotation)}
+
+    @wraps(function)
+    def command(**given: Any) -> None:
+        made = {name: kind(**{field.name: given.pop(field.name) for field in fields(kind)}) for name, kind in records.items()}
+        with _problems_as_lines():
+            function(**given, **made)
+
+    parameters = [option for one in signature.parameters.values() for option in _options(one)]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    return command
+
+
+def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
+    """The parameter itself, or one for each field where it is a record."""
+    kind = parameter.annotation
+    if not is_dataclass(kind):
+        return [parameter]
+    hints = get_type_hints(kind, include_extras=True)
+    return [
+        inspect.Parameter(one.name, parameter.KEYWORD_ONLY, default=_default(one), annotation=hints[one.name])
+        for one in sorted(fields(kind), key=_place)
+    ]
+
+
+def _place(field: Field[Any]) -> int:
+    """Options that many commands have come last, in their own order; the others stay as they are."""
+    return LAST_IN_HELP.index(field.name) if field.name in LAST_IN_HELP else -1
+
+
+def _default(field: Field[Any]) -> Any:
+    return inspect.Parameter.empty if field.default is MISSING else field.default
+
+
+@contextmanager
+def _problems_as_lines() -> Iterator[None]:
+    """Our own errors as lines on standard error and exit code 2; anything else is a bug and shows its traceback."""
+    try:
+        yield
+    except BayesToeError as error:
+        for line in str(error).splitlines():
+            typer.echo(f"error: {line}", err=True)
+        raise typer.Exit(BAD_INPUT) from error
+    except KeyboardInterrupt:
+        typer.echo("interrupted: nothing was written", err=True)
+        raise typer.Exit(INTERRUPTED) from None

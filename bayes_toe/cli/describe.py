@@ -1,0 +1,84 @@
+"""Commands that describe a study or saved draws: asymmetry, predict, check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_toe.cli import summaries, terminal
+from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFile, writes
+from bayes_toe.cli.task import PriorTask, WritingTask
+
+
+def asymmetry(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("asymmetry.csv", "Table to write.")] = Path("asymmetry.csv"),
+    covariates: Annotated[
+        Path | None,
+        typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
+    ] = None,
+    task: WritingTask,
+) -> None:
+    """Time-order asymmetry of every comparison without a model: size, exact test, direction.
+
+    [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
+    """
+    from bayes_toe.classical.asymmetry import asymmetry as compute
+    from bayes_toe.classical.covariates import covariate_tests, read_covariates
+
+    beside = output.with_name(f"{output.stem}_covariates.csv")
+    files = [output] if covariates is None else [output, beside]
+    task.require_files(*files)
+    people = None if covariates is None else read_covariates(covariates)
+    read = study.read()
+    terminal.say_study(task.console, read)
+    table = compute(read)
+    tests = None if people is None else covariate_tests(people, table.outcomes())
+    table.save(output, overwrite=task.overwrite)
+    summaries.say_asymmetry(task.console, table)
+    if tests is not None:
+        tests.save(beside, overwrite=task.overwrite)
+        summaries.say_covariates(task.console, tests)
+    task.say_written("written:", *files)
+
+
+def predict(
+    *,
+    posterior: SavedDraws,
+    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
+    output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
+    subject: OneSubject = None,
+    task: WritingTask,
+) -> None:
+    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+
+    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
+    """
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.inference.draws import load
+    from bayes_toe.inference.prediction import predict_pairs
+
+    task.require_files(output)
+    loaded = load(posterior)
+    table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
+    write_table(table, output, overwrite=task.overwrite)
+    task.say_written(f"{len(table)} predictions in", output)
+
+
+def check(*, study: StudyFile, task: PriorTask) -> None:
+    """What was read, and what cannot be learnt from it, before any sampling.
+
+    [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
+    """
+    from bayes_toe.experiments.checks import check_study, describe
+
+    read, _ = task.opened(study)
+    rows = describe(read).to_dict("records")
+    terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
+    findings = check_study(read)
+    terminal.say_findings(task.console, findings)
+    if not findings:
+        task.console.print("no warnings")

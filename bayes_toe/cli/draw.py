@@ -1,0 +1,82 @@
+"""Commands that draw: figures, corner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_toe.cli import summaries
+from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFileOrExample, Workers, writes
+from bayes_toe.cli.task import SamplingTask, WritingTask, leave_unless_converged
+
+
+def figures(
+    *,
+    study: StudyFileOrExample,
+    output: Annotated[Path, writes("DIR", "Folder for the figures.")] = Path("figures"),
+    subject: Annotated[
+        list[str] | None,
+        typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
+    ] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
+    task: SamplingTask,
+) -> None:
+    """The paper's figures of a study, with captions: 1C, 2 to 6 and Appendix C's.
+
+    [bold]Example[/bold]: bayes-toe figures study.csv -o figures --subject S06 --subject S04 --seed 1
+    """
+    from bayes_toe.analysis import run as analyse
+    from bayes_toe.data.study import refuse_intervals
+    from bayes_toe.plots.paper_figures import FIGURES, products, require_subjects, write_figures
+
+    chosen = ["pdf", "png"] if formats is None else formats
+    task.require_folder(output, products(chosen))
+    read, prior = task.read(study)
+    refuse_intervals(read, "the paper's figures")  # before the sampling
+    if subject is not None:
+        require_subjects(subject, read.names)
+    task.introduce(read, prior)
+    with task.progress("sampling", len(read)) as tick:
+        analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    summaries.say_draws(task.console, analysis.draws)
+    with task.progress("drawing", len(FIGURES)) as tick:
+        write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=task.overwrite, workers=task.workers, progress=tick)
+    task.say_written("figures and captions in", output, seed=analysis.settings.seed)
+    leave_unless_converged(analysis.draws)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawingTask(WritingTask):
+    """A command that draws what was computed before."""
+
+    workers: Workers = None
+
+
+def corner(
+    *,
+    posterior: SavedDraws,
+    output: Annotated[Path, writes("DIR", "Folder for one PNG a subject.")] = Path("corner"),
+    subject: OneSubject = None,
+    coordinates: Annotated[str, typer.Option("--coordinates", help="natural or identified.")] = "natural",
+    task: DrawingTask,
+) -> None:
+    """Corner plots of saved draws, one PNG a subject.
+
+    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
+    """
+    from bayes_toe.cli.results_folder import corner_files, draw_corners, write_corners
+    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.inference.draws import load
+
+    loaded = load(posterior)
+    chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
+    files = corner_files(loaded, chosen)
+    task.require_folder(output, list(files.values()))
+    with task.progress("drawing", len(chosen)) as tick:
+        pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=task.workers, progress=tick)
+    with whole_folder(output, list(files.values()), overwrite=task.overwrite) as target:
+        write_corners(pictures, target, files)
+    task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)

@@ -1,0 +1,181 @@
+"""Commands that infer: run, sample, evidence, compare, sensitivity, fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_toe.cli import summaries, terminal
+from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_converged
+
+
+def run(
+    *,
+    study: StudyFileOrExample,
+    output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
+    task: SamplingTask,
+) -> None:
+    """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
+
+    [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
+    """
+    from bayes_toe.analysis import run as analyse
+    from bayes_toe.cli.results_folder import PRODUCTS, write_results
+    from bayes_toe.data.example import example_truth
+
+    task.require_folder(output, PRODUCTS)
+    read, prior = task.opened(study)
+    terminal.say_smaller_models(task.console, read)
+    with task.progress("sampling", len(read)) as tick:
+        analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    summaries.say_draws(task.console, analysis.draws)
+    summaries.say_evidence(task.console, analysis.evidence)
+    truth = example_truth() if study.file is None else None
+    with task.progress("drawing", len(read)) as tick:
+        write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)
+    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(PRODUCTS)}")
+    leave_unless_converged(analysis.draws)
+
+
+def sample(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
+    model: Annotated[str, typer.Option("--model", help="A model of the ladder, as compare names them.")] = "predictive update",
+    task: SamplingTask,
+) -> None:
+    """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
+
+    [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
+    """
+    from bayes_toe.analysis import draw
+    from bayes_toe.model.ladder import model_named
+
+    record = model_named(model)
+    task.require_files(output)
+    read, prior = task.read(study)
+    terminal.say_study(task.console, read)
+    terminal.say_prior(task.console, record.describe(prior))
+    terminal.say_smaller_models(task.console, read)
+    with task.progress("sampling", len(read)) as tick:
+        draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    draws.save(output, overwrite=task.overwrite)
+    summaries.say_draws(task.console, draws)
+    task.say_written("draws in", output, seed=draws.seed)
+    leave_unless_converged(draws)
+
+
+def evidence(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
+    task: ModelTask,
+) -> None:
+    """Evidence of the predictive-update model (H1) against one free frequency per pair (H0).
+
+    [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
+    """
+    from bayes_toe.analysis import evidence as compute
+
+    task.require_files(output)
+    read, prior = task.opened(study)
+    with task.progress("evidence", len(read)) as tick:
+        table = compute(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    summaries.say_evidence(task.console, table)
+    task.say_written("table in", output, seed=table.seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparingTask(SamplingTask):
+    """Sampling, of more models and therefore with fewer draws each."""
+
+    draws: DrawCount = 1000
+
+
+def compare(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_models.csv (study) and NAME.png beside it.")] = Path("compare.csv"),
+    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole ladder.")] = None,
+    task: ComparingTask,
+) -> None:
+    """A ladder of models for every subject: evidence, leave-one-out, checks, model probabilities; and model frequencies over subjects.
+
+    [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
+    """
+    from bayes_toe.comparison.ladder_table import beside
+    from bayes_toe.comparison.ladder_table import compare as compute
+    from bayes_toe.model.ladder import require_models
+    from bayes_toe.plots.comparison import save_comparison
+    from bayes_toe.plots.figure_files import picture_beside
+
+    models, picture = require_models(model), picture_beside(output)
+    task.require_files(output, beside(output), picture)
+    read, prior = task.opened(study)
+    with task.progress("comparing", len(read) * len(models)) as tick:
+        table = compute(read, models, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
+    summaries.say_comparison(task.console, table)
+    task.say_written("written:", output, beside(output), picture, seed=table.seed)
+
+
+def sensitivity(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
+    reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
+    steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    task: ModelTask,
+) -> None:
+    """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
+
+    [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
+    """
+    from bayes_toe.comparison.prior_sensitivity import require_range
+    from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
+    from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.sensitivity import save_sensitivity
+
+    picture = picture_beside(output)
+    require_range(reach, steps)
+    task.require_files(output, picture)
+    read, prior = task.opened(study)
+    with task.progress("re-weighting", len(read)) as tick:
+        table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
+    summaries.say_sensitivity(task.console, table)
+    task.say_written("written:", output, picture, seed=table.seed)
+
+
+def fit(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
+    replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
+    level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
+    task: ModelTask,
+) -> None:
+    """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
+
+    [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
+    """
+    from bayes_toe.classical.bootstrap import require_level
+    from bayes_toe.classical.fit_table import fit as compute
+
+    require_level(level)
+    task.require_files(output)
+    read, prior = task.read(study)
+    terminal.say_study(task.console, read)
+    terminal.say_penalty(task.console, prior)
+    with task.progress("fitting", len(read)) as tick:
+        table = compute(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    summaries.say_fits(task.console, table)
+    task.say_written("table in", output, seed=table.seed)

@@ -1,0 +1,259 @@
+"""What the command line says of results: draws, evidence, models, asymmetries, fits, calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from bayes_toe.cli.terminal import safe, say, say_note, say_once, say_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_toe.classical.asymmetry import AsymmetryTable
+    from bayes_toe.classical.covariates import CovariateTable
+    from bayes_toe.classical.fit_table import FitTable
+    from bayes_toe.comparison.evidence_table import EvidenceTable
+    from bayes_toe.comparison.ladder_table import ModelComparison
+    from bayes_toe.comparison.model_row import ModelRow
+    from bayes_toe.comparison.prior_sensitivity import SensitivityTable
+    from bayes_toe.experiments.calibration_table import CalibrationTable
+    from bayes_toe.inference.draws import Draws
+
+
+#: What order effects show in: these have their range beside the median.
+_WITH_RANGE = ("mu1", "offset", "gain")
+_MOST_SHOWN = 7  # of a model with a parameter for each pair
+
+
+def say_draws(console: Console, draws: Draws) -> None:
+    """Medians and convergence of every subject."""
+    import numpy as np
+
+    stats, missed = draws.group("sample_stats"), draws.not_converged
+    natural = draws.posterior(draws.names[0]).names.natural
+    known = [key for key in ("mu1", "offset", "gain") if key in draws.parameters]
+    shown = [*known, *(key for key in natural if key not in known)][:_MOST_SHOWN]
+    rows = []
+    for i, name in enumerate(draws.names):
+        row: dict[Any, Any] = {"subject": name}
+        for key in shown:
+            low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
+            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in _WITH_RANGE else "")
+        row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
+        row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
+        row["converged"] = "NO" if name in missed else "yes"
+        rows.append(row)
+    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows)
+    for name, shortfall in missed.items():
+        say_note(console, f"{name}: {shortfall}", "not converged", "red")
+    if draws.attrs["left_out"]:
+        say(console, safe(draws.attrs["left_out"]))
+
+
+def say_evidence(console: Console, table: EvidenceTable) -> None:
+    """The evidence table, and each note once with the subjects that it is about."""
+    from bayes_toe.cli.report import verdict
+
+    rows: list[dict[Any, Any]] = [
+        {
+            "subject": row.subject,
+            "log evidence H1": _number(row.log_evidence_h1),
+            "s.e.": _number(row.log_evidence_h1_se, 4),
+            "log evidence H0": _number(row.log_evidence_h0),
+            "log Bayes factor": _number(row.log_bayes_factor),
+            "favours": verdict(row),
+            "k-hat": _number(row.pareto_k),
+            "Laplace": _number(row.log_bayes_factor_laplace),
+        }
+        for row in table
+    ]
+    say_table(console, "evidence: natural logs, H1 minus H0", rows)
+    say_once(console, ((row.subject, note) for row in table for note in row.notes))
+
+
+def say_comparison(console: Console, table: ModelComparison) -> None:
+    """Log evidence of every model below the best one of each subject, the models over the study, and each note once."""
+    from math import isnan
+
+    rows: list[dict[Any, Any]] = []
+    for name, values in zip(table.subjects, table.log_evidence, strict=True):
+        best = max((value for value in values if not isnan(value)), default=0.0)
+        cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
+        rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
+    say_table(console, "log evidence below the subject's best model, nats", rows)
+    _say_models(console, table)
+    about: dict[str, list[ModelRow]] = {}
+    for one in table:
+        for note in one.notes:
+            # Which pair fails differs from row to row: the file says it, here one line for all.
+            kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
+    for note, found in about.items():
+        say_note(console, f"{_whose(found, table.subjects)}: {note}")
+
+
+def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
+    """Subjects with their models; once for all subjects where all have the same models."""
+    models = dict.fromkeys(row.model for row in rows)
+    if len({(row.subject, row.model) for row in rows}) < len(models) * len(subjects):
+        return ", ".join(f"{row.subject} ({row.model})" for row in rows)
+    return f"{subjects[0] if len(subjects) == 1 else 'every subject'} ({', '.join(models)})"
+
+
+def _say_models(console: Console, table: ModelComparison) -> None:
+    """The models over the study; frequencies by the exact sum where there is one."""
+    frame, exact = table.study_frame(), table.exact_frequencies() is not None
+    ending = "_exact" if exact else ""
+    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
+    lines = [
+        {
+            "model": row["model"],
+            "best for": row["best"],
+            **{shown: _or_dash(row[key + ending], 3) for key, shown in columns.items()},
+            **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
+        }
+        for row in frame.to_dict("records")
+    ]
+    first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
+    how = "" if table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
+    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}", lines)
+    if how:
+        _say_risk(console, first)
+    for key, unit in (("elpd_loo_trial", "trial"), ("elpd_loo_pair", "pair")):
+        _say_summed(console, unit, int(first[f"{key}_subjects"]), everyone)
+
+
+def _say_risk(console: Console, row: Mapping[Any, Any]) -> None:
+    """The probability that all models are equally frequent, exactly where that is known, and by the variational scheme."""
+    values = {"exact": _or_dash(row["omnibus_risk_exact"], 3), "variational": _or_dash(row["omnibus_risk"], 3)}
+    said = ", ".join(f"{value} ({name})" for name, value in values.items() if value != "-")
+    why = "; too many subjects and models for the exact value, which is lower" if values["exact"] == "-" else ""
+    say(console, f"all models equally frequent with probability {said}{why}")
+
+
+def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> None:
+    """Over how many subjects sums of leave-one-out go, where not over all."""
+    if counted < everyone:
+        how = f"sums over {counted} of {everyone} subjects, those with" if counted else "no sum, no subject has"
+        say_note(console, f"LOO by {unit}: {how} a value under every model")
+
+
+def say_sensitivity(console: Console, table: SensitivityTable) -> None:
+    """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
+    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
+
+    turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
+    for name, line in zip(table.names, table.summary(), strict=True):
+        shown = safe(line)
+        say(console, shown, "yellow" if name in turning else None)
+    anew = sum(row.method == RESAMPLED for row in table)
+    tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
+    say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+
+
+def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
+    """The largest asymmetry of each subject, and the counts over subjects."""
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
+        one = row.maximal
+        if one is not None:
+            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} \u00b1 {one.asymmetry_se:.2f}"
+            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
+            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
+            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
+        rows.append(shown)
+    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
+    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
+    say_table(console, "asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
+    say(console, safe(table.population().describe()))
+    for note in table.notes:
+        say_note(console, note)
+
+
+def say_covariates(console: Console, tests: CovariateTable) -> None:
+    """Tests of covariates."""
+    rows: list[dict[Any, Any]] = [
+        {
+            "covariate": row.covariate,
+            "outcome": row.outcome,
+            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
+            "n": row.n,
+            "difference or r": _number(row.difference_or_r, 3),
+            "statistic": _number(row.statistic),
+            "df": _number(row.df, 1),
+            "p": _number(row.p_value, 3),
+        }
+        for row in tests
+    ]
+    say_table(console, "covariates: Welch's t or Pearson's r, not corrected for their number", rows)
+    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
+        say_note(console, note)
+
+
+def say_fits(console: Console, table: FitTable) -> None:
+    """Maximum-likelihood fits with their bootstrap intervals."""
+    rows: list[dict[Any, Any]] = []
+    for one in table:
+        limits = one.bootstrap.intervals(table.level).tolist()
+        cells = map(_with_interval, one.parameters.tolist(), limits)
+        row: dict[Any, Any] = {"subject": one.subject, **dict(zip(("mu1", "sigma_p", "sigma_l", "q0"), cells, strict=True))}
+        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
+    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
+    say_table(console, title, rows)
+    for one in table:
+        for note in one.notes:
+            say_note(console, f"{one.subject}: {note}")
+
+
+def say_calibration(console: Console, table: CalibrationTable) -> None:
+    """Verdicts on ranks and on evidence estimators, then all in words."""
+    from bayes_toe.cli.calibration_folder import verdict_lines
+
+    ranks: list[dict[Any, Any]] = [
+        {
+            "quantity": row.quantity,
+            "design": row.design,
+            "largest difference": f"{row.largest_difference:+.3f}",
+            "p": f"{row.p_value:.2g}",
+            "verdict": "inside" if row.inside else "OUTSIDE",
+        }
+        for row in table.ranks
+    ]
+    if ranks:
+        say_table(console, f"ranks of true values: outside where p < {table.ranks[0].threshold:.2g}", ranks)
+    rows: list[dict[Any, Any]] = [
+        {
+            "estimator": row.estimator,
+            "design": row.design,
+            "none": row.missing_h1 + row.missing_h0,
+            "ECE": _number(None if row.judged is None else row.judged.error, 4),
+            "floor": _number(None if row.judged is None else row.judged.floor, 4),
+            "log score": _number(None if row.judged is None else row.judged.log_score, 4),
+            "median shift": _number(row.median_shift, 3),
+            "largest shift": _number(row.largest_shift),
+        }
+        for row in table.evidence
+    ]
+    if rows:
+        say_table(console, "probability of H1: calibration error, and shift of the log Bayes factor against the default", rows)
+    for line in verdict_lines(table):
+        say(console, safe(line), "red" if line.startswith("NOT") else None)
+
+
+def _with_interval(value: float, limits: list[float]) -> str:
+    from math import isnan
+
+    if isnan(value):
+        return "-"
+    return f"{value:.2f}" + ("" if isnan(limits[0]) else f" ({limits[0]:.2f}, {limits[1]:.2f})")
+
+
+def _or_dash(value: float, digits: int) -> str:
+    return "-" if value != value else f"{value:.{digits}f}"
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

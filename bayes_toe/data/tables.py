@@ -1,0 +1,109 @@
+"""Tables of results: rows to go through and to look up, as a frame, and in a CSV file that is whole or not there."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+
+from bayes_toe.data.cells import listed, quoted
+from bayes_toe.data.places import reporting
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class OfSubject(Protocol):
+    """What belongs to one subject."""
+
+    @property
+    def subject(self) -> str:
+        """Identifier."""
+
+
+Row = TypeVar("Row")
+SubjectRow = TypeVar("SubjectRow", bound=OfSubject)
+
+
+@dataclass(frozen=True, eq=False)
+class Table(ABC, Generic[Row]):
+    """Rows of results in their order, which can also be had as a frame and as a CSV file.
+
+    Attributes
+    ----------
+    rows : tuple
+    """
+
+    rows: tuple[Row, ...]
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @abstractmethod
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of its CSV file."""
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the table as a CSV file, whole or not at all: see :func:`write_table`."""
+        return write_table(self.frame(), path, overwrite=overwrite)
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectTable(Table[SubjectRow]):
+    """A table with one row for each subject, looked up by the subject's name.
+
+    Raises
+    ------
+    InputError
+        Where a subject is looked up that the table does not have.
+    """
+
+    def __getitem__(self, name: str) -> SubjectRow:
+        for row in self.rows:
+            if row.subject == name:
+                return row
+        raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
+
+
+def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False) -> Path:
+    """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Its index is not written.
+    path : str or Path
+        The file to be.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or exists and may not be replaced.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import pandas as pd
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     table = write_table(pd.DataFrame({"subject": ["S01"], "q0": [0.1 + 0.2]}), Path(folder, "table.csv"))
+    ...     table.read_text(encoding="utf-8").splitlines()
+    ['subject,q0', 'S01,0.30000000000000004']
+    """
+    target = Path(path)
+    with whole_file(target, overwrite=overwrite) as temporary, reporting(target):
+        frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
+    return target

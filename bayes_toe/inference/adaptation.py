@@ -1,0 +1,222 @@
+"""Fitting of a proposal to a posterior: adaptive importance sampling.
+
+Fitting alternates between drawing from the current proposal and EM steps on the draws of the last rounds, weighted against the
+average of the proposals that made them (deterministic-mixture weights, Cornuet et al. 2012). While weights are uneven they are
+tempered; where sixteen components stay poor, more draws and twenty-four take over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.inference.diagnostics import pareto_k
+from bayes_toe.inference.mixture import StudentMixture
+from bayes_toe.inference.modes import Maxima, find_maxima
+from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, effective_number, efficiency, importance_draws
+from bayes_toe.model.target import Target
+
+_COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
+_COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
+_PATCH_SHARE, _PATCHES = 0.01, 8
+_HISTORY = 4  # rounds whose draws are pooled
+_LARGE = 10_000  # draws of the round after these, which shows more of the tails
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How hard one stage of the adaptation works, and the efficiency that ends it."""
+
+    components: int
+    draws: int
+    rounds: int
+    enough: float
+    cover_share: float
+
+
+#: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
+STAGES = (
+    Stage(components=16, draws=2000, rounds=6, enough=0.75, cover_share=0.05),
+    Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
+)
+_POOR = 0.5  # efficiency below which the second stage runs
+_REFITS = 5
+_HARD = 2  # times the judging draws, where refits were needed
+#: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps; and where 20,000 draws
+#: hold one such point, there are others that they missed, and the evidence is too low by more than its standard error says.
+_HEAVY = 6.0
+
+
+def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+    """Adapt a proposal to a posterior and judge it by draws that are independent of it.
+
+    Parameters
+    ----------
+    posterior : Target
+        A model of one subject.
+    rng : numpy.random.Generator
+    maxima : Maxima, optional
+        Local maxima, where they are known already.
+    draws : int
+        Size of the judging sample; twice as many where refits were needed.
+
+    Examples
+    --------
+    >>> from bayes_toe.model.ladder import posterior_of
+    >>> from bayes_toe.data.study import Subject
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
+    True
+    """
+    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws), rng)
+
+
+def adapt_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+    """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
+
+    All that a sampler needs; an evidence needs draws that the fit has not seen.
+    """
+    found = find_maxima(posterior) if maxima is None else maxima
+    stage = STAGES[0]
+    history = _adapt(_first(posterior, found, rng), stage, rng)
+    if _best(history).efficiency < _POOR:
+        stage = STAGES[1]
+        history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
+    best = _best(history)
+    judged = [_judged(_refitted([_round(best.proposal, rng, _LARGE)], stage, _PATCHES), rng, draws)]
+    while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
+        judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
+    chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)
+    return replace(chosen, independent=len(judged) == 1)
+
+
+def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
+    """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
+    return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+
+
+def _good(fitted: FittedProposal, promised: float) -> bool:
+    return fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
+
+
+def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
+    made = _round(proposal, rng, size)
+    return FittedProposal(proposal, made.draws, made.efficiency, pareto_k(made.draws.log_weights))
+
+
+class _Round(NamedTuple):
+    proposal: Proposal
+    draws: WeightedDraws
+    efficiency: float
+
+
+def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
+    draws = importance_draws(proposal, rng, size)
+    return _Round(proposal, draws, efficiency(draws.log_weights))
+
+
+def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
+    """Rounds of drawing and refitting; one more once the efficiency is enough, because it is cheap and sharpens."""
+    history: list[_Round] = []
+    left = stage.rounds
+    while left > 0:
+        history.append(_round(proposal, rng, stage.draws))
+        left = min(left - 1, 1) if history[-1].efficiency > stage.enough else left - 1
+        if left > 0:
+            proposal = _refitted(history[-_HISTORY:], stage)
+    return history
+
+
+def _best(history: list[_Round]) -> _Round:
+    return max(history, key=lambda entry: entry.efficiency)
+
+
+def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Proposal:
+    """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
+    levelling = posterior.levelling(maxima.x[maxima.value > maxima.value[0] - 3.0])
+    x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
+    x = x[np.isfinite(x).all(axis=1)]
+    weights = _tempered(posterior.log_likelihood(x), least=200.0)
+    y = levelling.level(x)[0]
+    spread = np.cov(y.T, aweights=weights, ddof=0)
+    few = STAGES[0].components // 2
+    centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(spread[None], few, axis=0)]
+    around = STAGES[0].components // len(maxima.x) + 1
+    for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
+        if np.linalg.eigvalsh(curvature)[0] > 0.01:  # flatter than ten units: a ridge running to infinity, no use as a scale
+            cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(np.linalg.cholesky(curvature))
+            levelled = levelling.level(cloud)[0]
+            centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
+            scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))
+    means = np.concatenate(centres)
+    mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1]))
+    wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
+    cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
+    return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
+
+
+def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
+    """Normalised weights w^beta with the largest beta <= 1 (on a geometric grid) that leaves `least` effective draws."""
+    below = log_weights - log_weights.max()
+    for power in 0.8 ** np.arange(200):
+        if effective_number(weights := np.exp(power * below)) >= least:
+            break
+    return np.asarray(weights / weights.sum())
+
+
+def _refitted(rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0) -> Proposal:
+    """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
+    x, log_prior, log_posterior = (
+        np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
+    )
+    last = rounds[-1].proposal
+    y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
+    made = np.logaddexp.reduce([entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]) - np.log(len(rounds))
+    mixture = _updated(last.mixture, y, _tempered(log_posterior - made, least=0.05 * len(x)))
+    flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
+    cover = _updated(last.cover, y, _tempered(flattened, least=0.02 * len(x)))
+    proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
+    draws = WeightedDraws(x, log_prior, log_posterior, made)
+    return _patched(proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights)))
+
+
+def _updated(mixture: StudentMixture, y: FloatArray, weights: FloatArray) -> StudentMixture:
+    for _ in range(3):
+        mixture = mixture.updated(y, weights)
+    return mixture
+
+
+def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int) -> Proposal:
+    """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010).
+
+    y and log_volume are the draws in levelled coordinates.
+    """
+    mixture, cover = proposal.mixture, proposal.cover
+    of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
+    white = y @ np.linalg.inv(np.linalg.cholesky(cover.covariance)).T
+    for _ in range(patches):
+        short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
+        patch = _patch(y, white, short)
+        mixture = mixture.joined(patch, _PATCH_SHARE)
+        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
+    return replace(proposal, mixture=mixture)
+
+
+def _patch(y: FloatArray, white: FloatArray, short: FloatArray) -> StudentMixture:
+    """A component at the point of the largest shortfall, shaped like the points around it; white are the points on a common scale."""
+    worst = short.argmax()
+    distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
+    near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
+    weights = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size
+    around = y[near] - y[worst]
+    scale = (weights[:, None] * around).T @ around
+    return StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1]))
+
+
+def _even(least: int, dim: int) -> int:
+    return least + (least + dim) % 2

@@ -1,0 +1,140 @@
+"""Fitted curves over the answers: both orders over the stronger stimulus, or all pairs over the normalised distance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.closed_form import equal_probability
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.plots.style import ORDERS, Mark, first_panels, legend_below, new_figure, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+#: Panels of one weaker stimulus each, beyond which curves give way to the normalised distance.
+_MAX_PANELS = 6
+CURVE_DRAWS = 600
+#: From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs).
+Curve = Callable[[FloatArray, FloatArray], FloatArray]
+_BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
+
+
+def curves(draws: Draws, subject: str) -> Figure:
+    """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
+
+    One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
+    connects no pairs has no curve: its answers stand alone.
+    """
+    counts = draws.subject(subject)
+    weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+    free = isinstance(draws.posterior(subject), FrequencyPosterior)
+    fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
+    if not 1 <= len(weaker) <= _MAX_PANELS:
+        figure = new_figure(6.0, 3.8)
+        distance_panel(figure.subplots(), counts, fitted)
+    else:
+        across = min(2, len(weaker))
+        down = -(-len(weaker) // across)
+        figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
+        panels = first_panels(figure.add_gridspec(down, across), len(weaker), sharey=True)
+        for ax, stimulus in zip(panels, weaker, strict=True):
+            order_panel(ax, counts, None if fitted is None else fitted.equal, float(stimulus), title=len(weaker) > 1)
+        figure.supylabel("P('equal')", fontsize=10)
+    legend_below(figure)
+    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
+    return figure
+
+
+def thinned(theta: Natural) -> Natural:
+    """A few hundred draws, each value of shape (draws, 1), as the panels take them."""
+    every = max(1, theta.mu1.size // CURVE_DRAWS)
+    return Natural(*(values.ravel()[::every, None] for values in theta))
+
+
+def natural_curve(theta: Natural) -> Curve:
+    """P(equal) of pairs at natural parameters, a few hundred of them, as the panels take it."""
+    some = thinned(theta)
+    return lambda s1, s2: equal_probability(s1, s2, *some)
+
+
+def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, title: bool = False, size: float = 5.5) -> Axes:
+    """Both orders of all pairs with one weaker stimulus, over the stronger one; as in Fig. 3, upper row.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    counts : Subject
+    equal : callable, optional
+        From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve.
+    weaker : float
+        The weaker stimulus, natural-log intensity.
+    title : bool
+        Whether to name the weaker stimulus above the panel.
+    size : float
+        Of the marks, points.
+    """
+    refuse_intervals([counts], "panel of both orders")
+    stronger = np.maximum(counts.s1, counts.s2)
+    shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
+    top = max(float(stronger[shown].max()), weaker + 1e-9)
+    x = np.linspace(weaker, top, 120)
+    fixed = np.full_like(x, weaker)
+    pairs = {-1: (fixed, x), 1: (x, fixed), 0: (x, x)}
+    for order, mark in ORDERS.items():
+        at = shown & (presentation_order(counts) == order)
+        if at.any():
+            if equal is not None:
+                draw_band(ax, x, equal(*pairs[order]), mark.colour, 0.3 * size)
+            draw_points(ax, stronger[at], counts, at, mark, size=size)
+    ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
+    if title:
+        ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
+    return ax
+
+
+def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:
+    """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
+
+    Where nothing is fitted that connects them, over the difference of their stimuli.
+    """
+    refuse_intervals([counts], "panel of normalised distances")
+    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
+    reach = 1.05 * max(float(np.abs(z).max()), 0.3 if fitted is None else 1.43)
+    x = np.linspace(-reach, reach, 200)
+    if fitted is not None:
+        draw_band(ax, x, fitted.equal_at_distance(x), "#333333")
+    for order, mark in ORDERS.items():
+        at = presentation_order(counts) == order
+        if at.any():
+            draw_points(ax, z[at], counts, at, mark)
+    label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
+    ax.set(xlabel=label, ylabel="P('equal')", ylim=(-0.03, 1.03))
+    return ax
+
+
+def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
+    """Mean over draws (the first axis of q) and central 60 % and 95 % bands."""
+    for low, high, opacity in _BANDS:
+        ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
+    ax.plot(x, q.mean(axis=0), color=colour, lw=line)
+
+
+def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5) -> None:
+    """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks in points."""
+    k, n = counts.n_equal[at], counts.n_trials[at]
+    crowded = len(counts.s1) > 60
+    style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
+    ax.errorbar(
+        x, laplace_estimate(k, n), laplace_error(k, n), fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style
+    )

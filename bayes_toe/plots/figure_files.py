@@ -1,0 +1,102 @@
+"""Figures as files and as the content of files: the same figure gives the same bytes, and a file appears whole or not at all."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayes_toe.data.whole_files import require_writable, whole_file
+from bayes_toe.errors import InputError
+from bayes_toe.plots.style import any_characters
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+#: What would differ from one writing to the next, by format.
+_UNDATED: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    "svg": {"Date": None, "Creator": None},
+}
+
+
+def png(figure: Figure, *, dpi: int = 150) -> bytes:
+    """A figure as PNG; characters that the font lacks are drawn as boxes without a warning."""
+    return picture(figure, "png", dpi=dpi)
+
+
+def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
+    """A figure as the content of a file; without dates or random names, so that the same figure gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If matplotlib knows no such format.
+    """
+    buffer = io.BytesIO()
+    _write(figure, buffer, _require_suffix(f"figure.{suffix}"), dpi)
+    return buffer.getvalue()
+
+
+def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200) -> Path:
+    """Write a figure, whole or not at all; the format follows from the suffix.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, or cannot be written.
+    InputError
+        If matplotlib knows no such format.
+    """
+    suffix = _require_suffix(path)
+    with whole_file(path, overwrite=overwrite) as target:
+        _write(figure, target, suffix, dpi)
+    return Path(path)
+
+
+def picture_beside(table: Path) -> Path:
+    """Where the figure of a table goes: beside it, as PNG.
+
+    Raises
+    ------
+    InputError
+        If the table itself is to have that name.
+    """
+    picture = table.with_name(f"{table.stem}.png")
+    if picture == table:
+        raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
+    return picture
+
+
+def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse now what :func:`save_figure` would refuse after long work; leaves nothing behind.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, or cannot be written.
+    InputError
+        If matplotlib knows no such format.
+    """
+    _require_suffix(path)
+    require_writable(path, overwrite=overwrite)
+
+
+def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
+    import matplotlib as mpl
+
+    # Only in here: fonts as fonts, not as outlines, which some journals refuse; names in an SVG from its content, not from chance.
+    settings: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "bayes_toe"}
+    with any_characters(), mpl.rc_context(settings):
+        figure.savefig(where, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
+
+
+def _require_suffix(path: str | Path) -> str:
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    suffix = Path(path).suffix.lstrip(".").lower()
+    if suffix not in FigureCanvasBase.get_supported_filetypes():
+        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+    return suffix

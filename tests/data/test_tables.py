@@ -1,0 +1,94 @@
+"""Tables of results, and the CSV files that they become."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from folder_trees import tree
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayes_toe.data.tables import SubjectTable, Table, write_table
+from bayes_toe.errors import InputError, OutputError
+
+FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+
+
+def test_tables_are_plain_csv(tmp_path: Path) -> None:
+    frame = pd.DataFrame(
+        {
+            "subject": ["01", "NA", 'Zoë, "x"'],
+            "q0": [0.1 + 0.2, math.nan, -1e-300],
+            "n": [1, 2, 3],
+            "note": ["", None, "a"],
+        },
+        index=[7, 8, 9],
+    )
+    lines = ["subject,q0,n,note", "01,0.30000000000000004,1,", "NA,,2,", '"Zoë, ""x""",-1e-300,3,a', ""]
+    path = write_table(frame, tmp_path / "new" / "t.csv")
+    assert path == tmp_path / "new" / "t.csv"
+    assert path.read_bytes() == "\n".join(lines).encode()
+
+
+@FUZZ
+@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+def test_numbers_in_tables_keep_every_bit(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
+    path = tmp_path_factory.getbasetemp() / "t.csv"
+    write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
+    texts = [line.split(",")[0] for line in path.read_text(encoding="utf-8").splitlines()[1:]]
+    assert np.array_equal(np.array(values).view(np.int64), np.array([float(text) for text in texts]).view(np.int64))
+
+
+def test_tables_are_not_overwritten_unasked(tmp_path: Path) -> None:
+    write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
+    with pytest.raises(OutputError, match="exists"):
+        write_table(pd.DataFrame({"x": [2]}), tmp_path / "t.csv")
+    assert tree(tmp_path) == {"t.csv": "x\n1\n"}
+    write_table(pd.DataFrame({"x": [2]}), tmp_path / "t.csv", overwrite=True)
+    assert tree(tmp_path) == {"t.csv": "x\n2\n"}
+
+
+def test_a_full_disk_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    with pytest.raises(OutputError, match=r"t\.csv: cannot be written \(No space left on device\)"):
+        write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
+    assert tree(tmp_path) == {}
+
+
+@dataclass(frozen=True)
+class Weight:
+    subject: str
+    kilograms: float
+
+
+@dataclass(frozen=True, eq=False)
+class Weights(SubjectTable[Weight]):
+    unit: str = "kg"
+
+    def frame(self) -> pd.DataFrame:
+        return pd.DataFrame({"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]})
+
+
+def test_a_table_is_gone_through_looked_up_and_saved(tmp_path: Path) -> None:
+    table = Weights((Weight("01", 70.5), Weight("NA", 60.0)))
+    assert [row.subject for row in table] == ["01", "NA"]
+    assert len(table) == 2
+    assert table["NA"].kilograms == 60.0
+    assert table.save(tmp_path / "w.csv").read_text() == "subject,kg\n01,70.5\nNA,60.0\n"
+    with pytest.raises(OutputError, match="exists"):
+        table.save(tmp_path / "w.csv")
+    with pytest.raises(InputError, match=r"^no subject '1' in the table; there are: '01', 'NA'$"):
+        table["1"]
+
+
+def test_a_table_without_columns_is_no_table() -> None:
+    with pytest.raises(TypeError, match="frame"):
+        Table(())  # type: ignore[abstract]

@@ -1,0 +1,156 @@
+"""Draws of every model of the ladder: the same container, whatever the model."""
+
+import warnings
+
+import numpy as np
+import pytest
+from commands import inside
+from conftest import grouped_csv
+
+import bayes_toe as bt
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.ladder import MODELS, NAMES, posterior_of
+
+PARAMETRIC = [name for name in NAMES if name != "free frequencies"]
+CORNERS = {
+    "symmetric": 2,
+    "constant bias": 3,
+    "differencing": 3,
+    "no lapses": 3,
+    "predictive update": 4,
+    "free weighting": 4,
+    "mean-reverting memory": 5,
+    "free frequencies": 13,
+}
+
+
+@pytest.fixture(scope="module")
+def two(small_study):
+    """Two subjects, one of them without two of the pairs."""
+    b = small_study["B"]
+    fewer = bt.Subject("fewer", b.s1[2:], b.s2[2:], b.n_equal[2:], b.n_trials[2:])
+    return bt.Study([small_study["A"], fewer], source="two")
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def draws(two, request):
+    return bt.sample(two, model=request.param, draws=500, seed=3, workers=1)
+
+
+def test_the_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path):
+    again = bt.load(draws.save(tmp_path / "posterior.nc"))
+    record = next(model for model in MODELS if model.name == draws.model)
+    assert (again.model, again.seed, again.prior) == (draws.model, 3, bt.Prior())
+    assert again.attrs["prior"] == record.describe(bt.Prior()) == again.described_prior()
+    for name in again.parameters:
+        assert np.array_equal(again.values("A", name), draws.values("A", name), equal_nan=True)
+    assert again.fit("A") == draws.fit("A")
+
+
+def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
+    for name in draws.names:
+        target, x = draws.posterior(name), draws.points(name)
+        assert x.shape[-1] == len(target.coordinates)
+        stored = draws.group("sample_stats")["lp"].sel(subject=name).values
+        assert target.log_density(x.reshape(-1, x.shape[-1])) == pytest.approx(stored.ravel(), rel=1e-7, abs=1e-5)
+        found = target.quantities(x)
+        for key in target.names.all:
+            assert draws.values(name, key) == pytest.approx(found[key], rel=1e-9)
+
+
+def test_summary_has_a_row_for_every_reported_quantity(draws):
+    frame = draws.summary()
+    for name in draws.names:
+        rows = frame[frame["subject"] == name]
+        assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
+        assert np.isfinite(rows["mean"]).all()
+        assert (rows["contraction"] < 1.0).all()
+        # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
+        assert (rows["ess_bulk"] > 300).all()
+
+
+def test_corner_and_curves_are_drawn(draws):
+    figure = bt.plots.corner(draws, "A", coordinates=draws.posterior("A").names.natural[:4], prior=draws.prior)
+    assert len(figure.axes) == min(4, CORNERS[draws.model]) ** 2
+    if draws.model != "free frequencies":
+        assert len(bt.plots.corner(draws, "A", coordinates="identified").axes) == CORNERS[draws.model] ** 2
+    [ax] = bt.plots.curves(draws, "A").axes
+    assert len(ax.containers) == 3  # answers of both orders and of equal stimuli
+    assert bool(ax.collections) == (draws.model != "free frequencies") or len(ax.lines) == 3
+
+
+def test_predictions_are_those_of_the_stored_log_likelihood(draws):
+    subject = draws.subject("A")
+    if draws.model == "free frequencies":
+        with pytest.raises(InputError, match="says nothing of pairs and intervals that were not tested"):
+            bt.predict_equal(draws, "A", subject.s1, subject.s2)
+        return
+    found = bt.predict_equal(draws, "A", subject.s1, subject.s2)
+    stored = np.exp(draws.posterior("A").log_answers(draws.points("A").reshape(-1, len(draws.posterior("A").coordinates)))[0])
+    assert found["mean"].to_numpy() == pytest.approx(stored.mean(axis=0), rel=1e-9)
+    assert found["q95"].to_numpy() == pytest.approx(np.quantile(stored, 0.95, axis=0), rel=1e-9)
+
+
+def test_goodness_of_fit_is_that_of_the_draws(draws):
+    from bayes_toe.inference.predictive_checks import deviance
+
+    target, fit = draws.posterior("A"), draws.fit("A")
+    x = draws.points("A").reshape(-1, len(target.coordinates))
+    assert fit.deviance == pytest.approx(deviance(target, x).sum(axis=1).min(), rel=1e-3, abs=1e-3)
+    assert fit.degrees_of_freedom == 13 - len(target.coordinates)
+    assert 0.0 <= fit.worst_p <= 1.0
+
+
+def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
+    draws = bt.sample(two, model="free frequencies", draws=4000, seed=3, workers=1)
+    a, fewer = two["A"], two["fewer"]
+    assert isinstance(draws.posterior("A"), FrequencyPosterior)
+    for i in range(13):
+        values, k, n = draws.values("A", f"q_{i + 1}"), a.n_equal[i] + 1, a.n_trials[i] + 2
+        sd = np.sqrt(k * (n - k) / n**2 / (n + 1))
+        # 13 means at 4.5 standard errors: a false alarm in ten thousand such tests.
+        assert values.mean() == pytest.approx(k / n, abs=4.5 * sd / np.sqrt(values.size))
+        assert convergence(values).r_hat < 1.01
+    assert np.isnan(draws.values("fewer", "q_12")).all()  # that subject met eleven pairs
+    assert draws.posterior("fewer").names.natural == tuple(f"q_{i + 1}" for i in range(fewer.n_pairs))
+
+
+@pytest.mark.parametrize("name", PARAMETRIC)
+def test_models_with_intervals_know_them_or_not(name):
+    s = ([0.0, 0.0, 0.3, 0.3], [0.3, 0.3, 0.0, 0.0], [20, 30, 28, 33], [50] * 4, [0.5, 2.0, 0.5, 2.0])
+    draws = bt.sample(bt.Study([bt.Subject("timed", *s)]), model=name, draws=300, seed=1, workers=1)
+    apart = bt.predict_equal(draws, "timed", 0.0, 0.3, [0.5, 2.0])["mean"].to_numpy()
+    assert (apart[0] != apart[1]) == posterior_of(draws.subject("timed"), model=name).model.knows_intervals
+    assert len(bt.plots.interval_curves(draws, "timed").axes) >= 2
+
+
+def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_study):
+    study = grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
+    done = inside(
+        "sample", study, "-o", tmp_path / "bias.nc", "--model", "constant bias", "--draws", "300", "--seed", "1", "--workers", "1"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "constant bias: medians" in done.stdout
+    assert bt.load(tmp_path / "bias.nc").model == "constant bias"
+    done = inside("corner", tmp_path / "bias.nc", "-o", tmp_path / "corner", "--workers", "1")
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "pairs.csv").write_text("s1,s2\n0,0.2\n", encoding="utf-8")
+    done = inside("predict", tmp_path / "bias.nc", tmp_path / "pairs.csv", "-o", tmp_path / "predicted.csv")
+    assert done.returncode == 0, done.stderr
+    done = inside("sample", study, "-o", tmp_path / "none.nc", "--model", "biased")
+    assert done.returncode == 2
+    assert "error: model 'biased'; allowed: free frequencies, symmetric" in done.stderr
+
+
+def test_natural_parameters_are_refused_where_a_model_has_not_all_of_them(two):
+    draws = bt.sample(two.select(["A"]), model="symmetric", draws=300, seed=1, workers=1)
+    with pytest.raises(InputError, match="model 'symmetric' has no mu1, sigma_p, sigma_l; it has: q0, width"):
+        draws.natural("A")
+
+
+def test_a_python_user_sees_no_warning_of_a_converged_sample(two):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bt.sample(two.select(["A"]), model="free weighting", draws=300, seed=2, workers=1)

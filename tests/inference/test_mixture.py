@@ -1,0 +1,90 @@
+"""Student-t mixtures: density, moments, and EM."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
+
+from bayes_toe.inference.mixture import StudentMixture
+
+
+@pytest.fixture
+def mixture():
+    means = np.array([[0.0, 1.0], [2.0, -1.0]])
+    scales = np.array([[[1.0, 0.6], [0.6, 0.8]], [[0.3, -0.1], [-0.1, 0.2]]])
+    return StudentMixture(np.array([0.3, 0.7]), means, scales, df=6)
+
+
+def test_mixture_density_is_scipys(mixture):
+    x = np.random.default_rng(0).normal(size=(40, 2))
+    parts = [w * multivariate_t(m, s, df=6).pdf(x) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True)]
+    assert mixture.log_density(x) == pytest.approx(np.log(sum(parts)), rel=1e-12)
+
+
+@pytest.mark.parametrize(("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)])
+def test_mixture_density_in_any_dimension(dim, df):
+    rng = np.random.default_rng([dim, df])
+    roots = rng.normal(size=(3, dim, dim))
+    scales, means = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim), rng.normal(size=(3, dim))
+    x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))  # more than two blocks of points
+    parts = [np.log(1 / 3) + multivariate_t(m, s, df=df).logpdf(x) for m, s in zip(means, scales, strict=True)]
+    assert StudentMixture(np.full(3, 1 / 3), means, scales, df).log_density(x) == pytest.approx(logsumexp(parts, axis=0), rel=1e-11)
+
+
+@pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
+def test_mixture_density_of_narrow_components_far_apart(apart):
+    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over scale, and no more.
+    means = np.array([[0.0, 0.0], [apart, -apart]])
+    one = StudentMixture(np.array([0.5, 0.5]), means, np.repeat(np.eye(2)[None], 2, 0), 8)
+    x = means[1] + np.random.default_rng(1).normal(size=(500, 2))
+    parts = [np.log(0.5) + multivariate_t(m, np.eye(2), df=8).logpdf(x) for m in means]
+    assert one.log_density(x) == pytest.approx(logsumexp(parts, axis=0), abs=1e-13 + 1e-15 * apart)
+
+
+def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
+    # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean lost all digits there.
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(2000, 2)) @ np.array([[1.0, 0.9], [0.0, 0.1]])
+    means, scales = np.array([[0.0, 0.0], [3e9, 0.0]]), np.array([np.eye(2), np.diag([1e21, 1.0])])
+    fitted = StudentMixture(np.array([0.2, 0.8]), means, scales, 8)
+    for _ in range(20):
+        fitted = fitted.updated(x, np.full(len(x), 1 / len(x)))
+    assert len(fitted.weights) == 1
+    assert fitted.covariance == pytest.approx(np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25)
+
+
+def test_mixture_refuses_degrees_of_freedom_that_leave_a_root():
+    with pytest.raises(ValueError, match="df=5 and dimension 2: their sum must be even"):
+        StudentMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None], df=5)
+
+
+def test_a_joined_mixture_is_the_weighted_sum(mixture):
+    x = np.random.default_rng(3).normal(size=(10, 2))
+    other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
+    expected = 0.8 * np.exp(mixture.log_density(x)) + 0.2 * np.exp(other.log_density(x))
+    assert np.exp(mixture.joined(other, 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_mixture_draws_have_the_mixtures_moments(mixture):
+    n = 400_000
+    x = mixture.sample(np.random.default_rng(1), n)
+    mean = mixture.weights @ mixture.means
+    assert x.mean(axis=0) == pytest.approx(mean, abs=5 * x.std(axis=0).max() / np.sqrt(n))
+    second = sum(w * (6 / 4 * s + np.outer(m, m)) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True))
+    assert x.T @ x / n == pytest.approx(second, abs=0.05)
+    assert mixture.covariance + np.outer(mean, mean) == pytest.approx(second, rel=1e-12)
+
+
+def test_em_climbs_and_recovers_the_mixture(mixture):
+    x = mixture.sample(np.random.default_rng(2), 20_000)
+    weights = np.full(len(x), 1 / len(x))
+    start = StudentMixture(np.array([0.5, 0.5]), np.array([[-1.0, 0.0], [1.0, 0.0]]), np.repeat(np.eye(2)[None], 2, 0), 6)
+    fits = [start]
+    for _ in range(60):
+        fits.append(fits[-1].updated(x, weights))
+    likelihoods = [weights @ fit.log_density(x) for fit in fits]
+    assert all(b >= a - 1e-3 for a, b in pairwise(likelihoods))
+    assert np.sort(fits[-1].weights) == pytest.approx([0.3, 0.7], abs=0.03)
+    assert likelihoods[-1] == pytest.approx(weights @ mixture.log_density(x), abs=0.005)

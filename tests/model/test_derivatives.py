@@ -1,0 +1,173 @@
+"""Every rung, with and without intervals: value, gradient and Hessian against second-order forward differentiation with hundreds of digits.
+
+The reference (`jets.py`) is written from the definitions, with no stable form: parameters from coordinates, probabilities by subtraction,
+scales of an interval from the filter's own quantities.
+"""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import Phase, assume, given, settings
+from hypothesis import strategies as st
+from jets import Jet
+
+from bayes_toe.data.study import Subject
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.ladder import MODELS, posterior_of
+from bayes_toe.model.posterior import Model
+from bayes_toe.model.prior import Prior
+
+RUNGS = [model.name for model in MODELS if isinstance(model, Model)]
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
+DIGITS = 120
+#: Where q0 is near 1, the curvature of a criterion in the logit of its peak is a small difference: it keeps eleven digits, the rest twelve.
+TOLERANCE = {"differencing": 5e-11}
+
+
+def variance_ratio(gamma):
+    return (1 + (1 + 4 * gamma) ** mpmath.mpf("0.5")) / 2
+
+
+def scales(name, at, t):
+    """Pull and width at t seconds over those at one second."""
+    if name in ("predictive update", "no lapses"):
+        p = mpmath.mpf(MAX_PULL) * at["logit_pull"].expit()
+        gamma = p / (1 - p) ** 2
+        ratio = variance_ratio(gamma / t) / variance_ratio(gamma)
+        return 1 / (ratio**2 * t), mpmath.sqrt(t) * ratio ** mpmath.mpf("1.5")
+    if name == "mean-reverting memory":
+        kept, split = 1 - at["logit_pull"].expit(), at["logit_split"].expit()
+        rho, gain = (split * kept.log()).exp(), ((1 - split) * kept.log()).exp()
+
+        def width(seconds):
+            weight = rho**seconds * gain
+            return (1 - weight * weight) / (1 - weight * rho**seconds) ** mpmath.mpf("0.5")
+
+        return (1 - rho**t * gain) / (1 - kept), width(t) / width(mpmath.mpf(1))
+    return 1, 1
+
+
+def pull_of(name, at):
+    if "logit_pull" in at:
+        return (mpmath.mpf(MAX_PULL) if "split" not in "".join(at) else 1) * at["logit_pull"].expit()
+    return 1 - 2 * at["logit_gain"].expit() if "logit_gain" in at else None
+
+
+def log_answers(name, z, peak):
+    """Log P(equal) and log P(different)."""
+    if name == "differencing":
+        k, z = peak.criterion(), -z if z.value < 0 else z
+        inside = (k - z).ndtr() - (-k - z).ndtr()
+        return inside.log(), (1 - inside).log()
+    log_q = -mpmath.log(2) * z * z if peak is None else peak.log() - mpmath.log(2) * z * z
+    return log_q, (1 - log_q.exp()).log()
+
+
+def half_normal(value, scale):
+    return mpmath.mpf(-0.5) * (value / scale) ** 2 + mpmath.log(mpmath.sqrt(2 / mpmath.pi) / scale)
+
+
+def normal(value, mean, sd):
+    return mpmath.mpf(-0.5) * ((value - mean) / sd) ** 2 - mpmath.log(sd * mpmath.sqrt(2 * mpmath.pi))
+
+
+def prior_terms(name, at, sbar):
+    prior = PRIOR
+    if name in ("predictive update", "no lapses"):
+        most = mpmath.mpf(MAX_PULL)
+        p = most * at["logit_pull"].expit()
+        gain, width = 1 - p, at["log_width"].exp()
+        yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
+        yield half_normal(width * gain ** mpmath.mpf("1.5"), prior.sigma_p_scale)
+        yield ((1 + p) / gain ** mpmath.mpf("1.5") * (1 - p / most) * width).log()
+    elif name == "mean-reverting memory":
+        p, split = at["logit_pull"].expit(), at["logit_split"].expit()
+        lost = -(1 - p).log()
+        rho, gain = (-split * lost).exp(), ((split - 1) * lost).exp()
+        weight = rho * gain
+        sigma1 = at["log_width"].exp() * gain * (1 - weight * rho) ** mpmath.mpf("0.5") / (1 - weight * weight)
+        yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
+        yield half_normal(sigma1, prior.sigma_p_scale)
+        # d(mu1, sigma1, rho, K)/dx: 1/p, sigma1, and rho K l p split (1 - split).
+        yield (sigma1 * weight * lost * split * (1 - split)).log()
+    else:
+        yield half_normal(at["log_width"].exp(), prior.sigma_p_scale) + at["log_width"]
+        if "offset" in at:
+            yield normal(at["offset"], 0, 1)
+        if "logit_gain" in at:
+            yield (at["logit_gain"].expit() * (1 - at["logit_gain"].expit())).log()
+    if "logit_q0" in at:
+        yield (at["logit_q0"].expit() * (1 - at["logit_q0"].expit())).log()
+
+
+def terms(target, x):
+    """Every term of the log posterior as a jet."""
+    name, s, sbar = target.model.name, target.subject, mpmath.mpf(target.sbar)
+    at = dict(zip(target.coordinates, Jet.coordinates([mpmath.mpf(float(v)) for v in x]), strict=True))
+    pull, peak = pull_of(name, at), at["logit_q0"].expit() if "logit_q0" in at else None
+    seconds = np.ones(s.n_pairs) if s.isi is None else s.isi
+    for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_equal, s.n_trials, seconds, strict=True):
+        first, second = mpmath.mpf(float(s1)), mpmath.mpf(float(s2))
+        r, v = scales(name, at, mpmath.mpf(float(t)))
+        shift = (second - first) - (r * at["offset"] if "offset" in at else 0)
+        z = (shift + (0 if pull is None else r * pull * (first - sbar))) * (-at["log_width"]).exp() / v
+        log_equal, log_different = log_answers(name, z, peak)
+        if k:
+            yield int(k) * log_equal
+        if n > k:
+            yield int(n - k) * log_different
+    yield from prior_terms(name, at, sbar)
+
+
+def assert_agrees(target, x, tolerance, digits=DIGITS):
+    gradient, hessian = target.derivatives([x])
+    found = [target.log_density([x]), gradient[0], hessian[0].ravel()]
+    with mpmath.workdps(digits):
+        parts = list(terms(target, x))
+        for value, get in zip(found, (lambda j: [j.value], lambda j: list(j.slope), lambda j: list(j.bend)), strict=True):
+            columns = list(zip(*map(get, parts), strict=True))
+            truth = np.array([float(mpmath.fsum(column)) for column in columns])
+            size = np.array([float(mpmath.fsum(map(abs, column))) for column in columns])
+            assert (np.abs(value - truth) <= tolerance * np.maximum(size, 1e-80)).all(), (target.model.name, value, truth, size)
+
+
+def subject(isi, scale=1):
+    s1, s2 = [0.0, 0.0, 0.5, 0.25, 0.125], [0.0, 0.5, 0.0, 0.375, 0.75]
+    counts = np.array([45, 20, 15, 30, 2]), np.array([50, 50, 50, 40, 50])
+    return Subject("S", s1, s2, scale * counts[0], scale * counts[1], isi)
+
+
+@pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
+@pytest.mark.parametrize("name", RUNGS)
+@settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
+@given(data=st.data())
+def test_derivatives_of_every_rung(name, isi, data):
+    target = posterior_of(subject(isi), PRIOR, model=name)
+    ranges = {"offset": (-0.6, 0.6), "log_width": (-2.0, 1.5), "logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12)}
+    x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0))), label=key) for key in target.coordinates]
+    z = target.distance(np.array([x]))[0]
+    # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
+    assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
+    assert_agrees(target, x, TOLERANCE.get(name, 1e-12))
+
+
+FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0], "logit_gain": [-30.0, 30.0]}
+
+
+@pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
+@pytest.mark.parametrize("name", RUNGS)
+def test_derivatives_far_out(name, isi):
+    target = posterior_of(subject(isi, scale=1000), Prior(0.4, 1e30, 0.7), model=name)
+    middle = {"offset": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2, "logit_gain": 0.4}
+    for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
+        for value in values if key in target.coordinates else ():
+            x = [value if other == key else middle[other] for other in target.coordinates]
+            if key == "logit_pull" and value < -30:
+                x[0] = 1e-20  # mu1 within reach
+            assert_agrees_with(target, x, name)
+
+
+def assert_agrees_with(target, x, name):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(globals(), "PRIOR", target.prior)
+        assert_agrees(target, x, TOLERANCE.get(name, 1e-12), digits=300)

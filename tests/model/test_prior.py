@@ -1,0 +1,336 @@
+"""One declaration of a prior: a number added in one place shows up everywhere; general families against mpmath; families against SciPy."""
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import mpmath
+import numpy as np
+import pytest
+from jets import Jet
+from scipy import stats
+from scipy.special import betaln, gammainc, gammaincinv, gammaln
+
+import bayes_toe as bt
+from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.cli.options import prior_help
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
+from bayes_toe.model.contraction import contraction, prior_quantile
+from bayes_toe.model.coordinates import natural, quantities
+from bayes_toe.model.distributions import HalfNormal, Normal, Uniform
+from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import PriorFields, prior_field
+from bayes_toe.model.prior_file import example_file, read_prior
+
+SBAR = 0.2
+
+
+@dataclass(frozen=True)
+class Chi:
+    """Length of a normal vector with `shape` components; with one of them half-normal."""
+
+    scale: float
+    shape: float
+
+    @property
+    def spread(self):
+        mean = np.sqrt(2.0) * np.exp(gammaln((self.shape + 1) / 2) - gammaln(self.shape / 2))
+        return self.scale * float(np.sqrt(self.shape - mean**2))
+
+    def log_density(self, x):
+        constant = (1 - self.shape / 2) * np.log(2.0) - gammaln(self.shape / 2) - self.shape * np.log(self.scale)
+        return constant + (self.shape - 1) * np.log(x) - (x / self.scale) ** 2 / 2
+
+    def derivatives(self, x):
+        return (self.shape - 1) / x - x / self.scale**2, -(self.shape - 1) / x**2 - 1 / self.scale**2
+
+    def cdf(self, x):
+        return gammainc(self.shape / 2, (x / self.scale) ** 2 / 2)
+
+    def quantile(self, p):
+        return self.scale * np.sqrt(2 * gammaincinv(self.shape / 2, p))
+
+    def sample(self, rng, size):
+        return self.scale * np.sqrt(2 * rng.standard_gamma(self.shape / 2, size))
+
+    def describe(self):
+        return f"Chi({self.scale:g}, {self.shape:g})"
+
+
+@dataclass(frozen=True)
+class ChiPrior(Prior):
+    """The one place: a number, and the family that takes it."""
+
+    sigma_p_shape: float = prior_field(
+        2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", smallest=0.5, largest=20.0
+    )
+    families: ClassVar = {**Prior.families, "sigma_p": Chi}
+
+
+CHI = ChiPrior(0.4, 2.5, 0.3, 3.0)
+PRIORS = [Prior(0.4, 2.5, 0.3), CHI]
+
+
+def points(n=12, seed=1):
+    return np.random.default_rng(seed).normal(size=(n, 4)) * [0.5, 2.0, 0.8, 2.0] + [0.1, 0.5, -1.0, 1.0]
+
+
+# --- a number added in one place ------------------------------------------------------------------------------------------------------
+
+
+def test_the_declaration_is_all_that_lists_the_numbers():
+    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior)]
+    assert [one.default for one in ChiPrior.declared()] == [0.0, 10.0, 1.0, 2.0]
+    assert Prior.declared() == PriorFields.declared() == ChiPrior.declared()[:-1]
+    assert CHI.distribution("sigma_p") == Chi(0.3, 3.0)
+    assert tuple(CHI.distributions) == ("mu1", "sigma_p", "gamma", "q0")
+
+
+def test_it_is_in_the_description():
+    assert CHI.describe() == "mu1 ~ Normal(0.4, 2.5), sigma_p ~ Chi(0.3, 3), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)"
+
+
+def test_with_one_degree_of_freedom_it_is_the_default_prior():
+    one, x = ChiPrior(0.4, 2.5, 0.3, 1.0), points()
+    assert one.log_density_unconstrained(x, SBAR) == pytest.approx(PRIORS[0].log_density_unconstrained(x, SBAR), rel=1e-12)
+    for found, expected in zip(one.derivatives(x, SBAR), PRIORS[0].derivatives(x, SBAR), strict=True):
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-12)
+    for parameter in ("sigma_p", "sigma_l", "sigma1", "width", "gain"):
+        assert prior_quantile(one, parameter, 0.9) == pytest.approx(prior_quantile(PRIORS[0], parameter, 0.9), rel=1e-9)
+
+
+def test_it_is_in_the_density():
+    x = points()
+    theta = natural(x, SBAR)
+    expected = stats.norm.logpdf(theta.mu1, 0.4, 2.5) + stats.chi.logpdf(theta.sigma_p, 3.0, scale=0.3)
+    assert CHI.log_density(theta) == pytest.approx(expected, rel=1e-12)
+    volume = np.log(2 * theta.sigma_p**3)
+    assert CHI.log_density_variances(theta) == pytest.approx(expected - volume, rel=1e-12)
+    jacobian = PRIORS[0].log_density_unconstrained(x, SBAR) - PRIORS[0].log_density(theta)
+    assert CHI.log_density_unconstrained(x, SBAR) == pytest.approx(expected + jacobian, rel=1e-10)
+
+
+@pytest.mark.parametrize("parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"])
+def test_it_is_in_draws_quantiles_and_contraction(parameter):
+    n, p = 200_000, np.array([0.05, 0.5, 0.95])
+    drawn = quantities(CHI.sample(np.random.default_rng(8), n), SBAR)[parameter]
+    limits = [prior_quantile(CHI, parameter, one) for one in p]
+    # 4.5 standard errors of a share: 24 comparisons, a false alarm in about 6,000 such tests
+    assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
+    middle, target = 0.5 * (limits[0] + limits[2]), bt.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), CHI)
+    assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
+
+
+def test_it_is_in_the_prior_file(tmp_path):
+    file = tmp_path / "prior.toml"
+    file.write_text(example_file(ChiPrior), encoding="utf-8")
+    assert "\nsigma_p_shape = 2.0  # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
+    assert read_prior(file, ChiPrior) == ChiPrior()
+    file.write_text("sigma_p_shape = 7", encoding="utf-8")
+    assert read_prior(file, ChiPrior) == ChiPrior(sigma_p_shape=7.0)
+    with pytest.raises(bt.InputError, match="key 'sigma_p_shape': unknown"):
+        read_prior(file)
+    for bad in ("0.4", "21", "nan", "'3'", "true", "1" + "0" * 400):
+        file.write_text(f"sigma_p_shape = {bad}", encoding="utf-8")
+        with pytest.raises(bt.InputError) as caught:
+            read_prior(file, ChiPrior)
+        (line,) = caught.value.problems
+        assert line.startswith(f"{file}: key sigma_p_shape: found "), bad
+        assert line.endswith(", allowed: a number from 0.5 to 20"), bad
+
+
+def test_it_is_in_the_help_text():
+    assert prior_help(ChiPrior) == "Prior: any of mu1_mean, mu1_sd, sigma_p_scale, sigma_p_shape; see check --prior."
+
+
+def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
+    subject = small_study["B"]
+    table = bt.sensitivity(bt.Study([subject]), prior=CHI, steps=3, reach=2.0, seed=3, workers=1)
+    assert table.varied == ("mu1_sd", "sigma_p_scale", "sigma_p_shape", "mu1_mean")
+    rows = table.of("B", "sigma_p_shape")
+    assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
+    assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
+    for row in (rows[0], rows[2]):
+        estimate = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
+        value, error = estimate.value, estimate.se
+        assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
+    ax = bt.plots.sensitivity_axes(table, "B")
+    assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
+
+
+def test_it_is_in_the_posterior(small_study):
+    posterior, plain, x = (*(bt.posterior_of(small_study["A"], prior) for prior in (CHI, PRIORS[0])), points())
+    theta = posterior.natural(x)
+    by_hand = stats.chi.logpdf(theta.sigma_p, 3.0, scale=0.3) - stats.halfnorm.logpdf(theta.sigma_p, scale=0.3)
+    assert posterior.log_density(x) - plain.log_density(x) == pytest.approx(by_hand, rel=1e-7, abs=1e-9)
+    steps = 1e-5 * np.eye(4)
+    gradient, hessian = posterior.derivatives(x)
+    for i, step in enumerate(steps):
+        slope = (posterior.log_density(x + step) - posterior.log_density(x - step)) / 2e-5
+        curve = (posterior.derivatives(x + step)[0] - posterior.derivatives(x - step)[0]) / 2e-5
+        assert gradient[:, i] == pytest.approx(slope, rel=1e-5, abs=1e-4)
+        assert hessian[:, i] == pytest.approx(curve, rel=1e-5, abs=1e-3)
+
+
+def test_what_it_may_not_be():
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(bt.InputError, match=r"prior: sigma_p_shape=.*, allowed: a positive finite number"):
+            ChiPrior(sigma_p_shape=bad)
+    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number"):
+        Prior(mu1_mean=np.nan)
+    assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
+    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, gamma, q0"):
+        CHI.distribution("sigma_l")
+    with pytest.raises(bt.InputError, match="no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"):
+        Prior.declared_as("mu1_scale")
+
+
+# --- any family for any parameter: the chain rule -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """A mu1 whose log density has no constant curvature."""
+
+    mean: float
+    scale: float
+
+    def log_density(self, x):
+        return stats.logistic.logpdf(x, self.mean, self.scale)
+
+    def derivatives(self, x):
+        t = np.tanh((x - self.mean) / (2 * self.scale))
+        return -t / self.scale, -(1 - t**2) / (2 * self.scale**2)
+
+    def describe(self):
+        return f"Logistic({self.mean:g}, {self.scale:g})"
+
+
+@dataclass(frozen=True)
+class Beta:
+    """A skewed share, bent upward at its lower end."""
+
+    a: float = 0.7
+    b: float = 2.5
+
+    def log_density(self, x):
+        return (self.a - 1) * np.log(x) + (self.b - 1) * np.log1p(-x) - betaln(self.a, self.b)
+
+    def derivatives(self, x):
+        first = (self.a - 1) / x - (self.b - 1) / (1 - x)
+        return first, -(self.a - 1) / x**2 - (self.b - 1) / (1 - x) ** 2
+
+
+@dataclass(frozen=True)
+class SkewedPrior(ChiPrior):
+    """No family is the default's."""
+
+    families: ClassVar = {"mu1": Logistic, "sigma_p": Chi, "gamma": Beta, "q0": lambda: Beta(3.0, 1.6)}
+
+
+SKEWED = SkewedPrior(0.4, 0.8, 0.3, 3.0)
+
+
+def expected_jet(x):
+    """The log density by forward differentiation, constants left out."""
+    c, a, b, top = Jet.coordinates(x)
+    p, q0 = MAX_PULL / (1 + (-a).exp()), 1 / (1 + (-top).exp())
+    mu1, sigma_p, gamma = SBAR + c / p, b.exp() * (1 - p) ** mpmath.mpf(1.5), p / (1 - p) ** 2
+    z = (mu1 - 0.4) / 0.8
+    of_mu1 = -z - 2 * (1 + (-z).exp()).log()
+    of_sigma_p = 2 * sigma_p.log() - (sigma_p / 0.3) ** 2 / 2
+    of_gamma = mpmath.mpf(-0.3) * gamma.log() + 1.5 * (1 - gamma).log()
+    of_q0 = 2 * q0.log() + mpmath.mpf(0.6) * (1 - q0).log()
+    # |d(mu1, sigma_p, gamma, q0)/dx| = (1 + p) (1 - p)^-1.5 expit(-a) e^b q0 (1 - q0)
+    jacobian = (1 + p).log() - 1.5 * (1 - p).log() - (1 + a.exp()).log() + b + q0.log() + (1 - q0).log()
+    return of_mu1 + of_sigma_p + of_gamma + of_q0 + jacobian
+
+
+def test_derivatives_under_any_family_are_exact():
+    x = np.concatenate([points(20), [[1e-3, -12.0, -2.0, -4.0], [0.0, 3.0, 0.5, 9.0]]])
+    gradient, hessian = SKEWED.derivatives(x, SBAR)
+    with mpmath.workdps(40):
+        jets = [expected_jet(row) for row in x]
+    for i, jet in enumerate(jets):
+        first = np.array([float(v) for v in jet.slope])
+        second = np.array([float(v) for v in jet.bend]).reshape(4, 4)
+        assert gradient[i] == pytest.approx(first, rel=1e-9, abs=1e-9 * np.abs(first).max()), x[i]
+        assert hessian[i] == pytest.approx(second, rel=1e-9, abs=1e-9 * np.abs(second).max()), x[i]
+    values = SKEWED.log_density_unconstrained(x, SBAR)
+    assert np.diff(values) == pytest.approx(np.diff([float(jet.value) for jet in jets]), rel=1e-9, abs=1e-9)
+
+
+def test_a_small_pull_keeps_its_derivatives():
+    gradient, hessian = Prior().derivatives([[1e-150, -345.0, -1.0, 2.0]], SBAR)
+    assert np.isfinite(gradient).all()
+    assert np.isfinite(hessian).all()
+
+
+def test_the_limit_of_gamma_is_inside_the_support():
+    x = [[0.1, a, -1.0, top] for a in (30.0, 37.0, 40.0, 700.0) for top in (37.0, 700.0)]
+    assert np.isfinite(Prior().log_density_unconstrained(x, SBAR)).all()
+
+
+def test_quantiles_of_a_gamma_that_is_not_uniform():
+    @dataclass(frozen=True)
+    class Narrow(Prior):
+        families: ClassVar = {**Prior.families, "gamma": lambda: Uniform(0.5)}
+
+    n = 200_000
+    drawn = quantities(Narrow().sample(np.random.default_rng(4), n), SBAR)
+    for parameter in ("gamma", "sigma_l", "sigma1", "width", "gain"):
+        below = (drawn[parameter] < prior_quantile(Narrow(), parameter, 0.3)).mean()
+        assert below == pytest.approx(0.3, abs=4.5 * np.sqrt(0.21 / n)), parameter
+    assert prior_quantile(Narrow(), "gain", 0.0) == pytest.approx(1 / variance_ratio(0.5))
+
+
+def test_a_fit_has_a_normal_penalty_or_is_refused(small_study):
+    assert Prior(0.4, 2.5).penalty == Normal(0.4, 2.5)
+    assert Prior(0.4, 2.5).describe_penalty() == "mu1 ~ Normal(0.4, 2.5)"
+    with pytest.raises(bt.InputError, match=r"found mu1 ~ Logistic\(0.4, 0.8\), allowed as a penalty: a normal"):
+        fit_subject(small_study["A"], SKEWED)
+
+
+# --- families against SciPy -----------------------------------------------------------------------------------------------------------
+
+FAMILIES = [
+    (Normal(0.3, 2.5), stats.norm(0.3, 2.5)),
+    (HalfNormal(0.7), stats.halfnorm(scale=0.7)),
+    (Uniform(), stats.uniform()),
+    (Uniform(2.5), stats.uniform(scale=2.5)),
+    (Chi(0.3, 3.0), stats.chi(3.0, scale=0.3)),
+]
+
+
+@pytest.mark.parametrize(("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)())
+def test_families_are_scipys(ours, theirs):
+    p = np.array([1e-12, 0.01, 0.2, 0.5, 0.9, 1 - 1e-6])
+    x = theirs.ppf(p)
+    assert ours.log_density(x) == pytest.approx(theirs.logpdf(x), rel=1e-12, abs=1e-12)
+    assert ours.cdf(x) == pytest.approx(p, rel=1e-9)
+    assert ours.quantile(p) == pytest.approx(x, rel=1e-9)
+    assert ours.spread == pytest.approx(theirs.std(), rel=1e-9)
+    first, second = ours.derivatives(x[1:-1])
+    step = 1e-5 * ours.spread
+    near = [ours.log_density(x[1:-1] + k * step) for k in (-1, 1)]
+    assert first == pytest.approx((near[1] - near[0]) / (2 * step), rel=1e-6, abs=1e-6)
+    slopes = [ours.derivatives(x[1:-1] + k * step)[0] for k in (-1, 1)]
+    assert second == pytest.approx((slopes[1] - slopes[0]) / (2 * step), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)())
+@pytest.mark.parametrize("rng", [np.random.default_rng(11), np.random.RandomState(11)], ids=["Generator", "RandomState"])
+def test_draws_follow_the_distribution_function(ours, theirs, rng):
+    # 10 such tests at 1e-4 each: a false alarm in a thousand
+    assert stats.kstest(ours.sample(rng, 20_000), theirs.cdf).pvalue > 1e-4
+
+
+def test_edges_and_what_lies_beyond():
+    assert HalfNormal(1.0).log_density([-1.0, 0.0]).tolist() == [-np.inf, pytest.approx(0.5 * np.log(2 / np.pi))]
+    assert Uniform(2.0).log_density([-0.1, 0.0, 2.0, 2.1]).tolist() == [-np.inf, -np.log(2.0), -np.log(2.0), -np.inf]
+    assert [one.log_density(1e300).item() for one in (Normal(0.0, 1.0), HalfNormal(1.0))] == [-np.inf, -np.inf]
+    assert all(np.isnan(one.log_density(np.nan)) for one in (Normal(0.0, 1.0), HalfNormal(1.0), Uniform()))
+    assert HalfNormal(1.0).cdf(-1.0) == Uniform().cdf(-1.0) == 0.0
+    assert Normal(0.0, 1e300).log_density(1e10) == pytest.approx(-0.5 * np.log(2 * np.pi) - 300 * np.log(10))

@@ -1,0 +1,87 @@
+"""The public names: each is listed once, in a stub, and loads on first use."""
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import bayes_toe as bt
+
+FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.model")
+
+
+def _listed(face):
+    """The names in the stub of a package, as often as they stand there."""
+    stub = Path(import_module(face).__file__).with_suffix(".pyi")
+    tree = ast.parse(stub.read_text(encoding="utf-8"))
+    return [alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_every_name_is_there_and_comes_from_the_place_that_the_stub_names(face):
+    package = import_module(face)
+    assert package.__all__ == dir(package) == sorted(_listed(face))
+    for name in package.__all__:
+        value = getattr(package, name)
+        assert inspect.ismodule(value) == (name in {"model", "plots"}), name
+        if inspect.isfunction(value) or inspect.isclass(value):
+            assert value.__name__ == name
+
+
+def test_no_name_is_listed_twice():
+    assert [name for name, times in Counter(name for face in FACES for name in _listed(face)).items() if times > 1] == []
+
+
+def test_a_stub_renames_nothing():
+    for face in FACES:
+        tree = ast.parse(Path(import_module(face).__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+        assert all(alias.asname == alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names)
+
+
+def test_an_unknown_name_is_refused():
+    for face in FACES:
+        with pytest.raises(AttributeError, match="cornr"):
+            import_module(face).cornr  # noqa: B018
+
+
+def test_star_import_gives_the_names():
+    names = {}
+    exec("from bayes_toe.model import *", names)
+    assert set(bt.model.__all__) <= set(names)
+
+
+@pytest.mark.parametrize("order", ["bayes_toe.plots.corner, bayes_toe as bt", "bayes_toe as bt, bayes_toe.plots.corner"])
+def test_a_figure_keeps_its_name_where_its_file_has_the_same(order):
+    code = f"import {order}; print(callable(bt.plots.corner), callable(bt.plots.corner))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "True True"
+
+
+def test_figures_and_equations_load_after_the_package_alone():
+    libraries = ("numpy", "scipy", "pandas", "arviz", "emcee", "matplotlib", "typer")
+    code = f"""
+import sys
+import bayes_toe as bt
+seen = lambda: [one for one in {libraries!r} if one in sys.modules]
+dir(bt), bt.plots, bt.model, dir(bt.plots), dir(bt.model)
+print(seen())
+bt.model.gain
+print(seen())
+bt.plots.corner
+"""
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert said == ["[]", "['numpy']"]
+
+
+def test_every_equation_that_the_room_names_leads_to_its_function():
+    room = Path(bt.model.__file__).parent
+    source = re.compile(r"Source: Eqs?\. ((?:\w+:)?\w+)")
+    named = {label for path in room.glob("*.py") for label in source.findall(path.read_text(encoding="utf-8"))}
+    assert named <= set(bt.model.EQUATIONS)
+    for label, function in bt.model.EQUATIONS.items():
+        assert re.search(rf"Eqs?\. {label}\b", inspect.getsource(inspect.getmodule(function))), label
