@@ -250,6 +250,10 @@ def load(path: str | Path) -> Draws:
         what = f"no group {', '.join(missing)}" if missing else "no attribute model"
         raise InputError(f"{path}: {what}; {_ALLOWED}")
     made = Draws(tree)
+    try:
+        model_named(made.model)
+    except InputError as error:
+        raise InputError(f"{path}: draws of {error}") from error
     absent = sorted(set(made.posterior(made.names[0]).names.reported) - set(made.parameters))
     if absent:
         raise InputError(f"{path}: no {', '.join(absent)} among the draws of model {made.model!r}; {_ALLOWED}")

@@ -74,7 +74,7 @@ def test_summary_has_a_row_for_every_reported_quantity(draws):
 def test_corner_and_curves_are_drawn(draws):
     figure = bt.plots.corner(draws, "A", coordinates=draws.posterior("A").names.natural[:4], prior=draws.prior)
     assert len(figure.axes) == min(4, CORNERS[draws.model]) ** 2
-    if draws.model != "free frequencies":
+    if draws.model == "mean-reverting memory":  # the one whose identified quantities are not all natural ones of another model
         assert len(bt.plots.corner(draws, "A", coordinates="identified").axes) == CORNERS[draws.model] ** 2
     [ax] = bt.plots.curves(draws, "A").axes
     assert len(ax.containers) == 3  # answers of both orders and of equal stimuli
@@ -142,6 +142,13 @@ def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_
     done = inside("sample", study, "-o", tmp_path / "none.nc", "--model", "biased")
     assert done.returncode == 2
     assert "error: model 'biased'; allowed: free frequencies, symmetric" in done.stderr
+
+
+def test_a_file_of_a_model_that_is_not_known_is_refused_with_its_name(two, tmp_path):
+    draws = bt.sample(two.select(["A"]), model="symmetric", draws=300, seed=1, workers=1)
+    draws.tree.attrs["model"] = "psychic"
+    with pytest.raises(InputError, match=r"other.nc: draws of model 'psychic'; allowed: free frequencies, symmetric"):
+        bt.load(draws.save(tmp_path / "other.nc"))
 
 
 def test_natural_parameters_are_refused_where_a_model_has_not_all_of_them(two):
