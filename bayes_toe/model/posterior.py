@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -277,12 +278,8 @@ class Posterior:
         for block in self.model.free:
             if name in block.names.all:
                 known = block.prior_quantile(name, probability, self.prior)
-                return self._drawn_quantile(name, probability) if known is None else known
+                return float(np.quantile(_prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
         raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
-
-    def _drawn_quantile(self, name: str, probability: float) -> float:
-        drawn = self.quantities(self.sample_prior(np.random.default_rng(0), _PRIOR_DRAWS))[name]
-        return float(np.quantile(drawn, probability))
 
     def natural(self, x: npt.ArrayLike) -> Natural:
         """The paper's parameters, of a model that has them all, at unconstrained points, shape (..., k)."""
@@ -355,3 +352,13 @@ class Posterior:
             return points
         scale = self._scales_at(propagator, points, typical_interval(self.subject.isi, self.subject.n_trials))
         return scale.to_one_second(points, self._places["offset"], self._places["log_width"])
+
+
+@lru_cache(maxsize=4)
+def _prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+    """Draws of every named quantity from the prior; the same for all subjects of a design."""
+    rng = np.random.default_rng(0)
+    found: dict[str, FloatArray] = {}
+    for block in model.free:
+        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), sbar)
+    return found
