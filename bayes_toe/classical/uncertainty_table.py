@@ -43,14 +43,4 @@ def uncertainty_table(draws: Draws, fits: FitTable) -> pd.DataFrame:
         for key, best, (lower, upper) in zip(NATURAL, row.parameters, row.bootstrap.intervals(fits.level), strict=True):
             low, middle, high = np.quantile(draws.values(row.subject, key), tails)
             rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
-    columns = (
-        "subject",
-        "parameter",
-        "posterior_median",
-        "posterior_lower",
-        "posterior_upper",
-        "fit",
-        "bootstrap_lower",
-        "bootstrap_upper",
-    )
-    return pd.DataFrame(rows, columns=[*columns, "at_edge"])
+    return pd.DataFrame(rows, columns=list(COLUMNS))

@@ -185,10 +185,10 @@ class Draws:
         self._require(name)
         if parameter in self.parameters:
             return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
-        known = self.posterior(name).names.all
-        if parameter not in known:
-            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(known)}")
-        return self.posterior(name).quantities(self.points(name))[parameter]
+        target = self.posterior(name)
+        if parameter not in target.names.all:
+            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}")
+        return target.quantities(self.points(name))[parameter]
 
     def fit(self, name: str) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,6 +21,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import variance_ratio
 from bayes_toe.model.distributions import Distribution
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import Answering
 
 #: The range that is compared.
 RANGE = (0.05, 0.95)
@@ -46,15 +46,7 @@ def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
     return _product_quantile(of_sigma_p, of_gamma, parameter, probability)
 
 
-class HasPrior(Protocol):
-    """What knows the prior quantiles of its quantities."""
-
-    def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a named quantity."""
-        ...
-
-
-def contraction(target: HasPrior, parameter: str, low: float, high: float) -> float:
+def contraction(target: Answering, parameter: str, low: float, high: float) -> float:
     """Contraction of a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
 
     Examples

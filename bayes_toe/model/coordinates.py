@@ -114,9 +114,13 @@ def log_jacobian(x: npt.ArrayLike) -> FloatArray:
     result stays finite however small the pull.
     """
     _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
+    return np.asarray(log_jacobian_of_pull(a) + b + log_expit(top) + log_expit(-top))
+
+
+def log_jacobian_of_pull(a: FloatArray) -> FloatArray:
+    """The part of :func:`log_jacobian` that depends on a = logit(p / p_max), shape (...)."""
     p = MAX_PULL * expit(a)
-    of_pull = np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a)
-    return np.asarray(of_pull + b + log_expit(top) + log_expit(-top))
+    return np.asarray(np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a))
 
 
 def derived(theta: Natural) -> dict[str, FloatArray]:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erf, erfinv, ndtr, ndtri
+from scipy.special import erf, erfinv, expit, log_expit, ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 
@@ -187,3 +187,9 @@ class Uniform:
     def describe(self) -> str:
         """Family and range."""
         return f"Uniform(0, {self.top:g})"
+
+
+def log_density_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:
+    """Log density of logit(t / top) where t has this distribution on 0..top, shape (...)."""
+    of_quantity = distribution.log_density(top * expit(logits)) + np.log(top)
+    return np.asarray(of_quantity + log_expit(logits) + log_expit(-logits))

@@ -12,8 +12,9 @@ from scipy.special import betaln, expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.model.distributions import Random
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Names, Random, log_likelihoods, require_points
+from bayes_toe.model.target import Names, log_likelihoods, require_points
 
 
 @dataclass(frozen=True)

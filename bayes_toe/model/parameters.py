@@ -17,9 +17,9 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
-from bayes_toe.model.distributions import Distribution, Normal, Uniform
+from bayes_toe.model.distributions import Distribution, Normal, Random, Uniform, log_density_of_logit
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Names, Random
+from bayes_toe.model.target import Names
 
 Derivatives = tuple[FloatArray, FloatArray]
 #: The parameter of the prior whose distribution every width-like standard deviation has.
@@ -181,9 +181,7 @@ class Share:
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to the logit."""
-        share = expit(x[:, 0])
-        of_quantity = self._distribution(prior).log_density(self.top * share) + np.log(self.top)
-        return np.asarray(of_quantity + log_expit(x[:, 0]) + log_expit(-x[:, 0]))
+        return log_density_of_logit(self._distribution(prior), x[:, 0], self.top)
 
     def _distribution(self, prior: Prior) -> Distribution:
         return prior.distribution(self.name) if self.name in prior.families else Uniform(self.top)

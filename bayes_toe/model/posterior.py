@@ -23,12 +23,13 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
+from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
 from bayes_toe.model.links import LAPSE, Answers, Link
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
-from bayes_toe.model.target import Levels, Names, Random, log_likelihoods, require_points
+from bayes_toe.model.target import Levels, Names, answer_counts, log_likelihoods, require_points
 
 _PEAK = "logit_q0"
 _PRIOR_DRAWS = 100_000
@@ -130,7 +131,6 @@ class Posterior:
     prior: Prior = field(default_factory=Prior)
     centre: float | None = None
     sbar: float = field(init=False)
-    _counts: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: Mapping[str, int] = field(init=False, repr=False)
     _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
@@ -140,7 +140,6 @@ class Posterior:
         known = subject.isi is not None and self.model.knows_intervals
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
-            "_counts": (subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)),
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
             "_places": {name: i for i, name in enumerate(self.model.coordinates)},
             "_intervals": grouped_intervals(np.asarray(subject.isi)) if known else None,
@@ -209,7 +208,7 @@ class Posterior:
         if self._intervals is not None and propagator is not None:
             places = tuple(self._places[name] for name in propagator.coordinates)
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
-        slopes = self.model.link.slopes(distance.z, self._peak(x), *self._counts)
+        slopes = self.model.link.slopes(distance.z, self._peak(x), *answer_counts(self.subject))
         return likelihood_derivatives(distance, slopes, self._places.get(_PEAK), x.shape[1])
 
     # --- What engines ask for -------------------------------------------------------------------------

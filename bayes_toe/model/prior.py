@@ -17,14 +17,14 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, log_expit
+from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural, inverse_pull, reach, unconstrained
+from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, reach, unconstrained
 from bayes_toe.model.distributions import LOG_2PI as LOG_2PI
-from bayes_toe.model.distributions import Distribution, HalfNormal, Normal, Random, Uniform
+from bayes_toe.model.distributions import Distribution, HalfNormal, Normal, Random, Uniform, log_density_of_logit
 from bayes_toe.model.prior_fields import PriorFields
 
 
@@ -122,7 +122,7 @@ class Prior(PriorFields):
     def log_density_unconstrained(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
         """Log density with respect to the unconstrained coordinates x, shape (..., 4) -> (...)."""
         points = np.asarray(x, np.float64)
-        return self.log_density_of_update(points, sbar) + self.log_density_of_peak(points[..., 3])
+        return self.log_density_of_update(points, sbar) + log_density_of_logit(self.distributions["q0"], points[..., 3])
 
     def log_density_of_update(self, x: FloatArray, sbar: float) -> FloatArray:
         """The part of (mu1, sigma_p, gamma), with respect to (c, logit(p/p_max), log w), of x[..., :3], (..., k) -> (...)."""
@@ -130,12 +130,8 @@ class Prior(PriorFields):
         p = MAX_PULL * expit(a)
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
             values = {"mu1": sbar + reach(x), "sigma_p": np.exp(b) * (1.0 - p) ** 1.5, "gamma": _noise_ratio(a)}
-            of_pull = np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a)
-            return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()) + of_pull + b)
-
-    def log_density_of_peak(self, logit_q0: FloatArray) -> FloatArray:
-        """The part of q0, with respect to its logit, (...) -> (...)."""
-        return np.asarray(self.distributions["q0"].log_density(expit(logit_q0)) + log_expit(logit_q0) + log_expit(-logit_q0))
+            of_values = sum(self.distributions[name].log_density(value) for name, value in values.items())
+            return np.asarray(of_values + log_jacobian_of_pull(a) + b)
 
     def _log_densities(self, theta: Natural, gamma: FloatArray) -> FloatArray:
         values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}

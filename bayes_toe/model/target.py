@@ -15,10 +15,8 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.model.distributions import Random
 from bayes_toe.model.prior import Prior
-
-Random = np.random.Generator | np.random.RandomState
-
 
 #: The order in which tables and figures name quantities.
 ORDER = ("mu1", "sigma_p", "sigma_l", "rho", "q0", "gamma", "sigma1", "gain", "width", "offset", "pull")
@@ -98,9 +96,13 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
 
 def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
-    counts = subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
-    of_equal, of_different = (_given(count, values) for count, values in zip(counts, log_answers, strict=True))
+    of_equal, of_different = (_given(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
     return of_equal + of_different
+
+
+def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
+    """How often each pair was called 'equal' and how often 'different', shape (pairs,) each."""
+    return subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
 
 
 def _given(counts: FloatArray, log_answer: FloatArray) -> FloatArray:
