@@ -132,7 +132,8 @@ class PredictiveCheck:
     expected : array, shape (pairs,)
         Posterior mean of P(equal).
     p_fewer, p_more : array, shape (pairs,)
-        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated.
+        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated; where counts
+        scatter more than that, over one session simulated for each draw.
     p_overall : float
         P(deviance of replicated counts >= deviance of the observed ones), both at the same draw.
     p_overall_se : float
@@ -179,9 +180,10 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     beyond = 0
     rows = max(1, _BLOCK // subject.n_pairs)
     for start in range(0, len(points), rows):
-        logs = posterior.log_answers(points[start : start + rows])
-        q, rest = (np.exp(values) for values in logs)
-        expected += q.sum(axis=0)
+        some = points[start : start + rows]
+        logs = posterior.log_answers(some)
+        q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some))
+        expected += np.exp(logs[0]).sum(axis=0)
         for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
             total += tail.sum(axis=0)
         again = rng.binomial(subject.n_trials, q)

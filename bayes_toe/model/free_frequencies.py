@@ -88,6 +88,14 @@ class FrequencyPosterior:
         logits = require_points(x, self.subject.n_pairs)
         return np.asarray(log_expit(logits)), np.asarray(log_expit(-logits))
 
+    def answers_given_the_rest(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same: answers are independent."""
+        return self.log_answers(x)
+
+    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same."""
+        return self.log_answers(x)
+
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, (points, pairs) each."""
         return log_likelihoods(self.subject, self.log_answers(x))

@@ -1,8 +1,9 @@
 """The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
-One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w v) with offset c, pull p and width w, a link from z
-to P(equal) that ends in a peak at z = 0, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a
-record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no peak q0 = 1, no propagator that the interval does not matter.
+One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v) with offset c, pull p and width w, noise
+slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to P(equal) that ends in a peak at z = 0, a spread of the counts about
+it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a record leaves out is fixed: no offset
+means c = 0, no pull K = 1 - p = 1, no slope b = 0, no peak q0 = 1, no propagator that the interval does not matter.
 
 log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to unconstrained coordinates x, so that its
 integral over x is the evidence of the model.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -22,17 +23,23 @@ from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.decay import Jet
 from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
-from bayes_toe.model.links import LAPSE, Answers, Link
+from bayes_toe.model.links import BELL, Answers, Lapsing, Link
+from bayes_toe.model.offset_prior import OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
-from bayes_toe.model.target import Levels, Names, answer_counts, log_likelihoods, require_points
+from bayes_toe.model.spread import BINOMIAL, Spread
+from bayes_toe.model.target import Levels, Names, require_points
 
-_PEAK = "logit_q0"
+_PEAK, _SLOPE = "logit_q0", "noise_slope"
+#: The offset itself, where it comes with a pull, or its place in its own prior.
+_OFFSETS = ("offset", "offset_score")
 _PRIOR_DRAWS = 100_000
+_ZERO = Jet(*(np.zeros((1, 1)),) * 3)
 
 
 @dataclass(frozen=True)
@@ -63,18 +70,24 @@ class Model:
     pull : Pull, optional
         None fixes K = 1.
     link : Link
-        From z and the logit of the peak to the log probabilities of both answers.
+        From z to the log probabilities of both answers.
+    spread : Spread
+        How counts scatter about them.
     propagator : Propagator, optional
         How pull and width depend on the inter-stimulus interval. None: the model does not mention it, so a pair is answered alike at
         every one, and comparing it with a model that does asks whether intervals matter.
+    levels : tuple of (part, level)
+        Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
     """
 
     name: str
     about: str
     free: tuple[Block, ...]
     pull: Pull | None = None
-    link: Link = LAPSE
+    link: Link | Lapsing = BELL
+    spread: Spread = BINOMIAL
     propagator: Propagator | None = None
+    levels: tuple[tuple[str, str], ...] = ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -133,15 +146,18 @@ class Posterior:
     sbar: float = field(init=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: Mapping[str, int] = field(init=False, repr=False)
+    _offset_place: int | None = field(init=False, repr=False)
     _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         known = subject.isi is not None and self.model.knows_intervals
+        places = {name: i for i, name in enumerate(self.model.coordinates)}
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
-            "_places": {name: i for i, name in enumerate(self.model.coordinates)},
+            "_places": places,
+            "_offset_place": next((places[name] for name in _OFFSETS if name in places), None),
             "_intervals": grouped_intervals(np.asarray(subject.isi)) if known else None,
         }.items():
             object.__setattr__(self, key, value)
@@ -177,12 +193,23 @@ class Posterior:
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs)."""
-        return log_likelihoods(self.subject, self.log_answers(x))
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.log_likelihood(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
         points = require_points(x, len(self.coordinates))
-        return self.model.link.log_answers(self.distance(points), self._peak(points))
+        return self.model.link.log_answers(self.distance(points), *self._own(points, self.model.link))
+
+    def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
+        """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.given_the_rest(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
+
+    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> Answers:
+        """The same of one session for each point, in which pairs have the probabilities that the spread of counts gives them."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.realised(rng, self.log_answers(points), *self._own(points, self.model.spread))
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
@@ -201,15 +228,20 @@ class Posterior:
     def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
         pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
-        h = np.exp(-x[:, width, None]) / scales.width
-        distance = Distance(self._distance(pulled.pull, scales, x), log_width={width: np.ones((1, 1))})
+        h = self._per_width(x, scales)
+        distance = Distance(self._distance(pulled.pull.value, scales, x), log_width={width: np.ones((1, 1))})
+        if _SLOPE in self._places:
+            distance.log_width[self._places[_SLOPE]] = self._middle[None]
         add_numerator(distance, pulled, h, scales)
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
             places = tuple(self._places[name] for name in propagator.coordinates)
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
-        slopes = self.model.link.slopes(distance.z, self._peak(x), *answer_counts(self.subject))
-        return likelihood_derivatives(distance, slopes, self._places.get(_PEAK), x.shape[1])
+        link, spread = self.model.link, self.model.spread
+        own, answers = self._own(x, link), link.log_answers(distance.z, *self._own(x, link))
+        slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
+        places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
+        return likelihood_derivatives(distance, slopes, places, x.shape[1])
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -221,7 +253,9 @@ class Posterior:
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
         points = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if "offset" in self._places and _PEAK not in self._places:
+        if "offset_score" in self._places:
+            points[:, self._offset_place] = self._offset_prior.score(points[:, self._offset_place])
+        if self._offset_place is not None and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
         points = self._from_typical_interval(points)
         return points[np.isfinite(self.log_density(points))]
@@ -232,10 +266,10 @@ class Posterior:
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
-        pull = self.model.pull
+        pull, logits = self.model.pull, tuple(i for name, i in self._places.items() if name.startswith("logit_"))
         if pull is not None and pull.centre is not None:
-            return Levelling.at(self, modes, centre=pull.centre, max_pull=pull.span)
-        return Probits(tuple(i for name, i in self._places.items() if name.startswith("logit_")), self._places["log_width"])
+            return Levelling.at(self, modes, logits, centre=pull.centre, max_pull=pull.span)
+        return Probits(logits, self._places["log_width"])
 
     def for_subject(self, subject: Subject) -> Posterior:
         """The same model with the same prior for other answers or other pairs, offsets counted from the same intensity."""
@@ -249,7 +283,7 @@ class Posterior:
 
     def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
-        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), self._peak(x))[0]))
+        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link))[0]))
 
     # --- What readers ask for -------------------------------------------------------------------------
 
@@ -261,7 +295,7 @@ class Posterior:
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis."""
-        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.sbar).items()}
+        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.prior, self.sbar).items()}
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged: those that are no monotone function of a single other one."""
@@ -270,13 +304,13 @@ class Posterior:
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
-        return np.concatenate([block.coordinates_from(quantities, self.sbar) for block in self.model.free], axis=-1)
+        return np.concatenate([block.coordinates_from(quantities, self.prior, self.sbar) for block in self.model.free], axis=-1)
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
         for block in self.model.free:
             if name in block.names.all:
-                known = block.prior_quantile(name, probability, self.prior)
+                known = block.prior_quantile(name, probability, self.prior, self.sbar)
                 return float(np.quantile(_prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
         raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
 
@@ -293,29 +327,48 @@ class Posterior:
         return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
 
     def _pulled(self, x: FloatArray) -> Pulled:
-        """Offset and pull, with the derivatives of the pull."""
-        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._places.get("offset")
+        """Offset and pull, each with its derivatives."""
+        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._offset(x)
         if pull is None:
-            none = np.zeros((1, 1))
-            return Pulled(lever, self._offset(x), none, none, none, offset, None)
+            return Pulled(lever, offset, _ZERO, self._offset_place, None)
         place = self._places[pull.coordinate]
         a = x[:, place, None]
         slope = pull.span * expit(a) * expit(-a)
-        return Pulled(lever, self._offset(x), self._pull(x), slope, -slope * np.tanh(0.5 * a), offset, place)
+        return Pulled(lever, offset, Jet(self._pull(x), slope, -slope * np.tanh(0.5 * a)), self._offset_place, place)
 
-    def _offset(self, x: FloatArray) -> FloatArray:
-        return x[:, self._places["offset"], None] if "offset" in self._places else np.zeros((1, 1))
+    def _offset(self, x: FloatArray) -> Jet:
+        """Offset c with its derivatives in its coordinate, shape (points, 1) each."""
+        if self._offset_place is None:
+            return _ZERO
+        c = x[:, self._offset_place, None]
+        return self._offset_prior.offset(c) if "offset_score" in self._places else Jet(c, np.ones((1, 1)), np.zeros((1, 1)))
+
+    @cached_property
+    def _offset_prior(self) -> OffsetPrior:
+        return offset_prior(self.prior, self.sbar)
+
+    @property
+    def _middle(self) -> FloatArray:
+        """Mean stimulus of every pair from the mean first stimulus, shape (pairs,)."""
+        return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
 
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
         subject = self.subject
-        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x))
+        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x).value)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            h = np.exp(-x[:, self._places["log_width"], None]) / scales.width
+            h = self._per_width(x, scales)
             return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
 
-    def _peak(self, x: FloatArray) -> FloatArray:
-        """Logit of the peak, shape (points, 1); infinite where it is 1."""
-        return x[:, self._places[_PEAK], None] if _PEAK in self._places else np.full((len(x), 1), np.inf)
+    def _per_width(self, x: FloatArray, scales: Scales) -> FloatArray:
+        """One over the width of every pair, shape (points, pairs) or (points, 1)."""
+        log_width = x[:, self._places["log_width"], None]
+        if _SLOPE in self._places:
+            log_width = log_width + x[:, self._places[_SLOPE], None] * self._middle
+        return np.asarray(np.exp(-log_width) / scales.width)
+
+    def _own(self, x: FloatArray, of: Link | Lapsing | Spread) -> tuple[FloatArray, ...]:
+        """Own coordinates of a link or a spread, shape (points, 1) each; a logit that is fixed is infinite."""
+        return tuple(x[:, self._places[name], None] if name in self._places else np.full((len(x), 1), np.inf) for name in of.coordinates)
 
     def _scales(self, x: FloatArray) -> Scales:
         """Pull and width of every pair over those at one second; one row and column of 1 where nothing depends on the interval."""
@@ -340,8 +393,8 @@ class Posterior:
         its own on each side.
         """
         walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
-        moved = np.repeat(point[None], len(walls) - 1, axis=0)
-        moved[:, self._places["offset"]] = 0.5 * (walls[1:] + walls[:-1])
+        moved, offsets = np.repeat(point[None], len(walls) - 1, axis=0), 0.5 * (walls[1:] + walls[:-1])
+        moved[:, self._offset_place] = self._offset_prior.score(offsets) if "offset_score" in self._places else offsets
         return moved
 
     def _from_typical_interval(self, points: FloatArray) -> FloatArray:
@@ -359,5 +412,5 @@ def _prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArra
     rng = np.random.default_rng(0)
     found: dict[str, FloatArray] = {}
     for block in model.free:
-        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), sbar)
+        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), prior, sbar)
     return found

@@ -1,0 +1,187 @@
+"""From the probabilities of both answers to counts: how far repeated answers to one pair scatter.
+
+Binomial where every answer is given alone. Where blocks or days differ, the probability of a pair is itself drawn for the session, from a
+beta distribution with the model's P(equal) as its mean and intra-class correlation rho: the counts are then beta-binomial. With
+eps = rho/(1 - rho), whose log is the logit of rho, and without binomial coefficient
+
+    A = sum_{j < n_Eq} log(P + j eps) + sum_{j < n_Diff} log(1 - P + j eps) - sum_{j < n} log(1 + j eps),
+
+sums of logs of positive terms: nothing is lost as rho -> 0, the binomial, or rho -> 1, one answer for all trials of a pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from scipy.special import expit
+
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.study import Subject
+from bayes_toe.model.distributions import Random
+from bayes_toe.model.links import Answers, Logarithm
+from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
+
+
+class Spread(Protocol):
+    """How counts scatter about the probabilities of a model; own coordinates have shape (points, 1), answers (points, pairs)."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Its own unconstrained coordinates."""
+        ...
+
+    def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
+        """Log likelihood of each pair without binomial coefficients, shape (points, pairs)."""
+        ...
+
+    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
+        """Derivatives of the log likelihood from those of both answers; its own coordinates come after the link's."""
+        ...
+
+    def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
+        """Log probabilities of one answer given all others to its pair, shape (points, pairs) each."""
+        ...
+
+    def realised(self, rng: Random, answers: Answers, *own: FloatArray) -> Answers:
+        """Log probabilities of a session, shape (points, pairs) each: given them its answers are independent."""
+        ...
+
+
+@dataclass(frozen=True)
+class Binomial:
+    """Independent answers."""
+
+    coordinates: ClassVar[tuple[str, ...]] = ()
+
+    def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
+        """Counts times log probabilities."""
+        return log_likelihoods(subject, answers)
+
+    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
+        """Counts times slopes."""
+        return _total(answer_counts(subject), of)
+
+    def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
+        """The same."""
+        return answers
+
+    def realised(self, rng: Random, answers: Answers, *own: FloatArray) -> Answers:
+        """The same."""
+        return answers
+
+
+@dataclass(frozen=True)
+class BetaBinomial:
+    """Answers to a pair that go together, with intra-class correlation rho."""
+
+    coordinates: ClassVar[tuple[str, ...]] = ("logit_icc",)
+
+    def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
+        """The three sums."""
+        of_answers = (_rising(u, own[0], n).value for u, n in zip(answers, _counts(subject), strict=True))
+        return np.asarray(sum(of_answers) - _of_trials(subject, own[0]).value)
+
+    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
+        """With t = P/(P + j eps), A has sum t in the place of the counts, sum t (1 - t) in P twice, and its own row."""
+        sums = [_rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
+        trials = _of_trials(subject, own[0])
+        total = _total([one.first for one in sums], of)
+        more = [(one.bend, np.where(one.bend > 0.0, part.z, 0.0), part) for one, part in zip(sums, of, strict=True)]
+        triangle = [
+            tuple(entry + sum(bend * part.own[i] * part.own[j] for bend, _, part in more) for j, entry in enumerate(row))
+            for i, row in enumerate(total.own_own)
+        ]
+        last = (
+            *(-sum(bend * part.own[i] for bend, _, part in more) for i in range(len(total.own))),
+            sum(one.bend for one in sums) - trials.bend,
+        )
+        return Logarithm(
+            total.z,
+            total.zz + sum(bend * np.square(slope) for bend, slope, _ in more),
+            total.stretch + sum(bend * z * np.square(slope) for bend, slope, _ in more),
+            (*total.own, sum(one.rest for one in sums) - trials.rest),
+            (
+                *(entry + sum(bend * slope * part.own[i] for bend, slope, part in more) for i, entry in enumerate(total.z_own)),
+                -sum(bend * slope for bend, slope, _ in more),
+            ),
+            (*triangle, last),
+        )
+
+    def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
+        """(P + (n_Eq - 1) eps)/(1 + (n - 1) eps), and its like; of no meaning for answers that were never given."""
+        log_others = np.log(np.maximum(subject.n_trials - 1, 1)) + own[0]
+        whole = np.where(subject.n_trials > 1, np.logaddexp(0.0, log_others), 0.0)
+        one, other = (
+            np.where(n > 1, np.logaddexp(u, np.log(np.maximum(n - 1, 1)) + own[0]), u) - whole
+            for u, n in zip(answers, _counts(subject), strict=True)
+        )
+        return np.asarray(one), np.asarray(other)
+
+    def realised(self, rng: Random, answers: Answers, *own: FloatArray) -> Answers:
+        """Beta(P/eps, (1 - P)/eps) as a ratio of gammas; where both are below the smallest float it is 0 or 1."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            gammas = [rng.standard_gamma(np.exp(u - own[0])) for u in answers]
+            total = gammas[0] + gammas[1]
+            share = np.where(total > 0.0, gammas[0] / total, rng.uniform(size=total.shape) < np.exp(answers[0]))
+            return np.log(share), np.log1p(-share)
+
+
+class _Sums(NamedTuple):
+    """Sum over j < n of log(P + j eps), with first derivative in log P, that in log eps, and the second in either."""
+
+    value: FloatArray
+    first: FloatArray
+    rest: FloatArray
+    bend: FloatArray
+
+
+def _rising(u: FloatArray, v: FloatArray, n: IntArray) -> _Sums:
+    """At u = log P, shape (points, pairs), v = log eps, shape (points, 1), and n, shape (pairs,). t_0 is 1."""
+    given = (n > 0).astype(np.float64)
+    value, first = np.where(n > 0, u, 0.0), np.broadcast_to(given, u.shape).copy()
+    rest, bend = np.zeros(u.shape), np.zeros(u.shape)
+    for j in range(1, int(n.max(initial=0))):
+        more = n > j
+        log_added = np.log(j) + v
+        share, other = expit(u[:, more] - log_added), expit(log_added - u[:, more])
+        value[:, more] += np.logaddexp(u[:, more], log_added)
+        first[:, more] += share
+        rest[:, more] += other
+        bend[:, more] += share * other
+    return _Sums(value, first, rest, bend)
+
+
+def _of_trials(subject: Subject, v: FloatArray) -> _Sums:
+    return _rising(np.zeros((len(v), subject.n_pairs)), v, subject.n_trials)
+
+
+def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
+    return subject.n_equal, subject.n_trials - subject.n_equal
+
+
+def _total(weights: Sequence[FloatArray], of: tuple[Logarithm, Logarithm]) -> Logarithm:
+    """Weights, (pairs,) or (points, pairs), times the slopes of both answers."""
+
+    def added(*parts: FloatArray) -> FloatArray:
+        one, other = (times_counts(weight, part) for weight, part in zip(weights, parts, strict=True))
+        return one + other
+
+    def each(rows: tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]) -> tuple[FloatArray, ...]:
+        return tuple(added(*pair) for pair in zip(*rows, strict=True))
+
+    one, other = of
+    triangle = tuple(each(rows) for rows in zip(one.own_own, other.own_own, strict=True))
+    return Logarithm(
+        added(one.z, other.z),
+        added(one.zz, other.zz),
+        added(one.stretch, other.stretch),
+        each((one.own, other.own)),
+        each((one.z_own, other.z_own)),
+        triangle,
+    )
+
+
+BINOMIAL, BETA_BINOMIAL = Binomial(), BetaBinomial()
