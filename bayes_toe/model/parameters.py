@@ -17,7 +17,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
-from bayes_toe.model.distributions import Distribution, Normal, Random, Uniform, log_density_of_logit
+from bayes_toe.model.distributions import Distribution, Normal, Random, Uniform, log_density_of_logit, slopes_of_logit
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Names
 
@@ -188,11 +188,7 @@ class Share:
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
-        logits = x[:, 0]
-        slope, bend = self._distribution(prior).derivatives(self.top * expit(logits))
-        rate = self.top * expit(logits) * expit(-logits)
-        turn = np.tanh(0.5 * logits)
-        return _alone(slope * rate - turn, bend * np.square(rate) - slope * rate * turn - 2.0 * expit(logits) * expit(-logits))
+        return _alone(*slopes_of_logit(self._distribution(prior), x[:, 0], self.top))
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
