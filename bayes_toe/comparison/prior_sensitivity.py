@@ -104,13 +104,13 @@ class SensitivityTable(Table[SensitivityRow]):
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """What is varied: the numbers that the prior declares, scales and shapes first."""
-        return tuple(one.name for one in self.prior.varied())
+        """What is varied: the numbers that the prior declares for H1, scales and shapes first."""
+        return tuple(dict.fromkeys(row.varied for row in self.rows))
 
     @property
     def scales(self) -> tuple[str, ...]:
         """What is varied by factors: scales and shapes."""
-        return tuple(one.name for one in self.prior.varied() if one.positive)
+        return tuple(name for name in self.varied if self.prior.declared_as(name).positive)
 
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
         """Rows of one subject and one varied value.

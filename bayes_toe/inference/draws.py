@@ -96,7 +96,7 @@ class Draws:
             raise InputError(
                 f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
             )
-        return Prior(**values)
+        return Prior(**{"offset_sd": 1.0, **values})  # what the constant error had before the prior said it
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""

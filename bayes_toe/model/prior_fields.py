@@ -6,9 +6,10 @@ numbers are apart from what is computed with them (:mod:`bayes_toe.model.prior`)
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 from bayes_toe.errors import InputError
 
@@ -17,6 +18,8 @@ Kind = Literal["location", "scale", "shape"]
 #: Beyond these a square would leave the range of floats.
 SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
+#: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
+OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class PriorField:
     ----------
     name : str
         Of the field, the key in a prior file.
-    default : float
+    default : float or None
+        None where leaving the number out means something of its own, which `words` say.
     parameter : str
         To whose distribution it belongs.
     kind : {"location", "scale", "shape"}
@@ -40,7 +44,7 @@ class PriorField:
     """
 
     name: str
-    default: float
+    default: float | None
     parameter: str
     kind: Kind
     words: str
@@ -70,7 +74,7 @@ class PriorField:
 
 
 def prior_field(
-    default: float,
+    default: float | None,
     *,
     parameter: str,
     kind: Kind,
@@ -78,11 +82,16 @@ def prior_field(
     unit: str = "",
     smallest: float | None = None,
     largest: float = LARGEST,
-) -> float:
+) -> Any:
     """Declare one number of a prior, as the default of a dataclass field; see :class:`PriorField` for the arguments."""
     least = (-largest if kind == "location" else SMALLEST) if smallest is None else smallest
     said = {"parameter": parameter, "kind": kind, "words": words, "unit": unit, "smallest": least, "largest": largest}
     return field(default=default, metadata={"default": default, **said})
+
+
+def _of_beta(default: float, parameter: str, words: str) -> Any:
+    """A number of a beta; beyond these limits it is all but an atom, at an edge or at one value."""
+    return prior_field(default, parameter=parameter, kind="shape", words=words, smallest=0.05, largest=1000.0)
 
 
 @dataclass(frozen=True)
@@ -96,8 +105,10 @@ class PriorFields:
 
     Examples
     --------
-    >>> [(field.name, field.label) for field in PriorFields.declared()]
-    [('mu1_mean', 'mean of mu1'), ('mu1_sd', 'sd of mu1'), ('sigma_p_scale', 'scale of sigma_p')]
+    >>> [field.name for field in PriorFields.varied()]
+    ['mu1_sd', 'sigma_p_scale', 'gamma_a', 'gamma_b', 'mu1_mean']
+    >>> PriorFields.declared_as("gamma_a").label
+    'a of gamma'
     """
 
     mu1_mean: float = prior_field(0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY)
@@ -105,10 +116,30 @@ class PriorFields:
     sigma_p_scale: float = prior_field(
         1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY
     )
+    gamma_a: float = _of_beta(1.0, "gamma", "a of the beta prior of gamma; 1 and 1 are uniform")
+    gamma_b: float = _of_beta(1.0, "gamma", "its b")
+    offset_sd: float | None = prior_field(
+        None,
+        parameter="offset",
+        kind="scale",
+        words="sd of a normal prior of the constant error; left out: the one that mu1 and gamma imply",
+        unit=LOG_INTENSITY,
+    )
+    noise_slope_sd: float = prior_field(
+        1.0, parameter="noise_slope", kind="scale", words="sd of the normal prior of the noise's slope about 0, Weber's law"
+    )
+    lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
+    lapse_rate_b: float = _of_beta(1.0, "lapse_rate", "its b")
+    exponent_median: float = prior_field(2.0, parameter="exponent", kind="scale", words="median of the lognormal prior of the exponent")
+    exponent_sd: float = prior_field(0.5, parameter="exponent", kind="scale", words="sd of its logarithm")
+    icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
+    icc_b: float = _of_beta(9.0, "icc", "its b")
 
     def __post_init__(self) -> None:
         for one in self.declared():
             value = getattr(self, one.name)
+            if value is None and one.default is None:
+                continue
             if not isfinite(value) or (one.positive and value <= 0):
                 allowed = "a positive finite number" if one.positive else "a finite number"
                 raise InputError(f"prior: {one.name}={value:g}, allowed: {allowed}")
@@ -133,6 +164,7 @@ class PriorFields:
         raise InputError(f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}")
 
     @classmethod
-    def varied(cls) -> tuple[PriorField, ...]:
-        """Its numbers in the order of a sensitivity scan: scales and shapes first, then locations."""
-        return tuple(sorted(cls.declared(), key=lambda one: not one.positive))
+    def varied(cls, parameters: Collection[str] = OF_H1) -> tuple[PriorField, ...]:
+        """The numbers of some parameters in the order of a sensitivity scan: scales and shapes first, then locations."""
+        found = (one for one in cls.declared() if one.parameter in parameters)
+        return tuple(sorted(found, key=lambda one: not one.positive))

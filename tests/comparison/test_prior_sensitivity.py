@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from reference.hard_cases import hard_cases
 from scipy.integrate import quad
+from scipy.special import beta
 
 import bayes_toe as bt
 from bayes_toe.comparison.prior_sensitivity import (
@@ -115,7 +116,9 @@ def exact_all_equal(prior, s, n):
 
     def over_gamma(t):
         sigma_p = prior.sigma_p_scale * t
-        return quad(lambda root: 2 * root * given(root**2, sigma_p), 0, 1, epsabs=1e-12)[0] * np.sqrt(2 / np.pi) * np.exp(-(t**2) / 2)
+        a, b = prior.gamma_a, prior.gamma_b
+        of_gamma = quad(given, 0, 1, (sigma_p,), epsabs=1e-12, weight="alg", wvar=(a - 1, b - 1))[0] / beta(a, b)
+        return of_gamma * np.sqrt(2 / np.pi) * np.exp(-(t**2) / 2)
 
     return np.log(quad(over_gamma, 0, 10, epsabs=1e-10, limit=200)[0])
 
@@ -151,8 +154,8 @@ def test_slopes_of_the_evidence_are_moments_of_the_posterior(small_study):
 def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
     assert tuple(frame.columns) == SENSITIVITY_COLUMNS
-    assert len(frame) == 3 * 3 * 5
-    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "mu1_mean"}
+    assert len(frame) == 3 * 5 * 5
+    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()
     scales = frame[frame["varied"].isin(table.scales)]
     assert np.allclose(sorted(set(scales["factor"].round(9))), [0.25, 0.5, 1.0, 2.0, 4.0])
