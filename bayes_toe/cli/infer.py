@@ -101,7 +101,8 @@ def compare(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("compare.csv", "Table to write; NAME_models.csv (study) and NAME.png beside it.")] = Path("compare.csv"),
-    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole ladder.")] = None,
+    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
+    space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
     task: ComparingTask,
 ) -> None:
     """A ladder of models for every subject: evidence, leave-one-out, checks, model probabilities; and model frequencies over subjects.
@@ -114,7 +115,7 @@ def compare(
     from bayes_toe.plots.comparison import save_comparison
     from bayes_toe.plots.figure_files import picture_beside
 
-    models, picture = require_models(model), picture_beside(output)
+    models, picture = require_models(model or space), picture_beside(output)
     task.require_files(output, beside(output), picture)
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:

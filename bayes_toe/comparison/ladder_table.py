@@ -19,7 +19,7 @@ from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.model.ladder import model_named, require_models
+from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
@@ -165,7 +165,7 @@ def beside(path: str | Path) -> Path:
 
 def compare(
     study: Study,
-    models: Sequence[str] | None = None,
+    models: str | Sequence[str | Record] = "parts",
     *,
     draws: int = 1000,
     seed: int | None = None,
@@ -180,8 +180,9 @@ def compare(
     study : Study
         With intervals (column isi), models with a memory say how they act, and the others answer a pair alike at every one: the note of
         their rows says so. Free frequencies have one for each pair at each interval.
-    models : sequence of str, optional
-        Names of :data:`bayes_toe.model.ladder.NAMES`; all of them by default.
+    models : str or sequence of str or record
+        Models by name or composition; or the name of a space: "parts", every composition of order, noise and lapses, or "ladder", the
+        models that have a name.
     draws : int
         Effective draws to reach for every named quantity of every model.
     seed, prior, workers, progress
@@ -200,9 +201,10 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    records, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    names = tuple(model.name for model in records)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [partial(compare_one, subject, model_named(name), draws=draws, seed=root, prior=chosen) for subject in study for name in names]
+    jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]
     rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
     groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)

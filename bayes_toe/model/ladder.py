@@ -34,18 +34,16 @@ COMPOSED: tuple[Record, ...] = (
 SPACES = {"parts": COMPOSED, "ladder": MODELS}
 
 
-def require_models(names: Sequence[str | Record] | None, space: str = "parts") -> tuple[Record, ...]:
-    """The models asked for, each once: those of a space in its order, then others; by default the whole space.
+def require_models(names: str | Sequence[str | Record]) -> tuple[Record, ...]:
+    """The models asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others.
 
     Raises
     ------
     InputError
-        If a name or the space is unknown, or no model is left.
+        If a name is unknown, or there is none.
     """
-    if space not in SPACES:
-        raise InputError(f"space {space!r}; allowed: {', '.join(SPACES)}")
-    if names is None:
-        return SPACES[space]
+    if isinstance(names, str):
+        return SPACES[names] if names in SPACES else (model_named(names),)
     if not names:
         raise InputError(f"models: none given; allowed: {', '.join(NAMES)}, or {allowed_words()}")
     asked = tuple(dict.fromkeys(map(model_named, names)))

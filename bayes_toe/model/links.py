@@ -220,19 +220,22 @@ class Lapsing:
         return np.where(few, equal, other), np.where(few, other, different)
 
     def slopes(self, z: FloatArray, *own: FloatArray) -> tuple[Logarithm, Logarithm]:
-        """Derivatives of the log of a mixture: with the share rho of the part that attends, g = rho g_b + (1 - rho) g_a and
-        H = rho H_b + (1 - rho) H_a + rho (1 - rho) (g_b - g_a)(g_b - g_a)'.
+        """Derivatives of the logs of a mixture.
 
-        In the logit of lambda, g is G = lambda (1 - lambda) (q0 - Q)/P for 'equal' and its like of other sign for 'different', by the
-        fall q0 - Q of the curve, and the second derivative is G (1 - 2 lambda - G). In the logit of the peak, g_b - g_a of 'equal' is
-        what the shape of a curve changes with its peak (nothing, where P(equal) is the peak times a shape), and that of 'different'
-        is (q0 - Q)/(1 - Q) less Q/(1 - Q) times that.
+        With the share rho of the part that attends, g = rho g_b + (1 - rho) g_a and
+        H = rho H_b + (1 - rho) H_a + rho (1 - rho) (g_b - g_a)(g_b - g_a)'. In the logit of lambda, g is G = lambda (1 - lambda) (q0 - Q)/P
+        for 'equal' and its like of other sign for 'different', by the fall q0 - Q of the curve, and the second derivative is
+        G (1 - 2 lambda - G). In the logit of the peak, g_b - g_a of 'equal' is what the shape of a curve changes with its peak (nothing,
+        where P(equal) is the peak times a shape), and that of 'different' is (q0 - Q)/(1 - Q) less Q/(1 - Q) times that.
         """
         fall, base, log_q = self.link.log_fall(z, *own[:-1]), self.link.slopes(z, *own[:-1]), self.link.log_answers(z, *own[:-1])
         shape = base[0].own[0] - expit(-own[0])
-        apart = shape, np.exp(fall - log_q[1]) - shape * np.exp(log_q[0] - log_q[1])
-        each = zip((1.0, -1.0), self.log_answers(z, *own), self._parts(z, own), base, apart, strict=True)
-        one, other = (_mixed(z, own, fall, *this) for this in each)
+        of_peak = shape, np.exp(fall - log_q[1]) - shape * np.exp(log_q[0] - log_q[1])
+        log_p, parts = self.log_answers(z, *own), self._parts(z, own)
+        moved = [sign * np.exp(log_expit(own[-1]) + log_expit(-own[-1]) + fall - log) for sign, log in zip((1.0, -1.0), log_p, strict=True)]
+        shares = [(np.exp(lapsed - log), np.exp(attended - log)) for (lapsed, attended), log in zip(parts, log_p, strict=True)]
+        each = zip((1.0, -1.0), shares, base, of_peak, moved, strict=True)
+        one, other = (_mixed(z, own, *this) for this in each)
         return one, other
 
     def log_fall(self, z: FloatArray, *own: FloatArray) -> FloatArray:
@@ -249,20 +252,14 @@ class Lapsing:
 
 
 def _mixed(
-    z: FloatArray,
-    own: tuple[FloatArray, ...],
-    fall: FloatArray,
-    sign: float,
-    log_p: FloatArray,
-    parts: Answers,
-    base: Logarithm,
-    of_peak: FloatArray,
+    z: FloatArray, own: tuple[FloatArray, ...], sign: float, shares: Answers, base: Logarithm, of_peak: FloatArray, moved: FloatArray
 ) -> Logarithm:
-    """Slopes of one answer, 'equal' (sign 1) or 'different' (-1); `of_peak` is g_b - g_a in the logit of the peak."""
-    peak, rate = own[0], own[-1]
-    lapsed, attended = (np.exp(part - log_p) for part in parts)
+    """Slopes of one answer, 'equal' (sign 1) or 'different' (-1), from the shares of lapses and attention in it.
+
+    `of_peak` is g_b - g_a in the logit of the peak, `moved` g in that of lambda.
+    """
+    (lapsed, attended), peak, rate = shares, own[0], own[-1]
     both, blind = lapsed * attended, sign * expit(-sign * peak)  # blind: d log q0 or d log(1 - q0)
-    moved = sign * np.exp(log_expit(rate) + log_expit(-rate) + fall - log_p)
     apart = (of_peak, *base.own[1:])
     triangle = [tuple(attended * bend + both * apart[i] * apart[j] for j, bend in enumerate(row)) for i, row in enumerate(base.own_own)]
     triangle[0] = (triangle[0][0] - lapsed * expit(peak) * expit(-peak),)

@@ -185,7 +185,7 @@ class Offset:
 
     def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Of the implied prior."""
-        return offset_prior(prior, sbar).quantile(probability)
+        return float(offset_prior(prior, sbar).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three offsets, off the round numbers at which a distance may be exactly 0."""

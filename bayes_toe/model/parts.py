@@ -201,7 +201,9 @@ def composition(text: str) -> Model:
     """
     levels: dict[str, str] = {}
     for word in (part.strip() for part in text.split("+")):
-        found = [part for part, of in PARTS.items() if word.casefold() in {known.casefold() for one in of for known in (one.name, *one.also)}]
+        found = [
+            part for part, of in PARTS.items() if word.casefold() in {known.casefold() for one in of for known in (one.name, *one.also)}
+        ]
         if not found:
             raise InputError(f"model {text!r}: {word!r}; allowed, joined by +: {allowed_words()}")
         if found[0] in levels:

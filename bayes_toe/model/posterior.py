@@ -28,7 +28,7 @@ from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growt
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
-from bayes_toe.model.offset_prior import OffsetPrior, offset_prior
+from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
@@ -240,8 +240,8 @@ class Posterior:
         link, spread = self.model.link, self.model.spread
         own, answers = self._own(x, link), link.log_answers(distance.z, *self._own(x, link))
         slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
-        places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
-        return likelihood_derivatives(distance, slopes, places, x.shape[1])
+        own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
+        return likelihood_derivatives(distance, slopes, own_places, x.shape[1])
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -252,7 +252,7 @@ class Posterior:
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
-        points = np.stack([axis.ravel() for axis in axes], axis=-1)
+        points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
         if "offset_score" in self._places:
             points[:, self._offset_place] = self._offset_prior.score(points[:, self._offset_place])
         if self._offset_place is not None and _PEAK not in self._places:
@@ -344,7 +344,7 @@ class Posterior:
         return self._offset_prior.offset(c) if "offset_score" in self._places else Jet(c, np.ones((1, 1)), np.zeros((1, 1)))
 
     @cached_property
-    def _offset_prior(self) -> OffsetPrior:
+    def _offset_prior(self) -> OffsetPrior | NormalOffset:
         return offset_prior(self.prior, self.sbar)
 
     @property

@@ -82,7 +82,7 @@ class Log:
             return np.asarray(distribution.log_density(np.exp(x)) + x)
 
     def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
-        """t f' + 1 and t^2 f'' + t f'."""
+        """First t f' + 1, then t^2 f'' + t f'."""
         with np.errstate(over="ignore"):
             t = np.exp(x)
             slope, bend = distribution.derivatives(t)

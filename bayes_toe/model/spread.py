@@ -11,7 +11,7 @@ sums of logs of positive terms: nothing is lost as rho -> 0, the binomial, or rh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -81,33 +81,37 @@ class BetaBinomial:
 
     def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
         """The three sums."""
-        of_answers = (_rising(u, own[0], n).value for u, n in zip(answers, _counts(subject), strict=True))
-        return np.asarray(sum(of_answers) - _of_trials(subject, own[0]).value)
+        equal, different = (_rising(u, own[0], n).value for u, n in zip(answers, _counts(subject), strict=True))
+        return equal + different - _of_trials(subject, own[0]).value
 
     def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
         """With t = P/(P + j eps), A has sum t in the place of the counts, sum t (1 - t) in P twice, and its own row."""
         sums = [_rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
-        trials = _of_trials(subject, own[0])
-        total = _total([one.first for one in sums], of)
-        more = [(one.bend, np.where(one.bend > 0.0, part.z, 0.0), part) for one, part in zip(sums, of, strict=True)]
-        triangle = [
-            tuple(entry + sum(bend * part.own[i] * part.own[j] for bend, _, part in more) for j, entry in enumerate(row))
-            for i, row in enumerate(total.own_own)
-        ]
-        last = (
-            *(-sum(bend * part.own[i] for bend, _, part in more) for i in range(len(total.own))),
-            sum(one.bend for one in sums) - trials.bend,
-        )
+        trials, total = _of_trials(subject, own[0]), _total([one.first for one in sums], of)
+
+        def more(term: Callable[[Logarithm], FloatArray]) -> FloatArray:
+            """What sum t (1 - t) adds, times a product of slopes."""
+            one, other = (times_counts(part.bend, term(slopes)) for part, slopes in zip(sums, of, strict=True))
+            return one + other
+
+        def slope(i: int) -> FloatArray:
+            return more(lambda part: part.own[i])
+
+        def bend(i: int, j: int) -> FloatArray:
+            return total.own_own[i][j] + more(lambda part: part.own[i] * part.own[j])
+
+        def mixed(i: int) -> FloatArray:
+            return total.z_own[i] + more(lambda part: part.z * part.own[i])
+
+        rest, at = sums[0].rest + sums[1].rest - trials.rest, range(len(total.own))
+        last = (*(-slope(i) for i in at), sums[0].bend + sums[1].bend - trials.bend)
         return Logarithm(
             total.z,
-            total.zz + sum(bend * np.square(slope) for bend, slope, _ in more),
-            total.stretch + sum(bend * z * np.square(slope) for bend, slope, _ in more),
-            (*total.own, sum(one.rest for one in sums) - trials.rest),
-            (
-                *(entry + sum(bend * slope * part.own[i] for bend, slope, part in more) for i, entry in enumerate(total.z_own)),
-                -sum(bend * slope for bend, slope, _ in more),
-            ),
-            (*triangle, last),
+            total.zz + more(lambda part: np.square(part.z)),
+            total.stretch + more(lambda part: z * np.square(part.z)),
+            (*total.own, rest),
+            (*map(mixed, at), -more(lambda part: part.z)),
+            (*(tuple(bend(i, j) for j in range(i + 1)) for i in at), last),
         )
 
     def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:

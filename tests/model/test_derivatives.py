@@ -1,4 +1,4 @@
-"""Every rung and compositions that have every part, with and without intervals: value, gradient and Hessian against second-order forward differentiation with hundreds of digits.
+"""Every rung and compositions with every part: value, gradient and Hessian against forward differentiation with hundreds of digits.
 
 The reference (`jets.py`) is written from the definitions, with no stable form: parameters from coordinates, probabilities by subtraction,
 scales of an interval from the filter's own quantities.
@@ -13,7 +13,7 @@ from jets import Jet
 
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.ladder import MODELS, model_named, posterior_of
+from bayes_toe.model.ladder import MODELS, posterior_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 
@@ -124,13 +124,17 @@ def prior_terms(name, at, sbar):
             yield normal(at["offset_score"], 0, 1)
         if "logit_gain" in at:
             yield (at["logit_gain"].expit() * (1 - at["logit_gain"].expit())).log()
+    yield from prior_terms_of_other_parts(at)
+
+
+def prior_terms_of_other_parts(at):
     for key in ("logit_q0", "logit_lapse_rate"):
         if key in at:
             yield (at[key].expit() * (1 - at[key].expit())).log()
     if "noise_slope" in at:
-        yield normal(at["noise_slope"], 0, prior.noise_slope_sd)
+        yield normal(at["noise_slope"], 0, PRIOR.noise_slope_sd)
     if "log_exponent" in at:
-        yield normal(at["log_exponent"], mpmath.log(prior.exponent_median), prior.exponent_sd)
+        yield normal(at["log_exponent"], mpmath.log(PRIOR.exponent_median), PRIOR.exponent_sd)
     if "logit_icc" in at:  # Beta(1, 9)
         icc = at["logit_icc"].expit()
         yield (9 * icc * (1 - icc) ** 9).log()

@@ -349,13 +349,15 @@ def test_no_maximum_between_walls_is_missed(case):
 
 
 def test_names_and_points_are_checked():
-    assert require_models(["predictive update", "free frequencies"]) == ("free frequencies", "predictive update")
-    with pytest.raises(InputError, match="'H7'; allowed: free frequencies, symmetric"):
+    assert [model.name for model in require_models(["update", "free frequencies"])] == ["free frequencies", "predictive update"]
+    with pytest.raises(InputError, match="'H7'; allowed, joined by \\+: order: update, none, constant error.*; or: free frequencies"):
         require_models(["H7"])
     with pytest.raises(InputError, match="none given"):
         require_models([])
-    with pytest.raises(InputError, match="'H7'; allowed: free frequencies, symmetric"):
-        model_named("H7")
+    with pytest.raises(InputError, match="both of the part lapses"):
+        model_named("none + misses + both ways")
+    with pytest.raises(InputError, match="no end"):
+        model_named("none + differencing + no lapses")
     target = posterior_of(STUDY["S01"], model=SYMMETRIC)
     with pytest.raises(NumericalError, match="shape"):
         target.log_density(np.zeros((2, 3)))
@@ -364,5 +366,5 @@ def test_names_and_points_are_checked():
 
 
 def test_records_say_what_they_assume():
-    assert CONSTANT_BIAS.describe(OTHER) == "offset ~ Normal(0, 1), width ~ HalfNormal(0.7), q0 ~ Uniform(0, 1)"
+    assert CONSTANT_BIAS.describe(OTHER) == "offset ~ Normal(0, 0.5), width ~ HalfNormal(0.7), q0 ~ Uniform(0, 1)"
     assert len(posterior_of(STUDY["S01"], model="mean-reverting memory").coordinates) == 5

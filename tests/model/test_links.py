@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bayes_toe.model.closed_form import log_different, log_equal
-from bayes_toe.model.links import criterion, differencing_answers, lapse_answers
+from bayes_toe.model.differencing import criterion, differencing_answers
+from bayes_toe.model.links import bell_answers
 
 DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
 LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]
@@ -64,9 +65,9 @@ def test_criterion_is_half_normal_where_the_peak_is_uniform():
 
 def test_the_lapse_link_is_the_papers():
     z, logit = np.array([[0.0, 0.3, 2.0, 40.0]]), np.array([[-2.0], [3.0]])
-    equal, different = lapse_answers(z, logit)
+    equal, different = bell_answers(z, logit)
     assert np.array_equal(equal, log_equal(z, -np.logaddexp(0.0, -logit)))
     assert np.array_equal(different, log_different(z, logit))
-    without = lapse_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
+    without = bell_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
     assert without[0] == pytest.approx(-np.log(2) * np.array([0, 1, 9]))
     assert without[1] == pytest.approx([-np.inf, np.log(0.5), np.log1p(-(2.0**-9))])
