@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
 from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_converged
+
+if TYPE_CHECKING:
+    from bayes_toe.data.study import Study
+    from bayes_toe.model.prior import Prior
 
 
 def run(
@@ -132,6 +136,7 @@ def sensitivity(
     output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
     reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
     task: ModelTask,
 ) -> None:
     """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
@@ -143,16 +148,33 @@ def sensitivity(
     from bayes_toe.plots.figure_files import picture_beside
     from bayes_toe.plots.sensitivity import save_sensitivity
 
-    picture = picture_beside(output)
+    picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
+    files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
     require_range(reach, steps)
-    task.require_files(output, picture)
+    task.require_files(*files)
     read, prior = task.opened(study)
     with task.progress("re-weighting", len(read)) as tick:
         table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
     table.save(output, overwrite=task.overwrite)
     save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_sensitivity(task.console, table)
-    task.say_written("written:", output, picture, seed=table.seed)
+    if compare:
+        _parts_sensitivity(read, parts, prior, reach, table.seed, task)
+    task.say_written("written:", *files, seed=table.seed)
+
+
+def _parts_sensitivity(study: Study, output: Path, prior: Prior, reach: float, seed: int, task: ModelTask) -> None:
+    """How the probabilities of parts move with the prior, in five steps: table, figure and a line a subject."""
+    from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
+    from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
+
+    factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
+    with task.progress("re-weighting every model", len(study)) as tick:
+        table = parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    save_parts_sensitivity(table, picture_beside(output), synthetic=study.synthetic, overwrite=task.overwrite)
+    summaries.say_parts_sensitivity(task.console, table)
 
 
 def fit(

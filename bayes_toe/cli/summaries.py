@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.evidence_table import EvidenceTable
     from bayes_toe.comparison.ladder_table import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
+    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
     from bayes_toe.experiments.calibration_table import CalibrationTable
     from bayes_toe.inference.draws import Draws
@@ -142,7 +143,7 @@ def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> Non
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
-    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
+    from bayes_toe.comparison.reweighting import RESAMPLED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
     for name, line in zip(table.names, table.summary(), strict=True):
@@ -151,6 +152,12 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
     say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+
+
+def say_parts_sensitivity(console: Console, table: PartsSensitivity) -> None:
+    """One line a subject on its order effect; marked where another kind is the most probable within the range."""
+    for subject, line in zip(table.subjects, table.summary(), strict=True):
+        say(console, safe(line), "yellow" if table.turns(subject) else None)
 
 
 def say_asymmetry(console: Console, table: AsymmetryTable) -> None:

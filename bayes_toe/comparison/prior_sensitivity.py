@@ -1,8 +1,6 @@
 """How evidence and posteriors depend on the prior: one value of it varied at a time, the weighted draws of one proposal re-used.
 
-Draws x of a fitted proposal g carry log likelihood and log g; under another prior pi' their importance weights are L(x) pi'(x) / g(x),
-exactly, so nothing is sampled again. The largest weights are smoothed (PSIS, Vehtari et al. 2024). Where k-hat exceeds 0.7 or too few draws
-count, a proposal is fitted under that prior and fresh draws are made; the table says which was done.
+Where re-weighting (:mod:`bayes_toe.comparison.reweighting`) does not do, fresh draws are made; the table says which was done.
 
 The prior of H0, one uniform frequency per pair, has no scale to vary: the log Bayes factor moves as the evidence of H1 does.
 """
@@ -12,19 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.reweighting import Weighted, reweighted, under
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
-from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.diagnostics import smoothed_unnormalised
-from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -32,7 +27,7 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
 if TYPE_CHECKING:
@@ -41,11 +36,8 @@ if TYPE_CHECKING:
 
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-REWEIGHTED, RESAMPLED = "reweighted", "resampled"
 #: A log Bayes factor at least this far from 0 is called clear.
 CLEAR = 3.0
-#: Effective draws below which re-weighted draws give way to fresh ones.
-_ENOUGH = 1000
 
 SENSITIVITY_COLUMNS = (
     *("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method"),
@@ -214,68 +206,34 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
     fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
-    own = _reweighted(fitted, middle, posterior)
+    own = reweighted(fitted, posterior, posterior)
     rows = []
     for varied, power in product(middle.varied(), powers):
-        wanted = posterior_of(subject, _varied(middle, varied, power, reach))
-        found = own if wanted.prior == middle else _under(fitted, middle, wanted, seed)
+        wanted = posterior_of(subject, moved(middle, varied, power, reach))
+        found = own if wanted.prior == middle else under(fitted, posterior, wanted, seed)
         rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))
     return rows
 
 
-def _varied(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+    """The prior with a scale or shape multiplied by a power of the reach, or a location shifted by so many standard deviations."""
     value: float = getattr(prior, varied.name)
-    moved = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
-    return replace(prior, **{varied.name: moved})
+    there = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
+    return replace(prior, **{varied.name: there})
 
 
-class _Weighted(NamedTuple):
-    """Draws x, their log weights, k-hat and efficiency under some prior, and how they were made."""
-
-    x: FloatArray
-    log_weights: FloatArray
-    pareto_k: float
-    efficiency: float
-    method: str
-
-    @property
-    def trusted(self) -> bool:
-        return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
-
-
-def _under(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior, seed: int) -> _Weighted:
-    """The draws of a proposal under another prior; fresh ones where those do not do."""
-    old = _reweighted(fitted, fitted_prior, wanted)
-    if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
-        return old
-    rng = generator(seed, wanted.subject.name, "sensitivity", wanted.prior.describe())
-    return _reweighted(fit_proposal(wanted, rng), wanted.prior, wanted)._replace(method=RESAMPLED)
-
-
-def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) -> _Weighted:
-    """The draws of a proposal that was fitted under one prior as draws of the posterior under another."""
-    draws = fitted.draws
-    log_weights = draws.log_weights.copy()
-    if wanted.prior != fitted_prior:
-        some = np.isfinite(log_weights)  # elsewhere the likelihood or the prior is 0, under any prior
-        log_weights[some] += wanted.log_prior(draws.x[some]) - draws.log_prior[some]
-    made, k = smoothed_unnormalised(log_weights)
-    return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
-
-
-def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted) -> SensitivityRow:
+def _row(wanted: Posterior, varied: str, factor: float | None, found: Weighted) -> SensitivityRow:
     name, prior = wanted.subject.name, wanted.prior
     if not found.trusted:
         nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
         return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
-    evidence = float(logsumexp(found.log_weights) - np.log(n))
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
-    difference = evidence - frequency_evidence(wanted.subject)
+    difference = found.log_evidence - frequency_evidence(wanted.subject)
     return SensitivityRow(name, varied, factor, prior, difference, error, found.pareto_k, found.method, _quantiles(found, wanted))
 
 
-def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:
+def _quantiles(found: Weighted, posterior: Posterior) -> FloatArray:
     """Weighted quantiles, shape (5, 3)."""
     some = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[some] - found.log_weights.max())

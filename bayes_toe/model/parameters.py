@@ -46,6 +46,10 @@ class Block(Protocol):
         """The prior in words."""
         ...
 
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Parameters of the prior whose distributions its own is made of."""
+        ...
+
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to x, (points, k) -> (points,)."""
         ...
@@ -113,6 +117,10 @@ class Single:
         """Its distribution."""
         return prior.distribution(self.parameter or self.name) if self.fixed is None else self.fixed
 
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return (self.parameter or self.name,) if self.fixed is None else ()
+
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
         return f"{self.name} ~ {self.distribution(prior).describe()}"
@@ -157,6 +165,10 @@ class Offset:
 
     coordinates: ClassVar[tuple[str, ...]] = ("offset_score",)
     names: ClassVar[Names] = Names(("offset",), ("offset",))
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", "gamma") if prior.offset_sd is None else ("offset",)
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
@@ -209,6 +221,10 @@ class Update:
     def coordinates(self) -> tuple[str, ...]:
         """Offset, logit of pull over p_max, log width."""
         return ("offset", "logit_pull", "log_width")
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", SPREAD, "gamma")
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
@@ -274,6 +290,10 @@ class Memory:
     def coordinates(self) -> tuple[str, ...]:
         """Offset, logit of pull, log width, logit of v."""
         return ("offset", "logit_pull", "log_width", "logit_split")
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", SPREAD)
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""

@@ -109,6 +109,10 @@ class Model:
         """Units of quantities that are those at one second where there are several intervals."""
         return {} if self.propagator is None else dict(self.propagator.units)
 
+    def parameters(self, prior: Prior) -> frozenset[str]:
+        """Parameters of the prior whose distributions its own is made of."""
+        return frozenset(name for block in self.free for name in block.parameters(prior))
+
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
         return ", ".join(block.describe(prior) for block in self.free)
@@ -184,6 +188,15 @@ class Posterior:
         """Log prior density at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
         return np.asarray(sum(block.log_prior(points[:, part], self.prior, self.sbar) for block, part in self._parts))
+
+    def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
+        """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
+        points, other = require_points(x, len(self.coordinates)), replace(self, prior=prior)
+        if "offset_score" not in self._places:
+            return other.log_prior(points)
+        here, moved = self._offset(points), points.copy()
+        moved[:, self._offset_place] = other._offset_prior.score(here.value)[:, 0]  # the coordinate itself depends on the prior
+        return np.asarray(other.log_prior(moved) + np.log(here.first / other._offset(moved).first)[:, 0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SensitivityRow, SensitivityTable
+from bayes_toe.comparison.prior_sensitivity import CLEAR, SensitivityRow, SensitivityTable
+from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.plots.figure_files import save_figure
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, legend_above, new_figure, panel, plain
 

@@ -11,13 +11,13 @@ from scipy.special import beta
 
 import bayes_toe as bt
 from bayes_toe.comparison.prior_sensitivity import (
-    REWEIGHTED,
     SENSITIVITY_COLUMNS,
     SensitivityRow,
     SensitivityTable,
     conclusion,
     weighted_quantiles,
 )
+from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.free_frequencies import frequency_evidence
