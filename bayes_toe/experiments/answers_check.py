@@ -200,6 +200,15 @@ class _Table:
         variance = self.n * share * (1 - share)
         return np.asarray(((k - self.n * share) ** 2 / np.where(self.n > 0, variance, 1)).sum((-2, -1)))
 
+    def agreement(self, k: IntArray) -> FloatArray:
+        """Log odds, for each block, that it was answered as the other blocks and not with the buttons swapped, shape (..., blocks)."""
+        others, trials = k.sum(-1, keepdims=True) - k, self.n.sum(1, keepdims=True) - self.n
+        return np.asarray(((2 * k - self.n) * logit((others + 0.5) / (trials + 1))).sum(-2))
+
+    def worst_agreement(self, k: IntArray) -> FloatArray:
+        """How much the block that agrees least speaks for swapped buttons, shape (...)."""
+        return np.asarray(-self.agreement(k).min(-1))
+
     def ratio(self, k: IntArray) -> float:
         """X^2 / d.f."""
         return float(self.chi_square(k)) / self.freedom
@@ -236,18 +245,20 @@ def _blocks(name: str, answers: Answers, level: float) -> _Rule:
     told = table.told()
     if told.freedom == 0:
         return
-    p = told.p_value(told.chi_square, level, name)
-    if p > level:
-        return
-    turned = _swapped(table, pairs[:, 1] - pairs[:, 0])
-    ratio = f"X^2 / d.f. of pair x block = {told.ratio(told.k):.2f} with {told.freedom} d.f., p = {p:.1g}"
-    rest = ""
-    if turned:
+    # Half the level each: dispersion finds any difference, agreement a single swapped block among many.
+    p = told.p_value(told.chi_square, level / 2, name)
+    suspect = p <= level / 2 or table.p_value(table.worst_agreement, level / 2, name) <= level / 2
+    turned = _swapped(table, pairs[:, 1] - pairs[:, 0]) if suspect else []
+    if p <= level / 2:
         straight = table.k.copy()
         straight[:, turned] = table.n[:, turned] - table.k[:, turned]
         after = _Table(table.n, straight).told()
-        rest = f" ({after.ratio(after.k):.2f} with the blocks below turned)" if after.freedom else ""
-    yield "block_dispersion", f"Blocks differ in their answers to the same pairs, {ratio}{rest}: pooled counts look surer than they are."
+        rest = f" ({after.ratio(after.k):.2f} with the blocks below turned)" if turned and after.freedom else ""
+        ratio = f"X^2 / d.f. of pair x block = {told.ratio(told.k):.2f} with {told.freedom} d.f., p = {p:.1g}"
+        yield (
+            "block_dispersion",
+            f"Blocks differ in their answers to the same pairs, {ratio}{rest}: pooled counts look surer than they are.",
+        )
     if turned:
         names = [bare(answers.blocks[index]) for index in turned]
         several = f"Blocks {', '.join(names[:-1])} and {names[-1]} look" if len(names) > 1 else f"Block {names[0]} looks"
@@ -264,9 +275,7 @@ def _swapped(table: _Table, difference: FloatArray) -> list[int]:
     sign = np.where(lean @ (2 * table.k - table.n) < 0, -1, 1)
     excess = np.zeros(len(sign))
     for _ in range(20):
-        straight = np.where(sign > 0, table.k, table.n - table.k)
-        others = straight.sum(1, keepdims=True) - straight, table.n.sum(1, keepdims=True) - table.n
-        excess = ((2 * table.k - table.n) * logit((others[0] + 0.5) / (others[1] + 1))).sum(0)
+        excess = sign * table.agreement(np.where(sign > 0, table.k, table.n - table.k))
         if (np.where(excess < 0, -1, 1) == sign).all():
             break
         sign = np.where(excess < 0, -1, 1)
