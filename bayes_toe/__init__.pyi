@@ -21,6 +21,7 @@ from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
 from .errors import OutputError as OutputError
+from .experiments.answers_check import check_answers as check_answers
 from .experiments.calibration_table import calibrate as calibrate
 from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability

@@ -17,6 +17,7 @@ from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.checks import Finding, check_study
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.contraction import DOMINATED
@@ -98,6 +99,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, 
         "undecided": UNDECIDED,
         "not_converged": analysis.draws.not_converged,
         "study_findings": [finding for finding in findings if finding.subject == ""],
+        "before_pooling": check_answers(analysis.study, analysis.settings.prior),
         "pictures": pictures,
         "effects": [(row, facts.fits[row.subject]) for row in facts.asymmetry],
         "population": facts.asymmetry.population(),

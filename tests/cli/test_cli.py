@@ -3,6 +3,7 @@
 Every command, and every exit code, is seen in a process of its own once; what a process would not change runs inside this one.
 """
 
+import itertools
 import re
 import subprocess
 import sys
@@ -193,6 +194,44 @@ def test_check_names_what_cannot_be_learnt(tmp_path):
     done = inside("check", "s.csv", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stdout.count("warning") >= 2
+
+
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """A folder with a study of trials, in which one block was answered with the buttons swapped; its columns have names of their own."""
+    rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
+    for block in range(1, 6):
+        for s1, s2 in list(itertools.product((0.0, 0.2, 0.5), repeat=2)) * 12:
+            equal = (rng.random() < 0.9 * np.exp(-(((s2 - s1 - 0.05) / 0.2) ** 2))) ^ (block == 2)
+            rows.append(f"[i]x,{s1},{s2},{int(equal)},<{block}>,1,0.5")
+    folder = tmp_path_factory.mktemp("swapped")
+    (folder / "s.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_check_looks_at_blocks_and_columns(swapped):
+    done = call("check", "s.csv", "--columns", "block=[b]Run", cwd=swapped)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert (
+        sum("warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = " in line for line in lines) == 1
+    )
+    said = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): turn these answers, or leave them out."
+    assert said in lines
+    assert "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored." in lines
+    assert "note Columns ignored: ISI, rt." in lines
+    unread = inside("check", "s.csv", cwd=swapped).stdout
+    assert "Blocks differ" not in unread
+    assert "note Columns ignored: [b]Run, ISI, rt." in unread
+
+
+def test_the_report_says_what_speaks_against_pooling(results, swapped):
+    assert "Before pooling" not in (results[0] / "report.html").read_text(encoding="utf-8")
+    done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "500", "--columns", "block=[b]Run", cwd=swapped)
+    assert done.returncode == 0, done.stderr
+    report = (swapped / "out" / "report.html").read_text(encoding="utf-8")
+    section = report[report.index('<h2 id="pooling">') : report.index('id="subject-1"')]
+    assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
 
 
 def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
