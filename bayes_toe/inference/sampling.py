@@ -39,11 +39,11 @@ class SamplerSettings:
         cost less than few long ones, because a step of an ensemble costs much the same however many walkers it has.
     max_r_hat : float
         Largest rank-normalised split R-hat.
+    max_thin : int
+        Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
     max_quantile_error : float
         Largest Monte Carlo standard error of the 5 and 95 % quantiles of natural quantities, in units of the range between the two;
         infinite where quantiles are not wanted.
-    max_thin : int
-        Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
 
     Raises
     ------
@@ -55,8 +55,8 @@ class SamplerSettings:
     ensembles: int = 4
     walkers: int = 0
     max_r_hat: float = 1.01
-    max_quantile_error: float = 0.05
     max_thin: int = 64
+    max_quantile_error: float = 0.05
 
     def __post_init__(self) -> None:
         if self.walkers == 0:
