@@ -263,7 +263,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
     # One pass and an R-hat that chance alone exceeds, set from outside for this test only.
     code = (
         "import sys, bayes_toe.inference.sampling as s, bayes_toe.cli.app as c;"
-        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-2], 1.000001, 1);"
+        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-3], 1.000001, 1, 0.05);"
         "sys.argv = ['bayes-toe', *sys.argv[1:]]; c.main()"
     )
     counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])
