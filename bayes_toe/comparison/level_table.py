@@ -1,8 +1,8 @@
 """Temporary: the levels' posterior; see branch compareparts."""
 
-from collections.abc import Sequence
 import numpy as np
 from scipy.special import logsumexp
+
 from bayes_toe.comparison.exact_random_effects import exact_random_effects
 
 

@@ -167,7 +167,7 @@ def parts_sensitivity(
 
 def _require_factors(factors: Sequence[float]) -> float:
     """The largest of them."""
-    if len(factors) < 2 or not 0.0 < factors[0] or not all(a < b for a, b in pairwise(factors)) or 1.0 not in factors or factors[-1] == 1.0:
+    if len(factors) < 2 or not factors[0] > 0.0 or not all(a < b for a, b in pairwise(factors)) or 1.0 not in factors or factors[-1] == 1.0:
         raise InputError(f"factors={tuple(factors)}: allowed are positive numbers in ascending order, with 1 and larger ones among them")
     return float(factors[-1])
 
