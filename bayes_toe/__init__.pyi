@@ -10,6 +10,7 @@ from .classical.fit_table import fit as fit
 from .classical.uncertainty_table import uncertainty_table as uncertainty_table
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.ladder_table import compare as compare
+from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.example import example_study as example_study
 from .data.example import example_truth as example_truth

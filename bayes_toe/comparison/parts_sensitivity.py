@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.level_table import level_probabilities, levels_of, study_probabilities
+from bayes_toe.comparison.parts_table import STUDY, part_tables
 from bayes_toe.comparison.prior_sensitivity import moved
 from bayes_toe.comparison.reweighting import RESAMPLED, reweighted, under
 from bayes_toe.data.study import Study, Subject
@@ -32,7 +32,6 @@ from bayes_toe.workers import Progress, run_in_order
 if TYPE_CHECKING:
     import pandas as pd
 
-STUDY = "*"
 COLUMNS = ("subject", "varied", "factor", "value", "part", "level", "probability", "pareto_k", "sampled_anew")
 
 
@@ -71,7 +70,7 @@ class PartsRow:
 
 
 class _Scanned(NamedTuple):
-    """Log evidences of a subject, (priors, models), NaN where withheld; the largest k-hat and how many models were sampled anew, (priors,)."""
+    """Of a subject: log evidences, (priors, models), NaN where withheld; largest k-hat, and models sampled anew, (priors,) each."""
 
     log_evidence: FloatArray
     pareto_k: FloatArray
@@ -161,8 +160,13 @@ def parts_sensitivity(
     priors = [(one, power, moved(middle, one, power, reach)) for one in varied for power in (np.log(factors) / np.log(reach)).tolist()]
     jobs = [partial(_scan, subject, records, middle, [(one, there) for one, _, there in priors], root) for subject in study]
     scanned = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    rows = [row for subject, found in zip(study.names, scanned, strict=True) for row in _rows(subject, found, records, priors, reach)]
-    return PartsSensitivity((*rows, *_study_rows(scanned, records, priors, reach)), middle, root)
+    rows = [
+        row
+        for i, (one, power, there) in enumerate(priors)
+        for row in _rows(study.names, scanned, i, records, _Setting(one, power, there, reach))
+    ]
+    order = {name: place for place, name in enumerate((*study.names, STUDY))}
+    return PartsSensitivity(tuple(sorted(rows, key=lambda row: order[row.subject])), middle, root)
 
 
 def _require_factors(factors: Sequence[float]) -> float:
@@ -172,7 +176,19 @@ def _require_factors(factors: Sequence[float]) -> float:
     return float(factors[-1])
 
 
-_Priors = Sequence[tuple[PriorField, float, Prior]]
+class _Setting(NamedTuple):
+    """One prior of the scan: what is varied, by which power of the reach."""
+
+    varied: PriorField
+    power: float
+    prior: Prior
+    reach: float
+
+    @property
+    def said(self) -> tuple[str, float | None, float]:
+        """Name, factor and value, as a row has them."""
+        factor = self.reach**self.power if self.varied.positive else None
+        return self.varied.name, factor, float(getattr(self.prior, self.varied.name))
 
 
 def _scan(subject: Subject, records: Sequence[Model], middle: Prior, priors: Sequence[tuple[PriorField, Prior]], seed: int) -> _Scanned:
@@ -189,36 +205,16 @@ def _scan(subject: Subject, records: Sequence[Model], middle: Prior, priors: Seq
     return _Scanned(values, k.max(axis=1), anew.sum(axis=1))
 
 
-def _rows(subject: str, found: _Scanned, records: Sequence[Model], priors: _Priors, reach: float) -> list[PartsRow]:
-    probabilities = [level_probabilities(values, records) for values in found.log_evidence]
-    return _listed(subject, probabilities, records, priors, reach, found.pareto_k, found.sampled_anew)
-
-
-def _study_rows(scanned: Sequence[_Scanned], records: Sequence[Model], priors: _Priors, reach: float) -> list[PartsRow]:
-    if len(scanned) < 2:
-        return []
-    evidence = np.stack([one.log_evidence for one in scanned], axis=1)
-    probabilities = [study_probabilities(values, records) for values in evidence]
-    k, anew = np.max([one.pareto_k for one in scanned], axis=0), np.sum([one.sampled_anew for one in scanned], axis=0)
-    return _listed(STUDY, probabilities, records, priors, reach, k, anew)
-
-
-def _listed(
-    subject: str,
-    probabilities: Sequence[dict[tuple[str, str], float]],
-    records: Sequence[Model],
-    priors: _Priors,
-    reach: float,
-    k: FloatArray,
-    anew: FloatArray,
-) -> list[PartsRow]:
-    rows = []
-    for i, (varied, power, prior) in enumerate(priors):
-        factor, value = reach**power if varied.positive else None, float(getattr(prior, varied.name))
-        for part, level in levels_of(records):
-            probability = probabilities[i].get((part, level))
-            rows.append(PartsRow(subject, varied.name, factor, value, part, level, probability, float(k[i]), int(anew[i])))
-    return rows
+def _rows(names: Sequence[str], scanned: Sequence[_Scanned], i: int, records: Sequence[Model], at: _Setting) -> list[PartsRow]:
+    """Every subject and the study under the i-th prior."""
+    largest, anew = [float(one.pareto_k[i]) for one in scanned], [int(one.sampled_anew[i]) for one in scanned]
+    quality = dict(zip(names, zip(largest, anew, strict=True), strict=True)) | {STUDY: (max(largest), sum(anew))}
+    tables = part_tables(records, np.stack([one.log_evidence[i] for one in scanned]))
+    cells = cast("list[tuple[str, str, str, float, float]]", [row for table in tables for row in table.cells(names)])
+    return [
+        PartsRow(subject, *at.said, part, level, None if np.isnan(probability) else probability, *quality[subject])
+        for subject, part, level, probability, _ in cells
+    ]
 
 
 def _line(table: PartsSensitivity, subject: str, part: str) -> str:

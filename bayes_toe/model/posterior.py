@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -251,7 +251,8 @@ class Posterior:
             places = tuple(self._places[name] for name in propagator.coordinates)
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
         link, spread = self.model.link, self.model.spread
-        own, answers = self._own(x, link), link.log_answers(distance.z, *self._own(x, link))
+        own = self._own(x, link)
+        answers = partial(link.log_answers, distance.z, *own)
         slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
         own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
         return likelihood_derivatives(distance, slopes, own_places, x.shape[1])

@@ -24,6 +24,8 @@ from bayes_toe.model.distributions import Random
 from bayes_toe.model.links import Answers, Logarithm
 from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
 
+OfAnswers = tuple[Logarithm, Logarithm]
+
 
 class Spread(Protocol):
     """How counts scatter about the probabilities of a model; own coordinates have shape (points, 1), answers (points, pairs)."""
@@ -37,8 +39,11 @@ class Spread(Protocol):
         """Log likelihood of each pair without binomial coefficients, shape (points, pairs)."""
         ...
 
-    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
-        """Derivatives of the log likelihood from those of both answers; its own coordinates come after the link's."""
+    def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
+        """Derivatives of the log likelihood from those of both answers; its own coordinates come after the link's.
+
+        `answers` is called where their log probabilities matter.
+        """
         ...
 
     def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
@@ -60,7 +65,7 @@ class Binomial:
         """Counts times log probabilities."""
         return log_likelihoods(subject, answers)
 
-    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
+    def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
         """Counts times slopes."""
         return _total(answer_counts(subject), of)
 
@@ -84,9 +89,9 @@ class BetaBinomial:
         equal, different = (_rising(u, own[0], n).value for u, n in zip(answers, _counts(subject), strict=True))
         return equal + different - _of_trials(subject, own[0]).value
 
-    def slopes(self, subject: Subject, z: FloatArray, answers: Answers, of: tuple[Logarithm, Logarithm], *own: FloatArray) -> Logarithm:
+    def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
         """With t = P/(P + j eps), A has sum t in the place of the counts, sum t (1 - t) in P twice, and its own row."""
-        sums = [_rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
+        sums = [_rising(u, own[0], n) for u, n in zip(answers(), _counts(subject), strict=True)]
         trials, total = _of_trials(subject, own[0]), _total([one.first for one in sums], of)
 
         def more(term: Callable[[Logarithm], FloatArray]) -> FloatArray:
@@ -166,7 +171,7 @@ def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
     return subject.n_equal, subject.n_trials - subject.n_equal
 
 
-def _total(weights: Sequence[FloatArray], of: tuple[Logarithm, Logarithm]) -> Logarithm:
+def _total(weights: Sequence[FloatArray], of: OfAnswers) -> Logarithm:
     """Weights, (pairs,) or (points, pairs), times the slopes of both answers."""
 
     def added(*parts: FloatArray) -> FloatArray:

@@ -350,7 +350,7 @@ def test_no_maximum_between_walls_is_missed(case):
 
 def test_names_and_points_are_checked():
     assert [model.name for model in require_models(["update", "free frequencies"])] == ["free frequencies", "predictive update"]
-    with pytest.raises(InputError, match="'H7'; allowed, joined by \\+: order: update, none, constant error.*; or: free frequencies"):
+    with pytest.raises(InputError, match=r"'H7'; allowed, joined by \+: order: update, none, constant error.*; or: free frequencies"):
         require_models(["H7"])
     with pytest.raises(InputError, match="none given"):
         require_models([])
