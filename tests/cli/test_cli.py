@@ -6,6 +6,7 @@ Every command, and every exit code, is seen in a process of its own once; what a
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,16 +14,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, inside
+from conftest import grouped_csv
 
 import bayes_toe as bt
+from bayes_toe.classical.fit_table import subject_fit
 from bayes_toe.cli.app import COMMANDS
 from bayes_toe.cli.results_folder import corner_files
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, small_study):
-    from conftest import grouped_csv
-
     folder = tmp_path_factory.mktemp("cli")
     grouped_csv(folder / "study.csv", small_study.select(["A", "B"]))
     return folder
@@ -30,7 +31,7 @@ def folder(tmp_path_factory, small_study):
 
 @pytest.fixture(scope="module")
 def results(folder):
-    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", cwd=folder)
+    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder / "out", done.stdout
@@ -150,7 +151,7 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
 
 
 def test_figures_of_chosen_subjects_in_one_format(folder):
-    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300"]
+    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300", "--workers", "1"]
     done = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}
@@ -176,10 +177,10 @@ def test_figures_refuse_before_the_work(folder, option, said):
 
 
 def test_simulate_then_check_then_quiet(tmp_path):
-    made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", "3", "--batches", "4", "--seed", "1", cwd=tmp_path)
+    made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", "2", "--batches", "4", "--seed", "1", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert list(pd.read_csv(tmp_path / "t.csv").columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0"]
-    assert len(pd.read_csv(tmp_path / "s.csv")) == 3 * 4 * 13
+    assert len(pd.read_csv(tmp_path / "s.csv")) == 2 * 4 * 13
     checked = call("check", "s.csv", cwd=tmp_path)
     assert checked.returncode == 0
     assert "synthetic" in checked.stdout
@@ -236,8 +237,9 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
-    names = ["../../etc", "<script>alert(1)</script>", "a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch):
+    names = ["../../etc", "<script>alert(1)</script> a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
+    monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     rows = [f'"{n}",{a},{b},{k},20' for n in names for a, b, k in [(0, 0, 18), (0, 0.4, 6), (0.4, 0, 11), (0.4, 0.4, 17)]]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
     done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "300", "--workers", "1", cwd=tmp_path)
@@ -280,12 +282,11 @@ def test_help_and_check_load_no_sampler(tmp_path):
     assert loaded_by("import bayes_toe.cli.app", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder):
+def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
+    grouped_csv(folder / "one.csv", small_study.select(["B"]))
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
     said = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
-    done = inside(
-        "run", "study.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--workers", "1", "--prior", "narrow.toml", cwd=folder
-    )
+    done = inside("run", "one.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert f"prior: {said}" in done.stdout
     assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
@@ -294,11 +295,11 @@ def test_a_prior_file_is_used_shown_and_stored(folder):
     table = pd.read_csv(folder / "narrow" / "evidence.csv")
     assert table.columns[-1] == "prior"
     assert table.prior.str.startswith(said).all()
-    done = inside("evidence", "study.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
+    done = inside("evidence", "one.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert (folder / "narrow.csv").read_text() == (folder / "narrow" / "evidence.csv").read_text()
-    assert said in inside("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
-    done = inside("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
+    assert said in inside("check", "one.csv", "--prior", "narrow.toml", cwd=folder).stdout
+    done = inside("fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
