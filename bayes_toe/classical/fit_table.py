@@ -84,11 +84,9 @@ class FitTable(SubjectTable[SubjectFit]):
         import pandas as pd
 
         penalty = None if self.prior is None else self.prior.describe_penalty()
-        cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
-        return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
-
-    def _cells(self, row: SubjectFit) -> tuple[object, ...]:
-        return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
+        limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
+        fits = ((row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some) for row, some in zip(self, limits, strict=True))
+        return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(FIT_COLUMNS))
 
 
 def fit(
@@ -114,10 +112,8 @@ def fit(
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
     prior : Prior, optional
         Its normal of mu1 is the penalty; the default is the paper's V_1 = 10^2 around 0.
-    workers : int, optional
-        Processes; by default one per processor. The numbers do not depend on it.
-    progress : callable, optional
-        Called with a subject's name when that subject is done.
+    workers, progress
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------

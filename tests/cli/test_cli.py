@@ -32,7 +32,7 @@ def folder(tmp_path_factory, small_study):
 
 @pytest.fixture(scope="module")
 def results(folder):
-    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", cwd=folder)
+    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder / "out", done.stdout
@@ -152,7 +152,7 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
 
 
 def test_figures_of_chosen_subjects_in_one_format(folder):
-    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300"]
+    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300", "--workers", "1"]
     done = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}

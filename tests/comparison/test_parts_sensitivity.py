@@ -35,12 +35,10 @@ def test_what_some_model_uses_is_varied(table):
 def test_probabilities_are_those_of_fresh_fits(table, two, varied, value):
     # The constant error's prior follows mu1 and gamma: its coordinate changes its meaning with them.
     prior = bt.Prior(**{varied: value})
-    fresh = [infer(model.posterior(two["S01"], prior), 8, Wanted(evidence_draws=20_000)).evidence.value for model in require_models(MODELS)]
-    expected = {
-        (one.part, level): p
-        for one in part_tables(require_models(MODELS), [fresh])
-        for level, p in zip(one.levels, one.probability[0], strict=True)
-    }
+    models = require_models(MODELS)
+    fresh = [infer(model.posterior(two["S01"], prior), 8, Wanted(evidence_draws=20_000)).evidence.value for model in models]
+    tables = part_tables(models, [fresh])
+    expected = {(one.part, level): p for one in tables for level, p in zip(one.levels, one.probability[0], strict=True)}
     for (part, level), probability in expected.items():
         row = next(row for row in table.of("S01", varied, part)[level] if row.value == pytest.approx(value))
         # Errors of log evidences are below 0.01 nat each: 4.5 of them move a probability by at most a quarter of that.
