@@ -49,7 +49,9 @@ def sample(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
-    model: Annotated[str, typer.Option("--model", help="A model of the ladder, as compare names them.")] = "predictive update",
+    model: Annotated[
+        str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")
+    ] = "predictive update",
     task: SamplingTask,
 ) -> None:
     """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.

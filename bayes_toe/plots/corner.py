@@ -43,6 +43,10 @@ LABELS = {
     "offset": r"offset $c$",
     "pull": r"pull $p$",
     "rho": r"$\rho$",
+    "noise_slope": r"noise slope $b$",
+    "lapse_rate": r"lapse rate $\lambda$",
+    "exponent": r"exponent $\nu$",
+    "icc": "intra-class\ncorrelation",
 }
 COORDINATES = ("natural", "identified")
 _PRIOR_DRAWS = 100_000
@@ -123,9 +127,9 @@ def _support(target: Answering, name: str) -> tuple[float, float]:
         return -np.inf, np.inf
     if name in ("gamma", "rho") or name.startswith("q"):
         return 0.0, 1.0
-    if name in ("gain", "pull"):  # as far as the model's prior reaches
-        return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
-    return 0.0, np.inf
+    if name.startswith("sigma") or name == "width":
+        return 0.0, np.inf
+    return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
 
 
 def _span(values: FloatArray, support: tuple[float, float]) -> tuple[float, float]:

@@ -112,3 +112,12 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
 def test_what_cannot_be_a_true_value_is_refused(analysis, truths, named):
     with pytest.raises(InputError, match=named):
         bt.plots.corner(analysis.draws, "A", truths=truths)
+
+
+def test_a_composition_with_every_part():
+    model = "constant error + sloped + both ways + exponent + beta-binomial"
+    draws = bt.sample(bt.example_study().select(["S05"]), model=model, draws=300, seed=1, workers=1)
+    figure = bt.plots.corner(draws, "S05", prior=draws.prior)
+    labels = {ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()}
+    assert labels >= {r"noise slope $b$", r"lapse rate $\lambda$", r"exponent $\nu$", "intra-class\ncorrelation"}
+    assert len(labels) == len(draws.posterior("S05").names.natural) == 7
