@@ -21,6 +21,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.ladder import model_named, require_models
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -169,7 +170,7 @@ def compare(
     *,
     draws: int = 1000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> ModelComparison:
@@ -200,7 +201,7 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    names, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [partial(compare_one, subject, model_named(name), draws=draws, seed=root, prior=chosen) for subject in study for name in names]
     rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])

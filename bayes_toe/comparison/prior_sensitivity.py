@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -152,7 +153,7 @@ class SensitivityTable(Table[SensitivityRow]):
 def sensitivity(
     study: Study,
     *,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     reach: float = 4.0,
     steps: int = 9,
     seed: int | None = None,
@@ -189,7 +190,7 @@ def sensitivity(
     [('mu1_sd', 2.5), ('mu1_sd', 10.0), ('mu1_sd', 40.0)]
     """
     require_range(reach, steps)
-    root, middle = root_seed(seed), Prior() if prior is None else prior
+    root, middle = root_seed(seed), prior_for(study, prior)
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
     jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
     found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -226,7 +227,8 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
 def _varied(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
     value: float = getattr(prior, varied.name)
     moved = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
-    return replace(prior, **{varied.name: moved})
+    changes: dict[str, Any] = {varied.name: moved}
+    return replace(prior, **changes)
 
 
 class _Weighted(NamedTuple):

@@ -26,8 +26,7 @@ class FreeFrequencies:
     knows_intervals: bool = False
     of_intervals: str = "one frequency for each pair at each interval"
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
         """None: a frequency has no unit."""
         return MappingProxyType({})
 

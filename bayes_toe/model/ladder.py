@@ -1,6 +1,7 @@
 """A ladder of models of the same answers, each a small record over the one posterior (:mod:`bayes_toe.model.posterior`).
 
-Two of them know what an inter-stimulus interval does: pull and width are those at one second, and the record's propagator scales them.
+Two of them know what an inter-stimulus interval does: pull and width are those at the reference
+interval, and the record's propagator scales them.
 """
 
 from __future__ import annotations

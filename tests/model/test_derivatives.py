@@ -18,7 +18,7 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 
 RUNGS = [model.name for model in MODELS if isinstance(model, Model)]
-PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, reference_interval=1.0)
 DIGITS = 120
 #: Where q0 is near 1, the curvature of a criterion in the logit of its peak is a small difference: it keeps eleven digits, the rest twelve.
 TOLERANCE = {"differencing": 5e-11}
@@ -157,7 +157,7 @@ FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_
 @pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
 @pytest.mark.parametrize("name", RUNGS)
 def test_derivatives_far_out(name, isi):
-    target = posterior_of(subject(isi, scale=1000), Prior(0.4, 1e30, 0.7), model=name)
+    target = posterior_of(subject(isi, scale=1000), Prior(0.4, 1e30, 0.7, reference_interval=1.0), model=name)
     middle = {"offset": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2, "logit_gain": 0.4}
     for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
         for value in values if key in target.coordinates else ():
