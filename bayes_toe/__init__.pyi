@@ -34,4 +34,5 @@ from .model.beliefs import noticed as noticed
 from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
+from .model.study_prior import prior_for as prior_for
 from .version import __version__ as __version__

@@ -20,6 +20,7 @@ from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -42,7 +43,7 @@ def run(
     *,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
@@ -55,13 +56,14 @@ def run(
         Bulk and tail effective draws to reach for every parameter of every subject.
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
-    prior : Prior, optional
+    prior : Prior or str, optional
+        Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
     workers : int, optional
         Processes; by default one per processor. The numbers do not depend on it.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     """
-    settings = _settings(draws, seed, prior)
+    settings = _settings(study, draws, seed, prior)
     wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
     jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
     done = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -76,7 +78,7 @@ def sample(
     model: str = PREDICTIVE_UPDATE.name,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Draws:
@@ -122,12 +124,12 @@ def draw(
     model: str = PREDICTIVE_UPDATE.name,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
-    record, settings = model_named(model), _settings(draws, seed, prior, model)
+    record, settings = model_named(model), _settings(study, draws, seed, prior, model)
     wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
     jobs = [partial(infer, record.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
     results = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -139,7 +141,7 @@ def evidence(
     *,
     draws: int = EVIDENCE_DRAWS,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> EvidenceTable:
@@ -160,7 +162,7 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    settings, wanted = _settings(draws, seed, prior), Wanted(evidence_draws=draws)
+    settings, wanted = _settings(study, draws, seed, prior), Wanted(evidence_draws=draws)
     jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
     return _table(run_in_order(jobs, workers, progress, [(name,) for name in study.names]), settings)
 
@@ -182,8 +184,8 @@ def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted) -> _Analy
     return _Analysed(result, row, fit)
 
 
-def _settings(draws: int, seed: int | None, prior: Prior | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
-    return Settings(root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=draws), model)
+def _settings(study: Study, draws: int, seed: int | None, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
+    return Settings(root_seed(seed), prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
 def _affordable(study: Study, settings: Settings) -> bool:

@@ -17,6 +17,7 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -95,7 +96,7 @@ def fit(
     replicates: int = REPLICATES,
     level: float = 0.95,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> FitTable:
@@ -131,7 +132,7 @@ def fit(
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
     refuse_intervals(study, "maximum-likelihood fit")
-    root, penalty = root_seed(seed), Prior() if prior is None else prior
+    root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty)

@@ -93,6 +93,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, 
     rows = [(row, verdict(row)) for row in analysis.evidence]
     return {
         "study": analysis.study,
+        "reference": f"{analysis.settings.prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
         "rows": rows,

@@ -22,6 +22,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -187,7 +188,7 @@ def compare(
     *,
     draws: int = 1000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> ModelComparison:
@@ -219,7 +220,7 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    records, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
     names = tuple(model.name for model in records)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]

@@ -26,6 +26,7 @@ from bayes_toe.model.ladder import Record, require_models
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -153,7 +154,7 @@ def parts_sensitivity(
     (('sigma_p_scale', 'noise_slope_sd'), ['Weber', 'sloped'])
     """
     reach = _require_factors(factors)
-    root, middle = root_seed(seed), Prior() if prior is None else prior
+    root, middle = root_seed(seed), prior_for(study, prior)
     records = [model for model in require_models(models) if isinstance(model, Model)]
     used = frozenset(name for model in records for name in model.parameters(middle))
     varied = [one for one in middle.varied(used) if getattr(middle, one.name) is not None]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -144,7 +145,7 @@ class SensitivityTable(Table[SensitivityRow]):
 def sensitivity(
     study: Study,
     *,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     reach: float = 4.0,
     steps: int = 9,
     seed: int | None = None,
@@ -181,7 +182,7 @@ def sensitivity(
     [('mu1_sd', 2.5), ('mu1_sd', 10.0), ('mu1_sd', 40.0)]
     """
     require_range(reach, steps)
-    root, middle = root_seed(seed), Prior() if prior is None else prior
+    root, middle = root_seed(seed), prior_for(study, prior)
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
     jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
     found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -219,7 +220,8 @@ def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior
     """The prior with a scale or shape multiplied by a power of the reach, or a location shifted by so many standard deviations."""
     value: float = getattr(prior, varied.name)
     there = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
-    return replace(prior, **{varied.name: there})
+    changes: dict[str, Any] = {varied.name: there}
+    return replace(prior, **changes)
 
 
 def _row(wanted: Posterior, varied: str, factor: float | None, found: Weighted) -> SensitivityRow:

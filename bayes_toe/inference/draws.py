@@ -10,7 +10,7 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.propagators import reference_interval
 from bayes_toe.model.target import Answering
 
 if TYPE_CHECKING:
@@ -92,12 +93,12 @@ class Draws:
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
         values = json.loads(self.tree.attrs["settings"])["prior"]
-        unknown = sorted(set(values) - {one.name for one in Prior.declared()})
+        unknown = sorted(set(values) - {one.name for one in fields(Prior)})
         if unknown:
             raise InputError(
                 f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
             )
-        return Prior(**{"offset_sd": 1.0, **values})  # what the constant error had before the prior said it
+        return Prior(**{"offset_sd": 1.0, "reference_interval": 1.0 if self.intervals else None, **values})  # as before these could be said
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
@@ -317,9 +318,10 @@ def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr
 
 
 def _unit(name: str, result: SubjectResult) -> str:
-    """The unit of a quantity; at one second where an interval acts on it."""
+    """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
-    return plain if result.subject.isi is None else result.target.model.units_at_intervals.get(name, plain)
+    reference = reference_interval(result.subject, result.target.prior.reference_interval)
+    return plain if result.subject.isi is None else result.target.model.units_at_intervals(reference).get(name, plain)
 
 
 def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:

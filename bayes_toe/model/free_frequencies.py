@@ -27,8 +27,7 @@ class FreeFrequencies:
     of_intervals: str = "one frequency for each pair at each interval"
     levels: tuple[tuple[str, str], ...] = ()
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
         """None: a frequency has no unit."""
         return MappingProxyType({})
 

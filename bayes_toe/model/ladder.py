@@ -1,7 +1,7 @@
 """The models by name: the ladder of a few that the field knows, the space of compositions that are compared, and any other composition.
 
-Two levels of the order part know what an inter-stimulus interval does: pull and width are those at one second, and the record's propagator
-scales them.
+Two levels of the order part know what an inter-stimulus interval does: pull and width are those at the reference interval, and the record's
+propagator scales them.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ exact marginal to a relative 1e-8 wherever |c| is at least 1e-7 spreads of mu1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -134,6 +135,10 @@ class OffsetPrior:
     mu1: Distribution
     gamma: Distribution
     sbar: float
+
+    def __reduce__(self) -> tuple[Callable[..., OffsetPrior], tuple[object, ...]]:
+        """Its declaration alone: another process makes its own table, once."""
+        return _implied, (self.mu1, self.gamma, self.sbar)
 
     def offset(self, x: FloatArray) -> Jet:
         """The offset c = G(x) and its derivatives in x, each of the shape of x."""

@@ -280,7 +280,7 @@ class Memory:
 
     so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p. One interval tells rho K, not rho and K.
     The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
-    everything that depends on it is that at one second, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
+    everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
 
     Priors: mu1 as in H1; sigma1, the spread of expected intensities, has the HalfNormal of the other widths; gain and rho are
     Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density -ln(1 - p), independent.

@@ -31,7 +31,7 @@ from bayes_toe.model.links import BELL, Answers, Lapsing, Link
 from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
+from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, reference_interval, typical_interval
 from bayes_toe.model.spread import BINOMIAL, Spread
 from bayes_toe.model.target import Levels, Names, require_points
 
@@ -104,10 +104,9 @@ class Model:
         """What it says of inter-stimulus intervals, in a few words."""
         return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
-        """Units of quantities that are those at one second where there are several intervals."""
-        return {} if self.propagator is None else dict(self.propagator.units)
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
+        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
+        return {} if self.propagator is None else {name: unit.format(f"{reference:g} s") for name, unit in self.propagator.units}
 
     def parameters(self, prior: Prior) -> frozenset[str]:
         """Parameters of the prior whose distributions its own is made of."""
@@ -115,7 +114,7 @@ class Model:
 
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
-        return ", ".join(block.describe(prior) for block in self.free)
+        return ", ".join(block.describe(prior) for block in self.free) + prior.remark
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
         """The posterior of a subject under this model."""
@@ -134,6 +133,8 @@ class Posterior:
     prior : Prior
     centre : float, optional
         Intensity from which the offset counts, natural-log units; the mean first stimulus by default.
+    interval : float, optional
+        The reference, to which coordinates, quantities and their prior refer, seconds: the prior's, or else the subject's geometric mean.
 
     Examples
     --------
@@ -147,7 +148,9 @@ class Posterior:
     model: Model
     prior: Prior = field(default_factory=Prior)
     centre: float | None = None
+    interval: float | None = None
     sbar: float = field(init=False)
+    reference: float = field(init=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: Mapping[str, int] = field(init=False, repr=False)
     _offset_place: int | None = field(init=False, repr=False)
@@ -157,12 +160,14 @@ class Posterior:
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         known = subject.isi is not None and self.model.knows_intervals
         places = {name: i for i, name in enumerate(self.model.coordinates)}
+        reference = reference_interval(subject, self.prior.reference_interval) if self.interval is None else self.interval
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
             "_places": places,
             "_offset_place": next((places[name] for name in _OFFSETS if name in places), None),
-            "_intervals": grouped_intervals(np.asarray(subject.isi)) if known else None,
+            "reference": reference,
+            "_intervals": grouped_intervals(np.asarray(subject.isi) / reference) if known else None,
         }.items():
             object.__setattr__(self, key, value)
 
@@ -286,13 +291,13 @@ class Posterior:
         return Probits(logits, self._places["log_width"])
 
     def for_subject(self, subject: Subject) -> Posterior:
-        """The same model with the same prior for other answers or other pairs, offsets counted from the same intensity."""
-        return replace(self, subject=subject, centre=self.sbar)
+        """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""
+        return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
 
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
         propagator, pull = self.model.propagator, self._pull(x)
-        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
+        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds / self.reference).pull
         return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
 
     def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
@@ -385,15 +390,15 @@ class Posterior:
         return tuple(x[:, self._places[name], None] if name in self._places else np.full((len(x), 1), np.inf) for name in of.coordinates)
 
     def _scales(self, x: FloatArray) -> Scales:
-        """Pull and width of every pair over those at one second; one row and column of 1 where nothing depends on the interval."""
+        """Pull and width of every pair over those at the reference; one row and column of 1 where nothing depends on the interval."""
         propagator = self.model.propagator
         if self._intervals is None or propagator is None:
             return UNSCALED
         return self._scales_at(propagator, x, self._intervals[0]).of_pairs(self._intervals[1])
 
-    def _scales_at(self, propagator: Propagator, x: FloatArray, seconds: FloatArray) -> Scales:
-        """Pull and width at intervals over those at one second, (points, k) and (intervals,) -> (points, intervals)."""
-        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), seconds)
+    def _scales_at(self, propagator: Propagator, x: FloatArray, intervals: FloatArray) -> Scales:
+        """Pull and width at intervals in units of the reference over those at it, (points, k) and (intervals,) -> (points, intervals)."""
+        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), intervals)
 
     def _growth(self, propagator: Propagator, x: FloatArray) -> Growth:
         assert self._intervals is not None
@@ -412,12 +417,12 @@ class Posterior:
         return moved
 
     def _from_typical_interval(self, points: FloatArray) -> FloatArray:
-        """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""
+        """Points whose offset and width are those at the typical interval, the geometric mean, with those at the reference."""
         propagator = self.model.propagator
         if propagator is None or self.subject.isi is None:
             return points
-        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi, self.subject.n_trials))
-        return scale.to_one_second(points, self._places["offset"], self._places["log_width"])
+        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi / self.reference, self.subject.n_trials))
+        return scale.to_reference(points, self._places["offset"], self._places["log_width"])
 
 
 @lru_cache(maxsize=4)

@@ -36,7 +36,7 @@ from bayes_toe.model.distributions import (
     log_density_of_logit,
     share,
 )
-from bayes_toe.model.prior_fields import OF_H1, PriorFields
+from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields
 
 
 @dataclass(frozen=True)
@@ -45,20 +45,23 @@ class Prior(PriorFields):
 
     Parameters
     ----------
-    mu1_mean, mu1_sd : float
-        Mean and standard deviation of mu1, natural-log intensity.
-    sigma_p_scale : float
-        Scale of the half-normal of sigma_p, natural-log intensity.
+    mu1_mean, mu1_sd : float or "stimuli"
+        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for mean and range of the stimuli presented, here and
+        below, and becomes a number where the prior meets a study (:func:`bayes_toe.model.study_prior.prior_for`).
+    sigma_p_scale : float or "stimuli"
+        Scale of the half-normal of sigma_p, natural-log intensity; the root mean square step between different stimuli.
     gamma_a, gamma_b : float
         Of the beta distribution of gamma.
     offset_sd : float, optional
         Standard deviation of a normal constant error, natural-log intensity, in the place of the prior that mu1 and gamma imply.
-    noise_slope_sd : float
-        Of the normal about Weber's law.
+    noise_slope_sd : float or "stimuli"
+        Of the normal about Weber's law, per natural-log intensity; one over the range.
     lapse_rate_a, lapse_rate_b, icc_a, icc_b : float
         Of the beta distributions of the share of answers given without regard to the stimuli and of the intra-class correlation.
     exponent_median, exponent_sd : float
         Of the lognormal of the curve's exponent; the standard deviation is that of its logarithm.
+    reference_interval : float, optional
+        Seconds over which sigma_p, gamma and rho have their prior, in a study with intervals.
 
     Raises
     ------
@@ -88,7 +91,10 @@ class Prior(PriorFields):
         """Distribution of every parameter that has one of its own: mu1, sigma_p, gamma and q0 first, in this order."""
         numbers: dict[str, list[float]] = {one.parameter: [] for one in self.declared()}
         for one in self.declared():
-            numbers[one.parameter].append(getattr(self, one.name))
+            value = getattr(self, one.name)
+            if value == STIMULI:
+                raise InputError(f"prior: {one.name} is that of the stimuli; bt.prior_for(study, prior) puts in the number")
+            numbers[one.parameter].append(value)
         return {name: family(*numbers.get(name, ())) for name, family in self.families.items()}
 
     def distribution(self, parameter: str) -> Distribution:
@@ -124,7 +130,13 @@ class Prior(PriorFields):
 
     def describe(self) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1)
+        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1) + self.remark
+
+    @property
+    def remark(self) -> str:
+        """What else to know of its numbers, to be put behind a description: where they came from, and their unit of time."""
+        time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
+        return "".join(f"; {part}" for part in (self.origin, time) if part)
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from bayes_toe.data.cells import bare, quoted
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_fields import PriorField
+from bayes_toe.model.prior_fields import STIMULI, PriorField
+from bayes_toe.model.study_prior import PAPER, PRESETS
 
 AnyPrior = TypeVar("AnyPrior", bound=Prior)
 
@@ -45,12 +46,13 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
     problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(keys, key, value)]
     if problems:
         raise InputError(problems)
-    return kind(**{key: float(value) for key, value in found.items()})
+    numbers: dict[str, Any] = {key: value if value == STIMULI else float(value) for key, value in found.items()}
+    return kind(**numbers)
 
 
-def prior_or_default(path: str | Path | None) -> Prior:
-    """The prior in a file, the default one where there is none."""
-    return Prior() if path is None else read_prior(path)
+def preset_or_file(given: str | None) -> Prior:
+    """The preset of this name, or the prior in the file of this path; the default one where there is nothing."""
+    return PRESETS[PAPER] if given is None else PRESETS[given] if given in PRESETS else read_prior(given)
 
 
 def example_file(kind: type[Prior] = Prior) -> str:
@@ -59,7 +61,7 @@ def example_file(kind: type[Prior] = Prior) -> str:
     Examples
     --------
     >>> print(example_file().splitlines()[0])
-    mu1_mean = 0.0         # mean of the normal prior of mu1, natural-log intensity
+    mu1_mean = 0.0              # mean of the normal prior of mu1, natural-log intensity; or "stimuli", their mean
     """
     lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
     width = max(map(len, lines))
@@ -85,6 +87,8 @@ def _problem(keys: Mapping[str, PriorField], key: str, value: object) -> list[st
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
     one = keys[key]
     # bool is an int for Python, not for a reader; a NaN is in no range
+    if value == STIMULI and one.stimuli:
+        return []
     good = isinstance(value, int | float) and not isinstance(value, bool) and one.smallest <= value <= one.largest
     return [] if good else [f"key {key}: found {_shown(value)}, allowed: {one.allowed}"]
 

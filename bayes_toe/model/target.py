@@ -144,9 +144,8 @@ class Described(Protocol):
         """What it says of inter-stimulus intervals, in a few words."""
         ...
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
-        """Units of quantities that are those at one second where there are several intervals."""
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
+        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
         ...
 
     def describe(self, prior: Prior) -> str:

@@ -343,6 +343,14 @@ def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
 
+def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
+    (folder / "stimuli").write_text("mu1_sd = 7.0\n", encoding="utf-8")
+    said = [inside("check", "study.csv", "--prior", given, cwd=folder).stdout for given in ("paper", "stimuli", "./stimuli")]
+    assert "mu1 ~ Normal(0, 10)" in said[0]
+    assert "mu1_mean, mu1_sd, sigma_p_scale, noise_slope_sd from the stimuli" in " ".join(said[1].split())
+    assert "mu1 ~ Normal(0, 7)" in said[2]
+
+
 def test_a_bad_prior_file_is_one_line_for_every_command(folder):
     (folder / "bad.toml").write_text("mu1_sd = -1\n", encoding="utf-8")
     commands = ("run", "sample", "evidence", "fit", "figures", "sensitivity", "check", "simulate")
@@ -351,7 +359,7 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder):
         out = () if command == "check" else ("-o", f"bad_{command}.csv")
         done = inside(command, *study, *out, "--prior", "bad.toml", cwd=folder)
         assert done.returncode == 2, command
-        assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100\n", command
+        assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n", command
         assert not (folder / f"bad_{command}.csv").exists()
 
 
@@ -371,7 +379,7 @@ def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(fol
     done = call("sensitivity", "study.csv", "-o", "sensitivity.csv", *args, cwd=folder)
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
-    assert len(table) == 2 * 3 * 3
+    assert len(table) == 2 * 5 * 3
     assert sorted(set(table[table.varied == "mu1_sd"].value)) == [5.0, 10.0, 20.0]
     assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
     assert "0 of 2 conclusions turn within this range" in done.stdout

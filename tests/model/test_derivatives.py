@@ -27,7 +27,7 @@ COMPOSED = [
     "free weighting + both ways + beta-binomial",
     "mean-reverting + sloped + exponent + beta-binomial",
 ]
-PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, offset_sd=1.0)
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, offset_sd=1.0, reference_interval=1.0)
 DIGITS = 120
 #: Where q0 is near 1, the curvature of a criterion in the logit of its peak is a small difference: it keeps eleven digits, the rest twelve.
 TOLERANCE = {"differencing": 5e-11, "constant error + both ways + differencing": 5e-11}
@@ -197,7 +197,7 @@ FAR |= {"noise_slope": [-40.0, 40.0], "logit_lapse_rate": [-60.0, 30.0], "log_ex
 @pytest.mark.parametrize("name", RUNGS + COMPOSED)
 def test_derivatives_far_out(name, isi):
     scale = 1 if "beta-binomial" in name else 1000
-    target = posterior_of(subject(isi, scale=scale), Prior(0.4, 1e30, 0.7, offset_sd=1.0), model=name)
+    target = posterior_of(subject(isi, scale=scale), Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0), model=name)
     middle = {"offset": 0.31, "offset_score": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
     middle |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
     for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():

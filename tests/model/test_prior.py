@@ -66,9 +66,7 @@ class Chi:
 class ChiPrior(Prior):
     """The one place: a number, and the family that takes it."""
 
-    sigma_p_shape: float = prior_field(
-        2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", smallest=0.5, largest=20.0
-    )
+    sigma_p_shape: float = prior_field(2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", limits=(0.5, 20.0))
     families: ClassVar = {**Prior.families, "sigma_p": Chi}
 
 
@@ -84,12 +82,12 @@ def points(n=12, seed=1):
 
 
 def test_the_declaration_is_all_that_lists_the_numbers():
-    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior)]
+    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior) if one.name != "origin"]
     assert [one.default for one in ChiPrior.declared()][:5] == [0.0, 10.0, 1.0, 1.0, 1.0]
     assert Prior.declared() == PriorFields.declared() == ChiPrior.declared()[:-1]
     assert CHI.distribution("sigma_p") == Chi(0.3, 3.0)
     assert tuple(CHI.distributions) == ("mu1", "sigma_p", "gamma", "q0", "noise_slope", "lapse_rate", "exponent", "icc")
-    assert {one.parameter for one in Prior.declared()} | {"q0"} == {*CHI.distributions, "offset"}
+    assert {one.parameter for one in Prior.declared()} | {"q0"} == {*CHI.distributions, "offset", "interval"}
 
 
 def test_what_other_models_have():
@@ -138,7 +136,7 @@ def test_it_is_in_draws_quantiles_and_contraction(parameter):
 def test_it_is_in_the_prior_file(tmp_path):
     file = tmp_path / "prior.toml"
     file.write_text(example_file(ChiPrior), encoding="utf-8")
-    assert "\nsigma_p_shape = 2.0    # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
+    assert "\nsigma_p_shape = 2.0         # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
     assert read_prior(file, ChiPrior) == ChiPrior()
     file.write_text("sigma_p_shape = 7", encoding="utf-8")
     assert read_prior(file, ChiPrior) == ChiPrior(sigma_p_shape=7.0)
@@ -154,7 +152,7 @@ def test_it_is_in_the_prior_file(tmp_path):
 
 
 def test_it_is_in_the_help_text():
-    assert prior_help(ChiPrior).endswith("icc_a, icc_b, sigma_p_shape; see check --prior.")
+    assert prior_help(ChiPrior).endswith("icc_a, icc_b, reference_interval, sigma_p_shape; see check --prior.")
 
 
 def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
@@ -190,7 +188,7 @@ def test_what_it_may_not_be():
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(bt.InputError, match=r"prior: sigma_p_shape=.*, allowed: a positive finite number"):
             ChiPrior(sigma_p_shape=bad)
-    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number"):
+    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"):
         Prior(mu1_mean=np.nan)
     assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
     with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, gamma, q0, "):
