@@ -14,6 +14,7 @@ import numpy as np
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.classical.fit_table import SubjectFit
+from bayes_toe.cli.digits import allowed
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
@@ -155,9 +156,9 @@ def _kept(analysis: Analysis, steps: int, thin: int) -> str:
     return f"{steps}, kept: last {last}" + ("" if thin == 1 else f", one in {thin}")
 
 
-def _number(value: float | None, digits: int = 2) -> str:
-    """A number for a table; a dash where there is none."""
-    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}".replace("-", "−")
+def _number(value: float | None, digits: int = 2, error: float = np.nan) -> str:
+    """A number for a table, with no more digits than its Monte Carlo error allows; a dash where there is none."""
+    return "–" if value is None or np.isnan(value) else allowed(value, error, digits).replace("-", "−")
 
 
 def _signed(value: float, digits: int = 2) -> str:

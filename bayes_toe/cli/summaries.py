@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from bayes_toe.cli.digits import allowed
 from bayes_toe.cli.terminal import safe, say, say_note, say_once, say_table
 
 if TYPE_CHECKING:
@@ -23,12 +24,15 @@ if TYPE_CHECKING:
 
 #: What order effects show in: these have their range beside the median.
 _WITH_RANGE = ("mu1", "offset", "gain")
+_SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 _MOST_SHOWN = 7  # of a model with a parameter for each pair
 
 
 def say_draws(console: Console, draws: Draws) -> None:
     """Medians and convergence of every subject."""
     import numpy as np
+
+    from bayes_toe.inference.diagnostics import quantile_errors
 
     stats, missed = draws.group("sample_stats"), draws.not_converged
     natural = draws.posterior(draws.names[0]).names.natural
@@ -38,8 +42,11 @@ def say_draws(console: Console, draws: Draws) -> None:
     for i, name in enumerate(draws.names):
         row: dict[Any, Any] = {"subject": name}
         for key in shown:
-            low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
-            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in _WITH_RANGE else "")
+            values = draws.values(name, key)
+            # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
+            errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
+            low, middle, high = map(allowed, np.quantile(values, _SHOWN_QUANTILES), errors, [2] * 3)
+            row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
         row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
         row["converged"] = "NO" if name in missed else "yes"

@@ -13,7 +13,8 @@ from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
-from bayes_toe.comparison.model_row import ModelRow, compare_one
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
+from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, with_differences
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
@@ -44,7 +45,12 @@ COMPARE_COLUMNS = (
     "p_worst_pair",
     "note",
     "prior",
+    "elpd_loo_pair_diff",
+    "elpd_loo_pair_diff_se",
+    "elpd_loo_trial_diff",
+    "elpd_loo_trial_diff_se",
 )
+_TEXTS = ("subject", "model", "parameters", "note", "prior")
 _FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
 _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
@@ -83,8 +89,8 @@ class ModelComparison(Table[ModelRow]):
         import pandas as pd
 
         believed = {name: model_named(name).describe(self.prior) for name in self.models}
-        cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
-        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
+        cells = [[believed[row.model] if key == "prior" else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
 
     def frequencies(self) -> ModelFrequencies | None:
@@ -117,7 +123,8 @@ class ModelComparison(Table[ModelRow]):
         the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
         scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
         expected_exact to omnibus_risk_exact, the same four without the approximation, empty where :meth:`exact_frequencies` gives none;
-        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go.
+        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go; elpd_loo_pair_diff to
+        elpd_loo_trial_diff_se, differences of those sums to the best model's with the standard errors of the paired differences.
         """
         import pandas as pd
 
@@ -130,13 +137,24 @@ class ModelComparison(Table[ModelRow]):
         for name, values in predicted.items():
             frame[name] = _sum(values)
         frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
-        return frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
+        frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
+        return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
         written = super().save(path, overwrite=overwrite)
         write_table(self.study_frame(), beside(path), overwrite=overwrite)
         return written
+
+    def _differences(self, unit: Unit) -> dict[str, list[float]]:
+        """Leave-one-out differences to the best model and their errors over the subjects with a value under every model."""
+        size = len(self.models)
+        subjects = [self.rows[i : i + size] for i in range(0, len(self.rows), size)]
+        found = [[row.left_out[unit] for row in rows] for rows in subjects if all(unit in row.left_out for row in rows)]
+        counted = [rows for rows in found if not any(np.isnan(one.elpd) for one in rows)]
+        joined = [LeaveOneOut.joined(parts) for parts in zip(*counted, strict=True)]
+        pairs = below_best(joined) if joined else [(np.nan, np.nan)] * size
+        return dict(zip(difference_columns(unit), map(list, zip(*pairs, strict=True)), strict=True))
 
     def _matrix(self, name: str) -> FloatArray:
         flat = np.array([row.cell(name) for row in self.rows], np.float64)  # None becomes NaN
@@ -206,7 +224,7 @@ def compare(
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]
     rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
-    groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
+    groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 
 

@@ -78,6 +78,12 @@ class LeaveOneOut:
             raise InputError("leave-one-out values of different units or answers cannot be compared")
         return _sum(self.values - other.values, self.counts)
 
+    @classmethod
+    def joined(cls, parts: Sequence[LeaveOneOut]) -> LeaveOneOut:
+        """One model over several subjects: all their units together."""
+        values, counts, k = (np.concatenate([getattr(one, key) for one in parts], axis=1) for key in ("values", "counts", "pareto_k"))
+        return cls(parts[0].unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k)
+
     def filled(self, exact: Mapping[int, float]) -> LeaveOneOut:
         """The same with values of left-out pairs, by index, from another route in the place of those that were withheld."""
         values = self.values.copy()
@@ -136,6 +142,24 @@ def leave_one_out(
     bad = k > trusted_k(logs.shape[-1])
     values[bad] = np.nan
     return LeaveOneOut(unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k, _note(unit, bad, k, names))
+
+
+def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
+    """Difference of elpd to the best of several models of the same answers, at most 0, with the standard error of the paired difference.
+
+    0 and 0 for the best itself; NaN where a value is withheld.
+
+    Examples
+    --------
+    >>> free, sure = leave_one_out_frequencies([3, 4], [5, 5]), leave_one_out(*np.log(np.full((2, 100, 2), 0.5)), [3, 4], [5, 5])
+    >>> [[round(value, 2) for value in pair] for pair in below_best([free, sure])]
+    [[-0.76, 1.42], [0.0, 0.0]]
+    """
+    elpd = np.array([one.elpd for one in models])
+    if np.isnan(elpd).all():
+        return [(np.nan, np.nan)] * len(models)
+    best = int(np.nanargmax(elpd))
+    return [(0.0, 0.0) if i == best else one.minus(models[best]) for i, one in enumerate(models)]
 
 
 def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:

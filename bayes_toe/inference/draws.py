@@ -20,7 +20,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.diagnostics import Errors, convergence, errors
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import Chains
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
-SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction")
+_MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
+SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
 #: Names without a unit, with all that begin with q.
 _WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
@@ -197,8 +198,9 @@ class Draws:
         return FitSummary(**{key: stats[column].item() for key, column in _FIT_COLUMNS.items() if column in stats})
 
     def summary(self) -> pd.DataFrame:
-        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction.
+        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction, Monte Carlo errors.
 
+        The last are standard errors of the mean and of the 5, 50 and 95 % quantiles: how far these would be off in other draws.
         Contraction is 1 - (posterior width / prior width)^2 of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the
         posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
         read its quantiles.
@@ -414,4 +416,4 @@ def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
 def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
     quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
     narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
-    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed, *errors(values))

@@ -16,7 +16,7 @@ from bayes_toe.cli.terminal import new_console
 from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without
+from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, with_differences
 from bayes_toe.errors import InputError
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
@@ -59,6 +59,37 @@ def test_a_model_that_misses_an_order_effect_is_seen_by_its_checks(table):
     assert table["A", "symmetric"].checks.elpd_loo_trial < table["A", "predictive update"].checks.elpd_loo_trial - 10
 
 
+@pytest.mark.parametrize("unit", ["pair", "trial"])
+def test_differences_to_the_best_model_have_paired_errors(table, unit):
+    elpd, difference, error = f"elpd_loo_{unit}", f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
+    frame, study = table.frame(), table.study_frame()
+    units = []
+    for name, rows in frame.groupby("subject"):
+        best = rows.loc[rows[elpd].idxmax()]
+        assert (best[difference], best[error]) == (0.0, 0.0)
+        assert rows[difference].to_numpy() == pytest.approx((rows[elpd] - best[elpd]).to_numpy(), abs=1e-9)
+        kept = [table[name, model].left_out[unit] for model in FEW]
+        units.append([np.repeat(one.values[one.counts > 0], one.counts[one.counts > 0]) for one in kept])
+        apart = np.array(units[-1]) - units[-1][FEW.index(best["model"])]
+        assert rows[error].to_numpy() == pytest.approx(np.sqrt(apart.shape[1]) * apart.std(axis=1, ddof=1), abs=1e-9)
+    total = [np.concatenate(each) for each in zip(*units, strict=True)]
+    best = int(np.argmax([each.sum() for each in total]))
+    for i, each in enumerate(total):
+        apart = each - total[best]
+        assert study[difference][i] == pytest.approx(apart.sum(), abs=1e-9)
+        assert study[error][i] == pytest.approx(np.sqrt(len(apart)) * apart.std(ddof=1), abs=1e-9)
+        assert study[difference][i] == pytest.approx(study[elpd][i] - study[elpd].max(), abs=1e-9)
+
+
+def test_what_is_withheld_has_no_difference(table):
+    first, second, third = table.rows[:3]
+    none = first.left_out["pair"].filled({0: np.nan})
+    rows = with_differences([replace(first, left_out={**first.left_out, "pair": none}), second, replace(third, left_out={})])
+    assert [[row.cell(f"elpd_loo_pair_{name}") for name in ("diff", "diff_se")] for row in rows] == [[None] * 2, [0.0] * 2, [None] * 2]
+    assert rows[0].cell("elpd_loo_trial_diff") == 0.0
+    assert ModelComparison(tuple(rows), ("A",), FEW, 1, bt.Prior()).study_frame()["elpd_loo_trial_diff"].isna().all()
+
+
 def test_study_table(table):
     frame = table.study_frame()
     assert frame["model"].tolist() == list(FEW)
@@ -73,6 +104,7 @@ MODEL_COLUMNS = [
     *("group_log_evidence", "elpd_loo_trial", "elpd_loo_pair"),
     *("expected_exact", "exceedance_exact", "protected_exact", "omnibus_risk_exact"),
     *("elpd_loo_trial_subjects", "elpd_loo_pair_subjects"),
+    *("elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se"),
 ]
 
 

@@ -1,12 +1,14 @@
 """Leave-one-out values against refits without the unit (evidence ratios), against Beta integrals, and where importance sampling fails."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import betaln, logit
 
 import bayes_toe as bt
-from bayes_toe.comparison.leave_one_out import leave_one_out, leave_one_out_frequencies
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, below_best, leave_one_out, leave_one_out_frequencies
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
@@ -169,6 +171,33 @@ LOG_P = np.full((200, 2), -0.7)
 def test_bad_input_is_refused(arguments, options, message):
     with pytest.raises(InputError, match=message):
         leave_one_out(*arguments, **options)
+
+
+def test_differences_to_the_best_are_paired_over_trials(observed):
+    s, equal, different, _ = observed
+    first = leave_one_out(equal, different, s.n_equal, s.n_trials)
+    second = leave_one_out(np.full_like(equal, np.log(0.5)), np.full_like(equal, np.log(0.5)), s.n_equal, s.n_trials)
+    free = leave_one_out_frequencies(s.n_equal, s.n_trials)
+    withheld = replace(free, elpd=np.nan, values=free.values * np.nan)
+    found = below_best([second, first, withheld, free])
+    assert found[1] == (0.0, 0.0)
+    assert np.isnan(found[2]).all()
+    answers = [s.n_equal, s.n_trials - s.n_equal]
+    each = {one: np.concatenate([np.repeat(one.values[a], answers[a]) for a in (0, 1)]) for one in (first, second, free)}
+    for one, (difference, error) in ((second, found[0]), (free, found[3])):
+        apart = each[one] - each[first]
+        assert difference == pytest.approx(apart.sum(), rel=1e-9)
+        assert difference < 0
+        assert error == pytest.approx(np.sqrt(len(apart)) * apart.std(ddof=1), rel=1e-9)
+    assert np.isnan(below_best([withheld, withheld])).all()
+
+
+def test_joined_subjects_are_all_their_units():
+    parts = [leave_one_out_frequencies(K, N, unit="pair"), leave_one_out_frequencies(K[:2], N[:2], unit="pair")]
+    joined = LeaveOneOut.joined(parts)
+    each = np.concatenate([one.values[0] for one in parts])
+    assert joined.elpd == pytest.approx(sum(one.elpd for one in parts))
+    assert joined.se == pytest.approx(np.sqrt(6) * each.std(ddof=1))
 
 
 def test_different_units_are_not_compared():

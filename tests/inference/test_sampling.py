@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.inference.subject import Settings, Wanted, infer
@@ -123,6 +123,47 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     assert list(draws.not_converged) == ["guessing at 0.5"]
 
 
+def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
+    posterior = posterior_of(CASES["funnel"])
+    fitted = fit_proposal(posterior, generator(1, "funnel"))
+    natural = posterior.names.natural
+
+    def worst(chains):
+        found = [(errors(values), np.quantile(values, TAIL)) for key, values in posterior.quantities(chains.x).items() if key in natural]
+        return max(max(one.q05, one.q95) / (high - low) for one, (low, high) in found)
+
+    once = sample_chains(fitted, SamplerSettings(max_thin=1, max_quantile_error=np.inf), 1)
+    alone = sample_chains(fitted, SamplerSettings(draws=1000, max_quantile_error=np.inf), 1)
+    assert once.converged
+    assert alone.log_posterior.size < 10_000 <= once.log_posterior.size
+    limit = 0.95 * worst(once)  # just missed by a single pass, within reach of independent draws
+    longer = sample_chains(fitted, SamplerSettings(max_quantile_error=limit), 1)
+    assert longer.converged
+    assert longer.thin > 1
+    assert worst(longer) <= limit
+    # Beyond the reach of so many draws it says so at once; with one pass allowed, that it was not reached.
+    hopeless = sample_chains(fitted, SamplerSettings(max_quantile_error=limit / 3), 1)
+    assert (hopeless.converged, hopeless.thin) == (False, 1)
+    assert hopeless.reason.startswith("a 5 or 95 % quantile of ")
+    assert hopeless.reason.endswith("; more draws are needed")
+    cut = sample_chains(fitted, SamplerSettings(max_quantile_error=limit, max_thin=1), 1)
+    assert not cut.converged
+    assert cut.reason.endswith("required")
+
+
+def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs():
+    posterior = posterior_of(CASES["one order missing"])
+    fitted = fit_proposal(posterior, generator(3, "claims"))
+    runs = [sample_chains(fitted, QUICK, seed) for seed in range(40)]
+    for key in ("mu1", "sigma_p", "q0"):
+        values = [posterior.quantities(run.x)[key] for run in runs]
+        for name, probability in (("q05", 0.05), ("q50", 0.5), ("q95", 0.95)):
+            spread = np.std([np.quantile(one, probability) for one in values], ddof=1)
+            stated = np.sqrt(np.mean([getattr(errors(one), name) ** 2 for one in values]))
+            # A standard deviation of 40 is within a factor 1.45 of the truth with probability above 0.999.
+            assert 1 / 1.45 < stated / spread < 1.45, (key, name)
+
+
 def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
     from bayes_toe import analysis as module
 
@@ -166,7 +207,13 @@ def test_streams_do_not_run_together():
 
 @pytest.mark.parametrize(
     ("wrong", "named"),
-    [({"draws": 0}, "draws"), ({"ensembles": 3}, "ensembles"), ({"walkers": 9}, "walkers"), ({"max_r_hat": 1.0}, "max_r_hat")],
+    [
+        ({"draws": 0}, "draws"),
+        ({"ensembles": 3}, "ensembles"),
+        ({"walkers": 9}, "walkers"),
+        ({"max_r_hat": 1.0}, "max_r_hat"),
+        ({"max_quantile_error": 0.0}, "max_quantile_error"),
+    ],
 )
 def test_settings_out_of_range_are_refused(wrong, named):
     with pytest.raises(InputError, match=named):
