@@ -25,6 +25,7 @@ class FreeFrequencies:
     about: str = "H0: one frequency per pair, and nothing that connects them"
     knows_intervals: bool = False
     of_intervals: str = "one frequency for each pair at each interval"
+    levels: tuple[tuple[str, str], ...] = ()
 
     @property
     def units_at_intervals(self) -> Mapping[str, str]:

@@ -17,6 +17,8 @@ from .intervals import interval_gain_axes as interval_gain_axes
 from .map import map_axes as map_axes
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
+from .parts import best_axes as best_axes
+from .parts import part_axes as part_axes
 from .sensitivity import sensitivity_axes as sensitivity_axes
 from .sensitivity import sensitivity_figure as sensitivity_figure
 from .subject import answers_axes as answers_axes
