@@ -1,5 +1,6 @@
 from .asymmetry import asymmetry_axes as asymmetry_axes
 from .asymmetry import order_axes as order_axes
+from .average import plot_average as plot_average
 from .beliefs import filter_axes as filter_axes
 from .beliefs import noticed_axes as noticed_axes
 from .comparison import comparison_axes as comparison_axes
