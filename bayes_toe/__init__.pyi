@@ -8,6 +8,7 @@ from .classical.covariates import covariate_tests as covariate_tests
 from .classical.covariates import read_covariates as read_covariates
 from .classical.fit_table import fit as fit
 from .classical.uncertainty_table import uncertainty_table as uncertainty_table
+from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.ladder_table import compare as compare
 from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity

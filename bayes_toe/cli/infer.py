@@ -106,12 +106,14 @@ class ComparingTask(SamplingTask):
 def compare(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_models.csv (study) and NAME.png beside it.")] = Path("compare.csv"),
+    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
     space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
     task: ComparingTask,
 ) -> None:
-    """A ladder of models for every subject: evidence, leave-one-out, checks, model probabilities; and model frequencies over subjects.
+    """Which order effect, noise and lapses, and how sure: probabilities of parts, over a space of models, for every subject and the study.
+
+    Besides, of every model: evidence, leave-one-out, predictive checks, model probabilities, and model frequencies over subjects.
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
@@ -122,14 +124,14 @@ def compare(
     from bayes_toe.plots.figure_files import picture_beside
 
     models, picture = require_models(model or space), picture_beside(output)
-    task.require_files(output, beside(output), picture)
+    task.require_files(output, *beside(output), picture)
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
         table = compute(read, models, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
     table.save(output, overwrite=task.overwrite)
     save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_comparison(task.console, table)
-    task.say_written("written:", output, beside(output), picture, seed=table.seed)
+    task.say_written("written:", output, *beside(output), picture, seed=table.seed)
 
 
 def sensitivity(

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _WITH_RANGE = ("mu1", "offset", "gain")
 _SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 _MOST_SHOWN = 7  # of a model with a parameter for each pair
+_MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
 
 
 def say_draws(console: Console, draws: Draws) -> None:
@@ -81,15 +82,17 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:
-    """Log evidence of every model below the best one of each subject, the models over the study, and each note once."""
+    """First the parts of models, then log evidence below the best model, then the models over the study, and each note once."""
     from math import isnan
 
+    _say_parts(console, table)
     rows: list[dict[Any, Any]] = []
     for name, values in zip(table.subjects, table.log_evidence, strict=True):
         best = max((value for value in values if not isnan(value)), default=0.0)
         cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
         rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
-    say_table(console, "log evidence below the subject's best model, nats", rows)
+    if len(table.models) <= _MOST_COLUMNS:
+        say_table(console, "log evidence below the subject's best model, nats", rows)
     _say_models(console, table)
     about: dict[str, list[ModelRow]] = {}
     for one in table:
@@ -99,6 +102,30 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
             about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
     for note, found in about.items():
         say_note(console, f"{_whose(found, table.subjects)}: {note}")
+
+
+def _say_parts(console: Console, table: ModelComparison) -> None:
+    """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
+    from bayes_toe.comparison.model_row import MISFIT
+    from bayes_toe.comparison.parts_table import STUDY
+
+    best, rows, parts = table.best_compositions(), [], table.parts
+    for i, name in enumerate(table.subjects):
+        row: dict[Any, Any] = {"subject": name, **{" / ".join(part.levels): _shares(part.probability[i]) for part in parts}}
+        found, against = best.get(name, (None, None))
+        fit = None if found is None else found.checks.p_predictive
+        row |= {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
+        rows.append({**row, "fit p": "-" if fit is None else f"{fit:.2g}" + (" misfit" if fit < MISFIT else "")})
+    of_study = {" / ".join(part.levels): _shares(part.study) for part in parts if part.study is not None}
+    if of_study:
+        rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
+    say_table(console, "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit", rows)
+    if of_study:
+        say(console, f"{STUDY}: of a new subject, by random effects over {parts[0].counted} of {len(table.subjects)} subjects")
+
+
+def _shares(probability: Any) -> str:
+    return " / ".join(_or_dash(value, 2) for value in probability)
 
 
 def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:

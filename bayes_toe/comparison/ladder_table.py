@@ -1,4 +1,4 @@
-"""Comparison of the ladder's models: subject by subject, and over the subjects of a study."""
+"""Comparison of models: subject by subject, and over the subjects of a study."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, with_differences
+from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
@@ -50,15 +51,16 @@ COMPARE_COLUMNS = (
     "elpd_loo_pair_diff_se",
     "elpd_loo_trial_diff",
     "elpd_loo_trial_diff_se",
+    "parts",
 )
-_TEXTS = ("subject", "model", "parameters", "note", "prior")
+_TEXTS = ("subject", "model", "parameters", "note", "prior", "parts")
 _FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
 _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison(Table[ModelRow]):
-    """Every subject under every model, subjects in the study's order, models in the ladder's.
+    """Every subject under every model, subjects in the study's order, models in that of their space.
 
     Attributes
     ----------
@@ -89,10 +91,48 @@ class ModelComparison(Table[ModelRow]):
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
         import pandas as pd
 
-        believed = {name: model_named(name).describe(self.prior) for name in self.models}
-        cells = [[believed[row.model] if key == "prior" else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        records = dict(zip(self.models, self.records, strict=True))
+        said = {name: {"prior": record.describe(self.prior), "parts": _composed(record)} for name, record in records.items()}
+        cells = [[said[row.model][key] if key in ("prior", "parts") else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
         numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The models' records."""
+        return tuple(map(model_named, self.models))
+
+    @cached_property
+    def parts(self) -> tuple[PartTable, ...]:
+        """Probabilities of the levels of every part that varies among the compositions compared."""
+        return part_tables(self.records, self.log_evidence)
+
+    def parts_frame(self) -> pd.DataFrame:
+        """The same with the columns of compare_parts.csv: one row a level, subject by subject, last the study, '*'; empty where withheld.
+
+        The study's are those of a new subject of its population, by random effects over families of models: see
+        :mod:`bayes_toe.comparison.parts_table`. There are none with fewer than two subjects that have every evidence.
+        """
+        import pandas as pd
+
+        order = {name: i for i, name in enumerate(self.subjects)}
+        rows = [row for part in self.parts for row in part.cells(self.subjects)]
+        rows.sort(key=lambda row: order.get(str(row[0]), len(order)))  # stable: parts and levels keep their order
+        return pd.DataFrame(rows, columns=list(PARTS_COLUMNS))
+
+    def best_compositions(self) -> dict[str, tuple[ModelRow, float | None]]:
+        """By subject, the composition with the highest evidence and its log Bayes factor against free frequencies, where those are there.
+
+        Without subjects whose evidences are all withheld.
+        """
+        composed, evidence = np.array([bool(record.levels) for record in self.records]), self.log_evidence
+        found: dict[str, tuple[ModelRow, float | None]] = {}
+        for i, (name, values) in enumerate(zip(self.subjects, evidence, strict=True)):
+            known = np.where(composed & ~np.isnan(values), values, -np.inf)
+            best, free = int(known.argmax()), values[~composed].tolist()
+            if np.isfinite(known[best]):
+                found[name] = self.rows[i * len(self.models) + best], float(known[best]) - free[0] if free else None
+        return found
 
     def frequencies(self) -> ModelFrequencies | None:
         """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject.
@@ -142,9 +182,10 @@ class ModelComparison(Table[ModelRow]):
         return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
+        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; each whole or not at all."""
         written = super().save(path, overwrite=overwrite)
-        write_table(self.study_frame(), beside(path), overwrite=overwrite)
+        for frame, name in zip((self.study_frame(), self.parts_frame()), beside(path), strict=True):
+            write_table(frame, name, overwrite=overwrite)
         return written
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:
@@ -177,9 +218,15 @@ def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | ExactFreque
     return frame.assign(**values)
 
 
-def beside(path: str | Path) -> Path:
-    """Where the study's table goes: compare_models.csv beside compare.csv."""
-    return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
+def beside(path: str | Path) -> tuple[Path, Path]:
+    """Where the tables of the study and of the parts go: compare_models.csv and compare_parts.csv beside compare.csv."""
+    models, parts = (Path(path).with_name(f"{Path(path).stem}_{what}{Path(path).suffix}") for what in ("models", "parts"))
+    return models, parts
+
+
+def _composed(model: Record) -> str:
+    """The level of every part; nothing for free frequencies, which have none."""
+    return "; ".join(f"{part}: {level}" for part, level in model.levels)
 
 
 def compare(

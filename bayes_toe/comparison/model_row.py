@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best, leave_one_out, leave_one_out_frequencies
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best, leave_one_out, leave_one_out_frequencies, leave_one_pair_out
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import Evidence, importance_evidence
@@ -22,6 +22,8 @@ from bayes_toe.seeds import generator
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _MOST_REFITS = 5  # a model that more pairs surprise describes the answers badly, which the other columns show
+#: Posterior predictive p-value of the deviance below which a model does not describe the answers.
+MISFIT = 0.01
 UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
@@ -134,8 +136,9 @@ def _left_out(target: AnyPosterior, chains: Chains, evidence: Evidence, seed: in
         return trial, pair
     x = chains.x.reshape(-1, len(target.coordinates))
     most = max(_LEAST_DRAWS, _LEFT_OUT_VALUES // subject.n_pairs)
-    logs = target.log_answers(x[:: max(1, -(-len(x) // most))])
-    trial, pair = (leave_one_out(*logs, subject.n_equal, subject.n_trials, unit=unit) for unit in UNITS)
+    some = x[:: max(1, -(-len(x) // most))]
+    trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_equal, subject.n_trials)
+    pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
     failed = np.flatnonzero(np.isnan(pair.values[0])).tolist()
     return trial, pair.filled(_refitted(target, evidence, failed, seed)) if failed else pair
 

@@ -200,7 +200,7 @@ def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
 
 
 def test_refusals(small_study):
-    with pytest.raises(InputError, match="'H9'; allowed: free frequencies"):
+    with pytest.raises(InputError, match=r"'H9'; allowed, joined by .*; or: free frequencies"):
         compare(small_study, ["H9"], seed=1)
     with pytest.raises(InputError, match="draws=0"):
         compare(small_study, FEW, seed=1, draws=0)
@@ -224,13 +224,15 @@ def test_command(study_csv, tmp_path, monkeypatch):
     ]
     done = CliRunner().invoke(app, call)
     assert done.exit_code == 0, done.output
-    assert "out.csv, out_models.csv, out.png" in done.output
+    assert "out.csv, out_models.csv, out_parts.csv, out.png" in done.output
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
     frame = pd.read_csv(tmp_path / "out.csv")
     assert tuple(frame.columns) == COMPARE_COLUMNS
     assert len(frame) == 6
     assert set(frame.prior) == {"every frequency ~ Uniform(0, 1)", "width ~ HalfNormal(1), q0 ~ Uniform(0, 1)"}
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
+    assert frame.parts.dropna().unique().tolist() == ["order: none; noise: Weber; lapses: misses; curve: bell; spread: binomial"]
+    assert pd.read_csv(tmp_path / "out_parts.csv").empty  # one composition: no part varies
     (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
     other = CliRunner().invoke(app, [*call[:2], "-o", "other.csv", *call[4:], "--prior", "prior.toml"])
     assert other.exit_code == 0, other.output
@@ -242,6 +244,10 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert "exists" in again.output
     (tmp_path / "out.csv").unlink()
     (tmp_path / "out_models.csv").unlink()
+    parts = CliRunner().invoke(app, call)  # refused before any work
+    assert "out_parts.csv" in parts.output
+    assert not (tmp_path / "out.csv").exists()
+    (tmp_path / "out_parts.csv").unlink()
     picture = CliRunner().invoke(app, call)  # refused before any work
     assert picture.exit_code == 2
     assert "out.png" in picture.output
@@ -252,4 +258,4 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert "name of the figure" in named.output
     wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
     assert wrong.exit_code == 2
-    assert "allowed: free frequencies" in wrong.output
+    assert "'H9'; allowed, joined by +: order: update" in wrong.output
