@@ -15,10 +15,12 @@ from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, 
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning
 from bayes_toe.inference.draws import Draws, build_draws
+from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
@@ -145,7 +147,7 @@ def evidence(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> EvidenceTable:
-    """Log evidence of the predictive-update model (H1) and of free frequencies (H0) for every subject.
+    """Log evidence of the update (H1), of its rivals without it and of free frequencies (H0), and goodness of fit, of every subject.
 
     Parameters
     ----------
@@ -180,8 +182,17 @@ def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted) -> _Analy
     posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
     result, fitted = fitted_result(posterior, settings.seed, wanted)
     fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
-    row = subject_evidence(posterior, result, fitted.maxima, None if fit is None else fit.bootstrap)
+    described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
+    others = (_rival(SYMMETRIC, subject, settings), _rival(CONSTANT_BIAS, subject, settings))
+    row = subject_evidence(result, fitted, others, described, None if fit is None else fit.bootstrap)
     return _Analysed(result, row, fit)
+
+
+def _rival(model: Model, subject: Subject, settings: Settings) -> Evidence:
+    """The evidence of a model that differs from H1 in its order effect alone."""
+    found = infer(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS)).evidence
+    assert found is not None  # it was asked for
+    return found
 
 
 def _settings(study: Study, draws: int, seed: int | None, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:

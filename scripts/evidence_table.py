@@ -42,7 +42,7 @@ def main() -> int:
     columns = ["subject", "n_trials", "log_evidence_h1", "log_evidence_h1_se", "log_evidence_h0", "log_bayes_factor"]
     print(table.frame()[columns].round(3).to_string(index=False))
     for row in table:
-        for note in row.notes:
+        for note in (*row.notes, *row.footnotes):
             print(f"{row.subject}: {note}")
     drawn = "" if options.figure is None else f", figure in {options.figure}"
     print(f"{study.source}: seed {table.seed}; table in {options.output}{drawn}")

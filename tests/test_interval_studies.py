@@ -256,7 +256,7 @@ def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
     assert row.log_evidence_h1_laplace == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_bootstrap is None
-    assert any("knows one interval only" in note for note in row.notes)
+    assert any("knows one interval only" in note for note in row.footnotes)
     assert len(analysis.fits) == 0
 
 

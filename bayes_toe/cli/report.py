@@ -139,7 +139,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g})"
             + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
         },
-        "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
+        "remarks": [finding.message for finding in findings if finding.subject == name] + list((*row.notes, *row.footnotes)),
         "prior_dominated": prior_dominated(facts.summary, name),
     }
 

@@ -78,7 +78,7 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
         for row in table
     ]
     say_table(console, "evidence: natural logs, H1 minus H0", rows)
-    say_once(console, ((row.subject, note) for row in table for note in row.notes))
+    say_once(console, ((row.subject, note) for row in table for note in (*row.notes, *row.footnotes)))
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:

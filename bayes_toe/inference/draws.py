@@ -357,6 +357,7 @@ _FIT_COLUMNS = {
     "worst_s1": "worst_pair_s1",
     "worst_s2": "worst_pair_s2",
     "worst_isi": "worst_pair_isi",
+    "p_deviance": "deviance_p",
 }
 
 

@@ -101,10 +101,17 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     assert not (folder / "two").exists()
 
 
+def _same_but_for_the_fit(one, other):
+    """The same lines but for the last column, predictive_p, which `run` has from its own draws."""
+    lines = [[line.rpartition(",") for line in path.read_text().splitlines()] for path in (one, other)]
+    assert [found[0] for found in lines[0]] == [found[0] for found in lines[1]]
+    assert np.allclose(*([float(found[-1]) for found in some[1:]] for some in lines), rtol=0, atol=0.08)
+
+
 def test_evidence_alone_gives_the_table_of_run(folder, results):
     done = inside("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert (folder / "evidence.csv").read_text() == (results[0] / "evidence.csv").read_text()
+    _same_but_for_the_fit(folder / "evidence.csv", results[0] / "evidence.csv")
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
@@ -332,11 +339,11 @@ def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
     prior = bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5)
     assert bt.load(folder / "narrow" / "posterior.nc").prior == prior
     table = pd.read_csv(folder / "narrow" / "evidence.csv")
-    assert table.columns[-1] == "prior"
+    assert table.columns[13] == "prior"
     assert table.prior.str.startswith(said).all()
     done = inside("evidence", "one.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert (folder / "narrow.csv").read_text() == (folder / "narrow" / "evidence.csv").read_text()
+    _same_but_for_the_fit(folder / "narrow.csv", folder / "narrow" / "evidence.csv")
     assert said in inside("check", "one.csv", "--prior", "narrow.toml", cwd=folder).stdout
     done = inside("fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
