@@ -6,23 +6,24 @@ All take the same options: seed, prior, draws, workers, progress.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
+from bayes_toe.comparison.presets import UnderPresets, under_presets
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import ConvergenceWarning
+from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.draws import Draws, build_draws
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, SubjectResult, Wanted, fitted_result, infer, weighted_fit
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -38,6 +39,7 @@ class Analysis:
     evidence: EvidenceTable
     settings: Settings
     fits: FitTable
+    presets: tuple[UnderPresets, ...] = ()
 
 
 def run(
@@ -67,11 +69,12 @@ def run(
     """
     settings = _settings(study, draws, seed, prior)
     wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
-    jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
+    presets = _presets(study)
+    jobs = [partial(_evidence_of, subject, settings, wanted, presets) for subject in study]
     done = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     made = build_draws(study, [one.result for one in done], settings)
     fits = FitTable(tuple(one.fit for one in done if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    return Analysis(study, made, _table(done, settings), settings, fits)
+    return Analysis(study, made, _table(done, settings), settings, fits, tuple(one.presets for one in done if one.presets is not None))
 
 
 def sample(
@@ -176,23 +179,33 @@ class _Analysed:
     result: SubjectResult
     evidence: SubjectEvidence
     fit: SubjectFit | None
+    presets: UnderPresets | None
 
 
-def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted) -> _Analysed:
+def _presets(study: Study) -> dict[str, Prior]:
+    """Every preset in numbers for the study; none where its stimuli have no scale."""
+    try:
+        return {name: prior_for(study, name) for name in PRESETS}
+    except InputError:
+        return {}
+
+
+def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
     posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
     result, fitted = fitted_result(posterior, settings.seed, wanted)
     fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
     described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
-    others = (_rival(SYMMETRIC, subject, settings), _rival(CONSTANT_BIAS, subject, settings))
-    row = subject_evidence(result, fitted, others, described, None if fit is None else fit.bootstrap)
-    return _Analysed(result, row, fit)
+    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings) for model in (SYMMETRIC, CONSTANT_BIAS))
+    row = subject_evidence(result, fitted, (symmetric, constant), described, None if fit is None else fit.bootstrap)
+    moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
+    return _Analysed(result, row, fit, moved)
 
 
-def _rival(model: Model, subject: Subject, settings: Settings) -> Evidence:
-    """The evidence of a model that differs from H1 in its order effect alone."""
-    found = infer(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS)).evidence
-    assert found is not None  # it was asked for
-    return found
+def _rival(model: Model, subject: Subject, settings: Settings) -> tuple[Evidence, Fitted]:
+    """The evidence of a model that differs from H1 in its order effect alone, and what was fitted for it."""
+    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    assert found.evidence is not None  # it was asked for
+    return found.evidence, fitted
 
 
 def _settings(study: Study, draws: int, seed: int | None, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
