@@ -29,6 +29,7 @@ def run(
     """
     from bayes_toe.analysis import run as analyse
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
+    from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
     task.require_folder(output, PRODUCTS)
@@ -38,6 +39,8 @@ def run(
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
     summaries.say_draws(task.console, analysis.draws)
     summaries.say_evidence(task.console, analysis.evidence)
+    for line in say_presets(analysis.presets):
+        terminal.say(task.console, terminal.safe(line))
     truth = example_truth() if study.file is None else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)

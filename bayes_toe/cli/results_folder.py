@@ -15,7 +15,6 @@ from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
@@ -34,11 +33,10 @@ PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.htm
 
 
 class _Drawn(NamedTuple):
-    """Corner plot, fitted curves and goodness of fit of one subject."""
+    """Corner plot and fitted curves of one subject."""
 
     corner: bytes
     curves: bytes
-    fit: FitSummary
 
 
 def write_results(
@@ -83,7 +81,7 @@ def write_results(
         corners = {name: found.corner for name, found in drawn.items()}
         write_corners(corners, target / "corner", corner_files(analysis.draws, names))
         pictures = Pictures(evidence, effects, study_map, {name: found.curves for name, found in drawn.items()}, corners)
-        facts = Facts(summary, asymmetry, {name: found.fit for name, found in drawn.items()})
+        facts = Facts(summary, asymmetry)
         write_report(analysis, facts, pictures, target / "report.html")
     return Path(folder)
 
@@ -131,7 +129,7 @@ def _pictures_of_subjects(analysis: Analysis, truth: Truth) -> list[Callable[[],
 
 def _draw_subject(draws: Draws, subject: str, prior: Prior, truth: Mapping[str, float] | None) -> _Drawn:
     fitted = interval_curves if draws.intervals else curves
-    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120), draws.fit(subject))
+    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120))
 
 
 def _corner(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.digits import allowed
-from bayes_toe.cli.terminal import safe, say, say_note, say_once, say_table
+from bayes_toe.cli.terminal import once, safe, say, say_footnote, say_note, say_once, say_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bayes_toe.classical.asymmetry import AsymmetryTable
     from bayes_toe.classical.covariates import CovariateTable
     from bayes_toe.classical.fit_table import FitTable
-    from bayes_toe.comparison.evidence_table import EvidenceTable
+    from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
     from bayes_toe.comparison.ladder_table import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
@@ -61,9 +61,14 @@ def say_draws(console: Console, draws: Draws) -> None:
 
 
 def say_evidence(console: Console, table: EvidenceTable) -> None:
-    """The evidence table, and each note once with the subjects that it is about."""
-    from bayes_toe.cli.report import verdict
+    """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
+    from bayes_toe.cli.headline import APPENDIX_C, FIT, tally
+    from bayes_toe.comparison.words import STATED, conclusion
 
+    say_table(console, "order effect, and fit of the model", [_headline(row) for row in table])
+    say(console, f"[bold]order effect[/bold]: {tally(table)}")
+    _say_misfits(console, table)
+    say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
     rows: list[dict[Any, Any]] = [
         {
             "subject": row.subject,
@@ -71,14 +76,44 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
             "s.e.": _number(row.log_evidence_h1_se, 4),
             "log evidence H0": _number(row.log_evidence_h0),
             "log Bayes factor": _number(row.log_bayes_factor),
-            "favours": verdict(row),
+            "evidence": conclusion(row.log_bayes_factor),
             "k-hat": _number(row.pareto_k),
             "Laplace": _number(row.log_bayes_factor_laplace),
         }
         for row in table
     ]
-    say_table(console, "evidence: natural logs, H1 minus H0", rows)
-    say_once(console, ((row.subject, note) for row in table for note in (*row.notes, *row.footnotes)))
+    say_table(console, "Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
+    say_footnote(console, f"{APPENDIX_C}.")
+    say_once(console, ((row.subject, note) for row in table for note in row.notes))
+    for line in once((row.subject, note) for row in table for note in row.footnotes):
+        say_footnote(console, line)
+
+
+def _headline(row: SubjectEvidence) -> dict[Any, Any]:
+    from bayes_toe.cli.headline import deviance, p_value
+    from bayes_toe.comparison.words import order_effect_and_probability
+
+    return {
+        "subject": row.subject,
+        "order effect": order_effect_and_probability(row.log_evidence_orders),
+        "none": _number(row.p_none),
+        "constant error": _number(row.p_constant_error),
+        "update": _number(row.p_update),
+        "fit": "MISFIT" if row.misfit else "no misfit" if row.fit else "-",
+        "predictive p": p_value(row.fit.p_overall) if row.fit else "-",
+        "deviance (d.f.)": deviance(row.fit) if row.fit else "-",
+    }
+
+
+def _say_misfits(console: Console, table: EvidenceTable) -> None:
+    from bayes_toe.cli.headline import NEXT, misfit, misfits
+
+    if found := misfits(table):
+        say(console, f"[bold]fit[/bold]: {found}")
+        for row in table:
+            if row.fit is not None and row.misfit:
+                say_note(console, f"{row.subject}: {misfit(row.fit)}", "misfit", "red")
+        say(console, NEXT, "red")
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:
@@ -138,9 +173,11 @@ def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
 
 def _say_models(console: Console, table: ModelComparison) -> None:
     """The models over the study; frequencies by the exact sum where there is one."""
-    frame, exact = table.study_frame(), table.exact_frequencies() is not None
+    # How often a model is found over subjects means nothing for one of them.
+    many = len(table.subjects) > 1
+    frame, exact = table.study_frame(), many and table.exact_frequencies() is not None
     ending = "_exact" if exact else ""
-    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
     sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
     lines = [
         {
@@ -152,8 +189,8 @@ def _say_models(console: Console, table: ModelComparison) -> None:
         for row in frame.to_dict("records")
     ]
     first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
-    how = "" if table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
-    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}", lines)
+    how = "" if not many or table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
+    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
     if how:
         _say_risk(console, first)
     for key, unit in (("elpd_loo_trial", "trial"), ("elpd_loo_pair", "pair")):
@@ -178,6 +215,7 @@ def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> Non
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
     from bayes_toe.comparison.reweighting import RESAMPLED
+    from bayes_toe.comparison.words import STATED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
     for name, line in zip(table.names, table.summary(), strict=True):
@@ -186,6 +224,7 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
     say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+    say_footnote(console, f"{STATED}.")
 
 
 def say_parts_sensitivity(console: Console, table: PartsSensitivity) -> None:

@@ -63,6 +63,6 @@ def _posterior(fitted: Fitted) -> Posterior:
 
 
 def say_presets(found: Sequence[UnderPresets]) -> tuple[str, ...]:
-    """One line for each subject about whom the presets differ; one in all where there is none."""
+    """One line for each subject about whom the presets differ; one in all where they differ about none."""
     lines = tuple(one.describe() for one in found if one.differ)
-    return lines or ("the presets --prior paper and --prior stimuli say the same of everybody's order effect",)
+    return lines if lines or not found else ("the presets --prior paper and --prior stimuli say the same of everybody's order effect",)

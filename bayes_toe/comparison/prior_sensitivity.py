@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.reweighting import Weighted, reweighted, under
+from bayes_toe.comparison.words import STRONG, conclusion
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-#: A log Bayes factor at least this far from 0 is called clear.
-CLEAR = 3.0
 
 SENSITIVITY_COLUMNS = (
     *("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method"),
@@ -132,7 +131,7 @@ class SensitivityTable(Table[SensitivityRow]):
         return tuple(value for value in found if value is not None)
 
     def summary(self) -> tuple[str, ...]:
-        """One line a subject: where its conclusion turns, and where it stops being clear."""
+        """One line a subject: where its conclusion turns, and where it stops being strong."""
         return tuple(_line(self, name) for name in self.names)
 
     def frame(self) -> pd.DataFrame:
@@ -278,20 +277,6 @@ def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> fl
     return first.value + share * (second.value - first.value)
 
 
-def conclusion(log_bayes_factor: float | None) -> str:
-    """What a log Bayes factor says, in words: clear from 3 nats on.
-
-    Examples
-    --------
-    >>> conclusion(4.0), conclusion(-0.5)
-    ('clear for H1', 'not clear, toward H0')
-    """
-    if log_bayes_factor is None:
-        return "no estimate"
-    side = "H1" if log_bayes_factor > 0 else "H0"
-    return f"clear for {side}" if abs(log_bayes_factor) >= CLEAR else f"not clear, toward {side}"
-
-
 def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
@@ -307,7 +292,7 @@ def _turning(table: SensitivityTable, name: str, varied: str) -> list[str]:
     rows, words = table.of(name, varied), []
     if turns := table.turns(name, varied):
         words.append(f"turns at {varied} = {_listed(turns)}")
-    for level in (CLEAR, -CLEAR):
+    for level in (STRONG, -STRONG):
         if passes := table.turns(name, varied, level):
             words.append(f"passes {level:+g} nats at {varied} = {_listed(passes)}")
     if missing := [row.value for row in rows if row.log_bayes_factor is None]:

@@ -10,7 +10,7 @@ SCALE = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak")
 POSITIVE, STRONG = 1.0, 3.0
 #: The scale as it is stated where it is used.
 STATED = (
-    "evidence is called weak below 1 nat (P = 0.73 at equal prior odds), positive below 3 (0.95), strong below 5 (0.993), very strong "
+    "Evidence is called weak below 1 nat (P = 0.73 at equal prior odds), positive below 3 (0.95), strong below 5 (0.993), very strong "
     "above (Kass and Raftery 1995)"
 )
 #: The kinds of order effect, in the order of their probabilities.

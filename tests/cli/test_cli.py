@@ -56,10 +56,15 @@ def test_run_writes_everything(results):
 
 def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
-    assert text.index("Model evidence") < text.index('id="subject-1"')
+    order = [
+        text.index(said) for said in ("Order effect, and fit of the model", "Order effect without a model", "Appendix C:", 'id="subject-1"')
+    ]
+    assert order == sorted(order)
+    assert 'class="misfit"' not in text
+    assert "H1 describes the answers of every subject" in " ".join(text.split())
+    assert "this asks whether the answers follow one smooth curve, not whether there is an order effect" in text
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
     assert text.count("data:image/png;base64,") == 3 + 2 * 2
-    assert "Order effect without a model, and fit of the model" in text
     assert "largest asymmetry is positive for" in " ".join(text.split())
     assert text.count("predictive p, worst pair") == 2
     assert "synthetic data" not in text
@@ -99,6 +104,61 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     assert wrong.returncode == 2
     assert wrong.stderr.count("\n") == 1
     assert not (folder / "two").exists()
+
+
+@pytest.fixture(scope="module")
+def bent(folder, small_study):
+    """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
+    from conftest import grouped_csv
+
+    subject = small_study["A"]
+    equal = subject.n_equal.copy()
+    equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
+    study = bt.Study([bt.Subject("bent", subject.s1, subject.s2, equal, subject.n_trials), small_study["B"]])
+    grouped_csv(folder / "bent.csv", study)
+    return "bent.csv"
+
+
+def test_a_misfit_is_loud_in_terminal_and_report(folder, bent):
+    done = inside("run", bent, "-o", "bent", "--seed", "1", "--draws", "300", "--workers", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "H1 does not describe the answers of 1 of 2 subjects" in done.stdout
+    [line] = [line for line in done.stdout.splitlines() if line.startswith("misfit ")]
+    assert line.startswith("misfit bent: predictive p < 0.001, deviance ")
+    assert "called equal" in line
+    assert done.stdout.index("order effect: ") < done.stdout.index("misfit bent") < done.stdout.index("next: bayes-toe compare")
+    assert done.stdout.index("next: bayes-toe compare") < done.stdout.index("Appendix C: one smooth curve")
+    text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
+    assert text.count('<div class="misfit">') == 2
+    assert text.count('<span class="badge wrong">misfit</span>') == 1
+    assert "Next: bayes-toe compare" in text
+
+
+def test_evidence_leads_with_the_order_effect_and_says_approximations_last(folder):
+    done = inside("evidence", "study.csv", "-o", "lead.csv", "--seed", "1", "--workers", "1", cwd=folder)
+    rows = pd.read_csv(folder / "lead.csv")
+    out = done.stdout
+    assert out.index("order effect, and fit of the model") < out.index(
+        "Appendix C: one smooth curve (H1) against a free frequency per pair (H0)"
+    )
+    for row in rows.itertuples():
+        best = max(row.p_none, row.p_constant_error, row.p_update)
+        assert re.search(rf"│ {row.subject} +│ .*\(P (= {best:.2f}|> 0.99)\)", out)
+    assert "Kass and Raftery 1995" in out
+    assert "\nmisfit " not in out
+    assert "favour" not in out
+
+
+def test_one_subject_has_no_random_effects(folder, small_study):
+    from conftest import grouped_csv
+
+    grouped_csv(folder / "alone.csv", small_study.select(["A"]))
+    args = ("--model", "symmetric", "--model", "constant bias", "--draws", "200", "--seed", "1", "--workers", "1")
+    done = inside("compare", "alone.csv", "-o", "alone_compare.csv", *args, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "LOO by trial" in done.stdout
+    for word in ("random effects", "exceedance", "frequency", "equally frequent"):
+        assert word not in done.stdout
 
 
 def _same_but_for_the_fit(one, other):

@@ -14,7 +14,6 @@ from bayes_toe.comparison.prior_sensitivity import (
     SENSITIVITY_COLUMNS,
     SensitivityRow,
     SensitivityTable,
-    conclusion,
     weighted_quantiles,
 )
 from bayes_toe.comparison.reweighting import REWEIGHTED
@@ -196,10 +195,6 @@ def test_weighted_quantiles_are_those_of_repeated_values():
     values, repeats = rng.normal(size=400), rng.integers(1, 5, 400)
     found = weighted_quantiles(values, repeats.astype(float), [0.05, 0.5, 0.95])
     assert np.allclose(found, np.quantile(np.repeat(values, repeats), [0.05, 0.5, 0.95]), atol=0.03)
-
-
-def test_conclusions():
-    assert [conclusion(v) for v in (None, 3.0, -5.0, 2.9)] == ["no estimate", "clear for H1", "clear for H0", "not clear, toward H1"]
 
 
 def test_same_seed_same_numbers_whatever_the_workers(table, small_study):
