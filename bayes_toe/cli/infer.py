@@ -37,10 +37,10 @@ def run(
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    summaries.say_draws(task.console, analysis.draws)
     summaries.say_evidence(task.console, analysis.evidence)
     for line in say_presets(analysis.presets):
         terminal.say(task.console, terminal.safe(line))
+    summaries.say_draws(task.console, analysis.draws)
     truth = example_truth() if study.file is None else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)
@@ -84,7 +84,7 @@ def evidence(
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
     task: ModelTask,
 ) -> None:
-    """Evidence of the predictive-update model (H1) against one free frequency per pair (H0).
+    """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """

@@ -9,6 +9,7 @@ from .comparison import model_frequency_axes as model_frequency_axes
 from .corner import corner as corner
 from .curves import curves as curves
 from .evidence import evidence_figure as evidence_figure
+from .evidence import order_effect_axes as order_effect_axes
 from .figure_files import save_figure as save_figure
 from .geometry import gamma_axes as gamma_axes
 from .geometry import plane_axes as plane_axes
