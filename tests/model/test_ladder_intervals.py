@@ -217,7 +217,9 @@ def timed_csv(tmp_path_factory):
 
 
 def test_command(timed_csv, tmp_path):
-    done = CliRunner().invoke(app, ["compare", str(timed_csv), "-o", str(tmp_path / "out.csv"), "--seed", "1", "--workers", "1"])
+    done = CliRunner().invoke(
+        app, ["compare", str(timed_csv), "-o", str(tmp_path / "out.csv"), "--seed", "1", "--workers", "1", "--space", "ladder"]
+    )
     assert done.exit_code == 0, done.output
     assert "3 intervals in column isi: 0.5, 1, 2 s" in done.output
     ignoring = "symmetric, constant bias, differencing, free weighting"
