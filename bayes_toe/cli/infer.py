@@ -126,11 +126,12 @@ def compare(
     from bayes_toe.plots.comparison import save_comparison
     from bayes_toe.plots.figure_files import picture_beside
 
-    models, picture = require_models(model or space), picture_beside(output)
+    asked, picture = model or space, picture_beside(output)
+    models = require_models(asked)
     task.require_files(output, *beside(output), picture)
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
-        table = compute(read, models, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
+        table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
     table.save(output, overwrite=task.overwrite)
     save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_comparison(task.console, table)
