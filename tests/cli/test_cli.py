@@ -58,7 +58,8 @@ def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
     assert text.index("Model evidence") < text.index('id="subject-1"')
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 3 + 2 * 2
+    assert text.count("data:image/png;base64,") == 4 + 2 * 2
+    assert text.index('id="subject-2"') < text.index("What the prior expects") < text.index('id="method"')
     assert "Order effect without a model, and fit of the model" in text
     assert "largest asymmetry is positive for" in " ".join(text.split())
     assert text.count("predictive p, worst pair") == 2
