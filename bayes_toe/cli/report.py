@@ -32,11 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pictures:
-    """PNG figures of a report: evidence, asymmetry (may be empty) and map of all subjects; per subject its curves and its corner plot."""
+    """PNG figures of a report: evidence, asymmetry (may be empty), map of all subjects, prior; per subject its curves and corner plot."""
 
     evidence: bytes
     asymmetry: bytes
     map: bytes
+    prior: bytes
     curves: Mapping[str, bytes]
     corner: Mapping[str, bytes]
 

@@ -22,6 +22,8 @@ from .paper_figures import write_figures as write_figures
 from .parts import best_axes as best_axes
 from .parts import part_axes as part_axes
 from .parts_sensitivity import parts_sensitivity_figure as parts_sensitivity_figure
+from .prior_predictive import prior_predictive_axes as prior_predictive_axes
+from .prior_predictive import prior_predictive_figure as prior_predictive_figure
 from .sensitivity import sensitivity_axes as sensitivity_axes
 from .sensitivity import sensitivity_figure as sensitivity_figure
 from .subject import answers_axes as answers_axes

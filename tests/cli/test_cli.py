@@ -64,7 +64,8 @@ def test_the_report_stands_alone(results):
     assert "H1 describes the answers of every subject" in " ".join(text.split())
     assert "this asks whether the answers follow one smooth curve, not whether there is an order effect" in text
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 3 + 2 * 2
+    assert text.count("data:image/png;base64,") == 4 + 2 * 2
+    assert text.index('id="subject-2"') < text.index("What the prior expects") < text.index('id="method"')
     assert "largest asymmetry is positive for" in " ".join(text.split())
     assert text.count("predictive p, worst pair") == 2
     assert "synthetic data" not in text
