@@ -49,6 +49,10 @@ EVIDENCE_COLUMNS = (
 
 
 _NO_FIT = "H1: goodness of fit withheld with the weights of its draws"
+_INTERVALS = (
+    "order effect: H1 knows what an inter-stimulus interval does, the other two models ignore it, so that their probabilities also ask "
+    "whether intervals matter"
+)
 _NO_REPLICATES = None, "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
 
@@ -61,7 +65,7 @@ class SubjectEvidence:
     fit : FitSummary or None
         Goodness of fit of H1.
     notes : tuple of str
-        What is withheld, and why.
+        What is withheld, and why; with intervals, what else the probabilities ask.
     footnotes : tuple of str
         The same of the approximations: Laplace's, and Appendix C's recipe.
     """
@@ -190,7 +194,11 @@ def subject_evidence(
         log_evidence_symmetric=symmetric.value,
         log_evidence_constant_error=constant_error.value,
         fit=fit,
-        notes=tuple(f"{model}: {why}" for model, why in withheld.items() if why) + (() if fit else (_NO_FIT,)),
+        notes=(
+            *(f"{model}: {why}" for model, why in withheld.items() if why),
+            *(() if fit else (_NO_FIT,)),
+            *(() if subject.isi is None else (_INTERVALS,)),
+        ),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
 

@@ -18,6 +18,7 @@ from bayes_toe.seeds import generator
 MISFIT = 0.01
 _BLOCK = 1 << 18  # values of one temporary array
 _OFTEN, _COUNTS = 20.0, 101  # expected rarer answers from which chi-square holds for a pair; counts that matter where there are fewer
+_OF_MOMENTS = 3000  # draws times pairs over which the moments of a deviance are averaged
 _CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the worst, and how many are
 
 
@@ -105,8 +106,8 @@ def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q:
     """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square; NaN where there are none.
 
     Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a pair has another mean and variance,
-    known from the logs of q and 1 - q, shape (pairs,): the reference has those of the sum, times degrees of freedom over pairs. It holds
-    for an interior maximum.
+    known from the logs of q and 1 - q: the reference has those of the sum, times degrees of freedom over pairs. Logs of shape
+    (draws, pairs) are averaged over: the maximum itself, shape (pairs,), promises too little scatter where answers are few.
 
     Examples
     --------
@@ -116,16 +117,17 @@ def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q:
     """
     if freedom <= 0:
         return float("nan")
-    mean, variance = (float(values.sum()) for values in _moments(np.asarray(n_trials, np.float64), log_q, log_rest))
+    moments = _moments(np.asarray(n_trials, np.float64), np.atleast_2d(log_q), np.atleast_2d(log_rest))
+    mean, variance = (float(values.sum(axis=1).mean()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(value <= 0.0)
-    return float(chdtrc(2.0 * mean**2 / variance * freedom / len(log_q), 2.0 * mean / variance * value))
+    return float(chdtrc(2.0 * mean**2 / variance * freedom / log_q.shape[-1], 2.0 * mean / variance * value))
 
 
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
     log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
-    k = np.arange(_COUNTS, dtype=np.float64)[:, None]
+    k = np.arange(_COUNTS, dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
     possible, at = k <= n, np.minimum(k, n)
     log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
     chance = np.where(possible, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0)
@@ -262,7 +264,7 @@ class FitSummary:
     worst_isi : float, optional
         Its interval, seconds, where the subject has intervals.
     p_deviance : float
-        p-value of the deviance, see :func:`deviance_p_value`; NaN without degrees of freedom.
+        p-value of the deviance, see :func:`deviance_p_value`, its moments averaged over draws; NaN without degrees of freedom.
     worst : tuple of PairFit
         The pairs with the largest residuals at the draw of the smallest deviance, at most three, largest first; all but the first beyond
         2. Not stored with draws: empty where the summary comes from a file.
@@ -301,8 +303,8 @@ def summarise_fit(
     points, subject = require_draws(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
     best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
-    worst, closest = int(np.argmin(check.p_value)), points[best : best + 1]
-    fit = fit_at(posterior, closest)
+    worst, fit = int(np.argmin(check.p_value)), fit_at(posterior, points[best : best + 1])
+    few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
         fit.deviance,
         fit.degrees_of_freedom,
@@ -312,7 +314,7 @@ def summarise_fit(
         float(subject.s1[worst]),
         float(subject.s2[worst]),
         None if subject.isi is None else float(subject.isi[worst]),
-        fit.p_value,
+        deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)),
         _worst_pairs(subject, fit),
     )
 
