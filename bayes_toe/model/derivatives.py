@@ -108,7 +108,7 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
     """
     points = len(distance.z)
     gradient, hessian = np.zeros((points, k)), np.zeros((points, k, k))
-    steep, level = of.z * distance.z, of.stretch * distance.z
+    steep, level = (_finished(part, distance.z) for part in (of.z, of.stretch))
     for i in distance.places:
         gradient[:, i] = _summed((distance.numerator.get(i), of.z), (distance.log_width.get(i), -steep))
         for j in distance.places:
@@ -149,12 +149,20 @@ def _summed(*terms: tuple[FloatArray | None, FloatArray]) -> FloatArray:
     total = np.zeros(len(terms[0][1]))
     for factor, weight in terms:
         if factor is not None:
-            total = total + (factor * weight).sum(axis=1)
+            total = total + _finished(weight, factor).sum(axis=1)
     return total
 
 
+def _finished(slope: FloatArray, factor: FloatArray) -> FloatArray:
+    """Their product, 0 where the slope is: it falls faster than anything else may grow, so answers have no more to say out there."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a factor beyond the largest float
+        product = np.asarray(slope * factor)
+        return product if np.isfinite(product).all() else np.where(slope == 0.0, 0.0, product)
+
+
 def _product(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
-    return None if a is None or b is None else a * b
+    with np.errstate(over="ignore", invalid="ignore"):
+        return None if a is None or b is None else a * b
 
 
 def _pair(i: int, k: int) -> tuple[int, int]:

@@ -91,13 +91,12 @@ class _Peaked(NamedTuple):
     def of_complement(self, odds: FloatArray) -> _Peaked:
         """Derivatives of log(1 - P) from those of log P and the odds P/(1 - P)."""
         more = 1.0 + odds
-        return _Peaked(
-            -odds * self.z,
-            -odds * self.peak,
-            -odds * (self.zz + more * np.square(self.z)),
-            -odds * (self.z_peak + more * self.z * self.peak),
-            -odds * (self.peak_peak + more * np.square(self.peak)),
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # where P is 0 its log may have infinite slopes, its complement has none
+            slopes = (
+                *(self.z, self.peak, self.zz + more * np.square(self.z)),
+                *(self.z_peak + more * self.z * self.peak, self.peak_peak + more * np.square(self.peak)),
+            )
+            return _Peaked(*(np.where(odds == 0.0, 0.0, -odds * slope) for slope in slopes))
 
 
 class _Criterion(NamedTuple):

@@ -85,13 +85,14 @@ def bell_slopes(z: FloatArray, logit_peak: FloatArray) -> tuple[Logarithm, Logar
     F = 1 - (1 + r) t = [d 2^-z^2 - (t - 1 + 2^-z^2)] / (1 - q) and the last bracket, [d^2 - q0^2 (1 - 2^-z^2)] / (1 - q), are formed
     from their numerators: the differences would lose all digits.
     """
-    t, q0, lapse = LN2 * np.square(z), expit(logit_peak), expit(-logit_peak)
+    with np.errstate(over="ignore"):  # z^2 beyond the largest float
+        t, log_diff = LN2 * np.square(z), log_different(z, logit_peak)
+    q0, lapse, fall = expit(logit_peak), expit(-logit_peak), np.expm1(-t)
     equal = Logarithm(-2.0 * LN2 * z, np.full((1, 1), -2.0 * LN2), -4.0 * LN2 * z, (lapse,), (_NONE,), ((-q0 * lapse,),))
-    log_diff, fall = log_different(z, logit_peak), np.expm1(-t)
     with np.errstate(over="ignore", invalid="ignore"):  # at z = 0 with q0 = 1 'different' is impossible: not defined, and nobody's answer
         odds = np.exp(log_expit(logit_peak) - t - log_diff)
         share = np.exp(log_expit(-logit_peak) - log_diff)  # (1 - q0) / (1 - q) = (1 + r) d
-        bend = (lapse * (1.0 + fall) - _second_rest(t)) * np.exp(-log_diff)
+        bend = np.where(odds == 0.0, 0.0, (lapse * (1.0 + fall) - _second_rest(t)) * np.exp(-log_diff))  # t may be infinite
         gap = share * lapse + np.square(q0) * fall * np.exp(-log_diff)
         rate, lost = 2.0 * LN2 * odds, odds * lapse
         different = Logarithm(
@@ -107,7 +108,7 @@ def bell_slopes(z: FloatArray, logit_peak: FloatArray) -> tuple[Logarithm, Logar
 
 def bell_fall(z: FloatArray, logit_peak: FloatArray) -> FloatArray:
     """Log of q0 (1 - 2^(-z^2))."""
-    with np.errstate(divide="ignore"):  # no fall at z = 0
+    with np.errstate(divide="ignore", over="ignore"):  # no fall at z = 0, and all of it where z^2 is beyond the largest float
         return np.asarray(log_expit(logit_peak) + np.log(-np.expm1(-LN2 * np.square(z))))
 
 
@@ -155,8 +156,8 @@ def exponent_slopes(z: FloatArray, logit_peak: FloatArray, log_exponent: FloatAr
         log_diff = exponent_answers(z, logit_peak, log_exponent)[1]
         odds, share = np.exp(log_expit(logit_peak) - t - log_diff), np.exp(log_expit(-logit_peak) - log_diff)
         steep = np.exp(log_expit(logit_peak) - t - log_diff + log_t)
-        rest = np.where(t < 1.0, 0.5 * t * hyp1f1(1.0, 3.0, -np.minimum(t, 1.0)), (np.expm1(-t) + t) / np.maximum(t, 1.0))
-        bend = share * np.exp(-t) - np.exp(log_t - log_diff) * rest
+        rest = np.where(t < 1.0, 0.5 * t * hyp1f1(1.0, 3.0, -np.minimum(t, 1.0)), 1.0 + np.expm1(-t) / np.maximum(t, 1.0))
+        bend = share * np.exp(-t) - np.where(steep == 0.0, 0.0, np.exp(log_t - log_diff) * rest)
         gap = share * lapse - np.square(q0) * np.exp(_log_lost(log_t, t) - log_diff)
 
         def of(steep: FloatArray, bend: FloatArray, peak: FloatArray, share: FloatArray, peak_peak: FloatArray) -> Logarithm:
@@ -260,17 +261,29 @@ def _mixed(
     """
     (lapsed, attended), peak, rate = shares, own[0], own[-1]
     both, blind = lapsed * attended, sign * expit(-sign * peak)  # blind: d log q0 or d log(1 - q0)
-    apart = (of_peak, *base.own[1:])
+    # Far out, where nothing of the curve is left, its slopes may be infinite: they no longer count.
+    base = _where_it_counts(attended, base)
+    apart = (np.where(attended > 0.0, of_peak, 0.0), *base.own[1:])
     triangle = [tuple(attended * bend + both * apart[i] * apart[j] for j, bend in enumerate(row)) for i, row in enumerate(base.own_own)]
     triangle[0] = (triangle[0][0] - lapsed * expit(peak) * expit(-peak),)
     return Logarithm(
         attended * base.z,
         attended * base.zz + both * np.square(base.z),
-        attended * base.stretch + both * z * np.square(base.z),
+        attended * base.stretch + both * base.z * (z * base.z),
         (attended * base.own[0] + lapsed * blind, *(attended * part for part in base.own[1:]), moved),
         (*(attended * mixed + both * base.z * part for mixed, part in zip(base.z_own, apart, strict=True)), -both * base.z),
         (*triangle, (*(-both * part for part in apart), moved * (1.0 - 2.0 * expit(rate) - moved))),
     )
+
+
+def _where_it_counts(share: FloatArray, of: Logarithm) -> Logarithm:
+    """Slopes, 0 where the share is."""
+
+    def kept(parts: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        return tuple(np.where(share > 0.0, part, 0.0) for part in parts)
+
+    z, zz, stretch = kept((of.z, of.zz, of.stretch))
+    return Logarithm(z, zz, stretch, kept(of.own), kept(of.z_own), tuple(map(kept, of.own_own)))
 
 
 #: The paper's rule, P(equal) = q0 2^(-z^2).

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
+from typing import Never
 
 import numpy as np
 import numpy.typing as npt
@@ -265,7 +266,13 @@ class Posterior:
     # --- What engines ask for -------------------------------------------------------------------------
 
     def starts(self) -> FloatArray:
-        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out."""
+        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out.
+
+        Raises
+        ------
+        InputError
+            If an answer that was given is impossible under the model.
+        """
         subject = self.subject
         steps = np.abs(subject.s2 - subject.s1)
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
@@ -277,7 +284,18 @@ class Posterior:
         if self._offset_place is not None and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
         points = self._from_typical_interval(points)
-        return points[np.isfinite(self.log_density(points))]
+        some = np.isfinite(self.log_density(points))
+        return points[some] if some.any() else self._refuse(points)
+
+    def _refuse(self, points: FloatArray) -> Never:
+        """Name the pair whose answers have probability 0 at most of these points, (points, k)."""
+        subject, pairs = self.subject, np.isneginf(self.pair_log_likelihood(points)).sum(axis=0)
+        i = int(pairs.argmax())
+        answers = f"{subject.n_equal[i]} of {subject.n_trials[i]} 'equal'"
+        raise InputError(
+            f"subject {subject.name!r}, pair s1={subject.s1[i]:g}, s2={subject.s2[i]:g}: {answers}, which model {self.model.name!r} says "
+            "is impossible; allowed is a model with lapses or a constant error"
+        )
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""

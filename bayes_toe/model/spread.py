@@ -4,9 +4,10 @@ Binomial where every answer is given alone. Where blocks or days differ, the pro
 beta distribution with the model's P(equal) as its mean and intra-class correlation rho: the counts are then beta-binomial. With
 eps = rho/(1 - rho), whose log is the logit of rho, and without binomial coefficient
 
-    A = sum_{j < n_Eq} log(P + j eps) + sum_{j < n_Diff} log(1 - P + j eps) - sum_{j < n} log(1 + j eps),
+    A = sum_{j < n_Eq} log(P + j eps) + sum_{j < n_Diff} log(1 - P + j eps) - sum_{j < n} log(1 + j eps).
 
-sums of logs of positive terms: nothing is lost as rho -> 0, the binomial, or rho -> 1, one answer for all trials of a pair.
+Each answer is drawn given those before it, as from Polya's urn: the logs of these probabilities are all negative, so nothing is lost as
+rho -> 0, the binomial, or rho -> 1, one answer for all trials of a pair.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
+from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.links import Answers, Logarithm
 from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
@@ -85,9 +87,9 @@ class BetaBinomial:
     coordinates: ClassVar[tuple[str, ...]] = ("logit_icc",)
 
     def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
-        """The three sums."""
-        equal, different = (_rising(u, own[0], n).value for u, n in zip(answers, _counts(subject), strict=True))
-        return equal + different - _of_trials(subject, own[0]).value
+        """All 'equal', then all 'different', each given those before it; their order does not matter."""
+        k, rest = _counts(subject)
+        return _drawn(answers, own[0], k, np.zeros_like(k)) + _drawn(answers[::-1], own[0], rest, k)
 
     def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
         """With t = P/(P + j eps), A has sum t in the place of the counts, sum t (1 - t) in P twice, and its own row."""
@@ -138,10 +140,26 @@ class BetaBinomial:
             return np.log(share), np.log1p(-share)
 
 
-class _Sums(NamedTuple):
-    """Sum over j < n of log(P + j eps), with first derivative in log P, that in log eps, and the second in either."""
+def _drawn(answers: Answers, v: FloatArray, n: IntArray, before: IntArray) -> FloatArray:
+    """Log probability of n answers of the first kind after some of the other: sum over j < n of log[(P + j eps)/(1 + (before + j) eps)].
 
-    value: FloatArray
+    Where a ratio is near 1 its log follows from the complement, (1 - P + before eps)/(1 + (before + j) eps).
+    """
+    total = np.zeros(answers[0].shape)
+    for j in range(int(n.max(initial=0))):
+        more = n > j
+        with np.errstate(divide="ignore"):  # log 0: nothing before it
+            log_own, log_others, log_all = (np.log(part) + v for part in (float(j), before[more], before[more] + float(j)))
+        whole = np.logaddexp(0.0, log_all)
+        likely = np.logaddexp(answers[1][:, more], log_others) - whole
+        plain = np.logaddexp(answers[0][:, more], log_own) - whole
+        total[:, more] += np.where((likely < -LN2) & (whole > 0.0), np.log1p(-np.exp(np.minimum(likely, -LN2))), plain)
+    return total
+
+
+class _Sums(NamedTuple):
+    """Of the sum over j < n of log(P + j eps): first derivative in log P, that in log eps, and the second in either."""
+
     first: FloatArray
     rest: FloatArray
     bend: FloatArray
@@ -150,17 +168,16 @@ class _Sums(NamedTuple):
 def _rising(u: FloatArray, v: FloatArray, n: IntArray) -> _Sums:
     """At u = log P, shape (points, pairs), v = log eps, shape (points, 1), and n, shape (pairs,). t_0 is 1."""
     given = (n > 0).astype(np.float64)
-    value, first = np.where(n > 0, u, 0.0), np.broadcast_to(given, u.shape).copy()
+    first = np.broadcast_to(given, u.shape).copy()
     rest, bend = np.zeros(u.shape), np.zeros(u.shape)
     for j in range(1, int(n.max(initial=0))):
         more = n > j
         log_added = np.log(j) + v
         share, other = expit(u[:, more] - log_added), expit(log_added - u[:, more])
-        value[:, more] += np.logaddexp(u[:, more], log_added)
         first[:, more] += share
         rest[:, more] += other
         bend[:, more] += share * other
-    return _Sums(value, first, rest, bend)
+    return _Sums(first, rest, bend)
 
 
 def _of_trials(subject: Subject, v: FloatArray) -> _Sums:
