@@ -147,7 +147,7 @@ def refined(log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generat
     a quarter are from the prior.
     """
     k, centres = x.shape[1], x[rng.choice(len(x), _KERNELS, replace=False)]
-    whole = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
+    whole: FloatArray = np.asarray(np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k)))
     few = rng.multinomial(size, [0.5, 0.25, 0.25])
     tails = [rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0) @ whole.T for n in few]
     near = centres[rng.integers(_KERNELS, size=few[0])] + _NARROW * tails[0]
