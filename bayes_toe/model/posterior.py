@@ -240,7 +240,8 @@ class Posterior:
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
         link, spread = self.model.link, self.model.spread
         own, answers = self._own(x, link), link.log_answers(distance.z, *self._own(x, link))
-        slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
+        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
         own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
         return likelihood_derivatives(distance, slopes, own_places, x.shape[1])
 
