@@ -259,7 +259,8 @@ class Posterior:
         link, spread = self.model.link, self.model.spread
         own = self._own(x, link)
         answers = partial(link.log_answers, distance.z, *own)
-        slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
+        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
         own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
         return likelihood_derivatives(distance, slopes, own_places, x.shape[1])
 

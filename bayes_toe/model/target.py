@@ -111,7 +111,8 @@ def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
     given = counts > 0.0
-    return counts * values if given.all() else np.where(given, counts * np.where(given, values, 0.0), 0.0)
+    with np.errstate(over="ignore"):  # a product beyond the largest float is infinite to all digits
+        return counts * values if given.all() else np.where(given, counts * np.where(given, values, 0.0), 0.0)
 
 
 class Levels(Protocol):

@@ -147,14 +147,16 @@ def refined(log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generat
     a quarter are from the prior.
     """
     k, centres = x.shape[1], x[rng.choice(len(x), _KERNELS, replace=False)]
-    whole: FloatArray = np.asarray(np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k)))
+    factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
+    whole: FloatArray = np.asarray(factor, np.float64)
     few = rng.multinomial(size, [0.5, 0.25, 0.25])
     tails = [rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0) @ whole.T for n in few]
     near = centres[rng.integers(_KERNELS, size=few[0])] + _NARROW * tails[0]
     points = np.concatenate([near, x.mean(axis=0) + 1.5 * tails[1], rng.standard_normal((few[2], k))])
     log_prior = -0.5 * (np.square(points).sum(axis=1) + k * np.log(2.0 * np.pi))
-    of_kernels = np.concatenate([logsumexp(_log_t(part, centres, _NARROW * whole), axis=1) for part in np.array_split(points, 20)])
-    of_whole = _log_t(points, x.mean(axis=0)[None], 1.5 * whole)[:, 0]
+    narrow: FloatArray = np.asarray(_NARROW * whole, np.float64)
+    of_kernels = np.concatenate([logsumexp(_log_t(part, centres, narrow), axis=1) for part in np.array_split(points, 20)])
+    of_whole = _log_t(points, x.mean(axis=0)[None], np.asarray(1.5 * whole, np.float64))[:, 0]
     parts = np.stack([np.log(0.5 / _KERNELS) + of_kernels, np.log(0.25) + of_whole, np.log(0.25) + log_prior])
     weights = log_likelihood(points) + log_prior - logsumexp(parts, axis=0)
     total = float(logsumexp(weights))
