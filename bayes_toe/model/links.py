@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit, hyp1f1, log_expit
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import LN2, log_different, log_equal
 
 Answers = tuple[FloatArray, FloatArray]
@@ -38,6 +38,15 @@ class Logarithm(NamedTuple):
     own: tuple[FloatArray, ...]
     z_own: tuple[FloatArray, ...]
     own_own: tuple[tuple[FloatArray, ...], ...]
+
+    def where(self, matters: BoolArray) -> Logarithm:
+        """0 elsewhere: there a probability has vanished, whose log's slopes may be beyond the largest float."""
+
+        def kept(part: FloatArray) -> FloatArray:
+            return np.where(matters, part, 0.0)
+
+        rows = tuple(tuple(map(kept, row)) for row in (self.own, self.z_own, *self.own_own))
+        return Logarithm(kept(self.z), kept(self.zz), kept(self.stretch), rows[0], rows[1], rows[2:])
 
 
 @dataclass(frozen=True)
@@ -160,9 +169,9 @@ def exponent_slopes(z: FloatArray, logit_peak: FloatArray, log_exponent: FloatAr
         gap = share * lapse - np.square(q0) * np.exp(_log_lost(log_t, t) - log_diff)
 
         def of(steep: FloatArray, bend: FloatArray, peak: FloatArray, share: FloatArray, peak_peak: FloatArray) -> Logarithm:
-            turn = v * bend + 1.0
-            z_terms = [np.where(z == 0.0, 0.0, nu * steep * part / z) for part in (1.0, nu * bend, share, turn)]
-            zz = np.where(z == 0.0, 0.0, nu * steep * (nu * bend - 1.0) / np.square(z))
+            turn, flat = v * bend + 1.0, (z == 0.0) | (steep == 0.0)  # with t beyond the largest float R is 0, and F may be anything
+            z_terms = [np.where(flat, 0.0, nu * steep * part / z) for part in (1.0, nu * bend, share, turn)]
+            zz = np.where(flat, 0.0, nu * steep * (nu * bend - 1.0) / np.square(z))
             along, along_peak, along_along = (np.where(steep == 0.0, 0.0, steep * v * part) for part in (1.0, share, turn))
             triangle = (peak_peak,), (along_peak, along_along)
             return Logarithm(z_terms[0], zz, z_terms[1], (peak, along), (z_terms[2], z_terms[3]), triangle)
@@ -259,6 +268,7 @@ def _mixed(
     `of_peak` is g_b - g_a in the logit of the peak, `moved` g in that of lambda.
     """
     (lapsed, attended), peak, rate = shares, own[0], own[-1]
+    base = base.where(attended > 0.0)
     both, blind = lapsed * attended, sign * expit(-sign * peak)  # blind: d log q0 or d log(1 - q0)
     apart = (of_peak, *base.own[1:])
     triangle = [tuple(attended * bend + both * apart[i] * apart[j] for j, bend in enumerate(row)) for i, row in enumerate(base.own_own)]

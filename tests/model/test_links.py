@@ -6,7 +6,7 @@ import pytest
 
 from bayes_toe.model.closed_form import log_different, log_equal
 from bayes_toe.model.differencing import criterion, differencing_answers
-from bayes_toe.model.links import bell_answers
+from bayes_toe.model.links import EXPONENT, Lapsing, bell_answers
 
 DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
 LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]
@@ -71,3 +71,12 @@ def test_the_lapse_link_is_the_papers():
     without = bell_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
     assert without[0] == pytest.approx(-np.log(2) * np.array([0, 1, 9]))
     assert without[1] == pytest.approx([-np.inf, np.log(0.5), np.log1p(-(2.0**-9))])
+
+
+def test_slopes_exist_where_a_steep_curve_has_fallen_beyond_the_largest_float():
+    """An optimiser gets there: z = 40 to the power of 230. 'Equal' then comes from lapses alone, 'different' is certain without them."""
+    z, own = np.array([[40.0]]), (np.array([[1.3]]), np.log([[230.0]]))
+    equal, different = Lapsing(EXPONENT).slopes(z, *own, np.array([[-0.2]]))
+    for one in (equal, different, EXPONENT.slopes(z, *own)[1]):
+        assert [float(part[0, 0]) for part in (one.z, one.zz, one.stretch, one.own[1], one.z_own[0], one.z_own[1])] == 6 * [0.0]
+        assert np.isfinite([part[0, 0] for row in (one.own, *one.own_own) for part in row]).all()
