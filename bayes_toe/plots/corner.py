@@ -119,9 +119,9 @@ def _label(name: str) -> str:
 
 def _support(target: Answering, name: str) -> tuple[float, float]:
     """Where a quantity can lie."""
-    if name in ("mu1", "offset"):
+    if name in ("mu1", "offset", "noise_slope"):
         return -np.inf, np.inf
-    if name in ("gamma", "rho") or name.startswith("q"):
+    if name in ("gamma", "rho", "lapse_rate", "icc") or name.startswith("q"):
         return 0.0, 1.0
     if name in ("gain", "pull"):  # as far as the model's prior reaches
         return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
