@@ -161,9 +161,9 @@ def exponent_slopes(z: FloatArray, logit_peak: FloatArray, log_exponent: FloatAr
         gap = share * lapse - np.square(q0) * np.exp(_log_lost(log_t, t) - log_diff)
 
         def of(steep: FloatArray, bend: FloatArray, peak: FloatArray, share: FloatArray, peak_peak: FloatArray) -> Logarithm:
-            turn = v * bend + 1.0
-            z_terms = [np.where(z == 0.0, 0.0, nu * steep * part / z) for part in (1.0, nu * bend, share, turn)]
-            zz = np.where(z == 0.0, 0.0, nu * steep * (nu * bend - 1.0) / np.square(z))
+            turn, flat = v * bend + 1.0, (z == 0.0) | (steep == 0.0)  # with t beyond the largest float R is 0, and F may be anything
+            z_terms = [np.where(flat, 0.0, nu * steep * part / z) for part in (1.0, nu * bend, share, turn)]
+            zz = np.where(flat, 0.0, nu * steep * (nu * bend - 1.0) / np.square(z))
             along, along_peak, along_along = (np.where(steep == 0.0, 0.0, steep * v * part) for part in (1.0, share, turn))
             triangle = (peak_peak,), (along_peak, along_along)
             return Logarithm(z_terms[0], zz, z_terms[1], (peak, along), (z_terms[2], z_terms[3]), triangle)

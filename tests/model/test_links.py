@@ -123,3 +123,12 @@ def test_slopes_are_finite_where_only_the_floor_is_left(curve):
             rows = [*slopes[:3], *slopes.own[1:-1], *slopes.z_own, *slopes.own_own[0][1:]]
             assert all((np.asarray(row) == 0.0).all() for row in rows)
             assert all(np.isfinite(part).all() for part in (*slopes.own, *(part for row in slopes.own_own for part in row)))
+
+
+def test_slopes_exist_where_a_steep_curve_has_fallen_beyond_the_largest_float():
+    """An optimiser gets there: z = 40 to the power of 230. 'Equal' then comes from lapses alone, 'different' is certain without them."""
+    z, own = np.array([[40.0]]), (np.array([[1.3]]), np.log([[230.0]]))
+    equal, different = Lapsing(EXPONENT).slopes(z, *own, np.array([[-0.2]]))
+    for one in (equal, different, EXPONENT.slopes(z, *own)[1]):
+        assert [float(part[0, 0]) for part in (one.z, one.zz, one.stretch, one.own[1], one.z_own[0], one.z_own[1])] == 6 * [0.0]
+        assert np.isfinite([part[0, 0] for row in (one.own, *one.own_own) for part in row]).all()
