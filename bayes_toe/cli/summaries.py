@@ -141,8 +141,8 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
 
 def _say_parts(console: Console, table: ModelComparison) -> None:
     """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
-    from bayes_toe.comparison.model_row import MISFIT
     from bayes_toe.comparison.parts_table import STUDY
+    from bayes_toe.inference.predictive_checks import MISFIT
 
     best, rows, parts = table.best_compositions(), [], table.parts
     for i, name in enumerate(table.subjects):

@@ -27,14 +27,15 @@ from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer
 from bayes_toe.model.ladder import Record, require_models
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: What is averaged, and its value without the part: pull and gain at one second where there are intervals; the constant error at the mean
-#: first stimulus.
+#: What is averaged, and its value without the part. Pull and gain are those at the reference interval where there are intervals, the
+#: constant error is that at the mean first stimulus.
 AVERAGED: Mapping[str, float] = {"pull": 0.0, "offset": 0.0, "gain": 1.0}
 
 
@@ -142,7 +143,7 @@ def average(
     *,
     draws: int = 1000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Averages:
@@ -173,7 +174,7 @@ def average(
     records = [model for model in require_models(models) if isinstance(model, Model)]
     if not records:
         raise InputError("models: free frequencies have neither pull nor gain; nothing is left to average")
-    root, chosen, sampler = root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=draws, max_quantile_error=np.inf)
+    root, chosen, sampler = root_seed(seed), prior_for(study, prior), SamplerSettings(draws=draws, max_quantile_error=np.inf)
     jobs = [partial(_draw, model.posterior(subject, chosen), root, sampler) for subject in study for model in records]
     names = [(f"{subject.name}: {model.name}",) for subject in study for model in records]
     done = run_in_order(jobs, workers, progress, names)

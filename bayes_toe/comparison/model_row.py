@@ -22,8 +22,6 @@ from bayes_toe.seeds import generator
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _MOST_REFITS = 5  # a model that more pairs surprise describes the answers badly, which the other columns show
-#: Posterior predictive p-value of the deviance below which a model does not describe the answers.
-MISFIT = 0.01
 UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 

@@ -120,7 +120,7 @@ def parts_sensitivity(
     study: Study,
     models: str | Sequence[str | Record] = "parts",
     *,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     factors: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
     seed: int | None = None,
     workers: int | None = None,

@@ -8,9 +8,9 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.ladder_table import ModelComparison
-from bayes_toe.comparison.model_row import MISFIT
 from bayes_toe.comparison.parts_table import STUDY, PartTable
 from bayes_toe.errors import InputError
+from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, dress, panel, plain
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def best_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
         words = (
             "withheld" if row is None else row.model,
             "–" if against is None else f"{against:+.1f}".replace("-", "−"),
-            "–" if fit is None else f"{fit:.2f}" if fit >= MISFIT else f"misfit {fit:.1g}",
+            "–" if fit is None else f"{fit:.2f}" if fit >= MISFIT else "misfit" if fit < 0.001 else f"misfit {fit:.1g}",
         )
         bad = (False, against is not None and against < 0, fit is not None and fit < MISFIT)
         for (x, side, _), text, bold in zip(_HEADS, words, bad, strict=True):
