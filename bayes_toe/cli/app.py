@@ -1,6 +1,7 @@
 """The command line: parse, call, print. Our errors become one line per problem and exit code 2.
 
-Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject's draws did not converge or `calibrate` failed.
+Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
+3 done but some subject failed or its draws did not converge, or `calibrate` failed.
 """
 
 from __future__ import annotations
