@@ -46,3 +46,16 @@ def kill_workers(running, deaths):
             killed.add(pid)
         time.sleep(0.05)
     assert len(killed) == deaths
+
+
+def until(true):
+    """Wait for something to become true; the limit is that of a command that hangs, not of a slow machine."""
+    begun = time.monotonic()
+    while not true():
+        assert time.monotonic() - begun < 120
+        time.sleep(0.02)
+
+
+def until_gone(session):
+    """Wait until no process of a session is left."""
+    until(lambda: not members(session))
