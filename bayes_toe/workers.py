@@ -180,6 +180,9 @@ def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple
                 if found is not None:
                     yield found
                     left -= 1
+    except KeyboardInterrupt:
+        stop_workers()  # the session may go on, and nobody waits for what they are at
+        raise
     finally:
         sharing.waiting.clear()
 

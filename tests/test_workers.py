@@ -57,6 +57,18 @@ def test_a_worker_that_died_without_work_is_replaced():
     assert fresh not in (idle, os.getpid())
 
 
+def interrupted():
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_leaves_no_worker_at_work():
+    from bayes_toe.workers import _lanes
+
+    with pytest.raises(KeyboardInterrupt):
+        run_in_order([partial(slow, 1), partial(interrupted)], 2, None, [(), ()])
+    assert not _lanes
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
     said = []
