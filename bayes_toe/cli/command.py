@@ -14,7 +14,7 @@ import typer
 from bayes_toe.cli.options import LAST_IN_HELP
 from bayes_toe.errors import BayesToeError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT = 2
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -68,6 +68,3 @@ def _problems_as_lines() -> Iterator[None]:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(BAD_INPUT) from error
-    except KeyboardInterrupt:
-        typer.echo("interrupted: nothing was written", err=True)
-        raise typer.Exit(INTERRUPTED) from None

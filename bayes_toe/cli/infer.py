@@ -10,7 +10,7 @@ import typer
 
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
-from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_converged
+from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_whole
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -45,7 +45,7 @@ def run(
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(PRODUCTS)}")
-    leave_unless_converged(analysis.draws)
+    leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
 
 
 def sample(
@@ -75,7 +75,7 @@ def sample(
     draws.save(output, overwrite=task.overwrite)
     summaries.say_draws(task.console, draws)
     task.say_written("draws in", output, seed=draws.seed)
-    leave_unless_converged(draws)
+    leave_unless_whole(task, draws.failed, draws.not_converged)
 
 
 def evidence(
@@ -97,6 +97,7 @@ def evidence(
     table.save(output, overwrite=task.overwrite)
     summaries.say_evidence(task.console, table)
     task.say_written("table in", output, seed=table.seed)
+    leave_unless_whole(task, table.failed, {})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,6 +137,7 @@ def compare(
     save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_comparison(task.console, table)
     task.say_written("written:", output, *beside(output), picture, seed=table.seed)
+    leave_unless_whole(task, {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}, {})
 
 
 def sensitivity(

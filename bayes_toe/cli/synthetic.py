@@ -10,7 +10,7 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import PriorFile, Seed, Workers, writes
-from bayes_toe.cli.task import NOT_CONVERGED, WritingTask
+from bayes_toe.cli.task import INCOMPLETE, WritingTask
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,4 +91,4 @@ def calibrate(
     summaries.say_calibration(task.console, table)
     task.say_written("results in", output, seed=plan.seed)
     if not table.passed:
-        raise typer.Exit(NOT_CONVERGED)
+        raise typer.Exit(INCOMPLETE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.data.study import Study
-    from bayes_toe.inference.draws import Draws
     from bayes_toe.model.prior import Prior
 
-NOT_CONVERGED = 3
+INCOMPLETE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +106,9 @@ class SamplingTask(ModelTask):
     draws: DrawCount = 4000
 
 
-def leave_unless_converged(draws: Draws) -> None:
-    """Exit code 3 where some subject's draws did not converge."""
-    if draws.not_converged:
-        raise typer.Exit(NOT_CONVERGED)
+def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
+    """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
+    for name, reason in failed.items():
+        terminal.say_note(task.console, f"{name}: {reason}", "left out", "red")
+    if failed or missed:
+        raise typer.Exit(INCOMPLETE)

@@ -14,7 +14,7 @@ from scipy.special import softmax
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
-from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, with_differences
+from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
@@ -25,7 +25,7 @@ from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Failed, Progress, run_or_fail
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -270,8 +270,10 @@ def compare(
     records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
     names = tuple(model.name for model in records)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]
-    rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
+    pairs = [(subject, model) for subject in study for model in records]
+    jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
+    done = run_or_fail(jobs, workers, progress, [(f"{subject.name}: {model.name}",) for subject, model in pairs])
+    rows = [failed_row(*pair, one.reason, prior=chosen) if isinstance(one, Failed) else one for pair, one in zip(pairs, done, strict=True)]
     groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 

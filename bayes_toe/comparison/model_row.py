@@ -57,6 +57,8 @@ class ModelRow:
         Dimension of the model.
     log_evidence, log_evidence_se, pareto_k : float or None
         Nats; the evidence of free frequencies is exact and has no k-hat.
+    failed : bool
+        Whether the work was lost, and all values with it.
     model_probability : float or None
         Posterior probability at equal prior probabilities of the models in the table.
     differences : dict of str to float
@@ -73,6 +75,7 @@ class ModelRow:
     pareto_k: float | None
     checks: Checks
     notes: tuple[str, ...] = ()
+    failed: bool = False
     model_probability: float | None = None
     differences: Mapping[str, float] = field(default_factory=dict)
     left_out: Mapping[Unit, LeaveOneOut] = field(default_factory=dict, compare=False, repr=False)
@@ -104,6 +107,12 @@ def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior
         checks, left_out = Checks(), {}
     evidence = found.value, found.se, found.pareto_k
     return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=left_out)
+
+
+def failed_row(subject: Subject, model: Record, reason: str, *, prior: Prior) -> ModelRow:
+    """The row where that work was lost."""
+    size = len(model.posterior(subject, prior).coordinates)
+    return ModelRow(subject.name, model.name, size, None, None, None, Checks(), (reason,), failed=True)
 
 
 def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:

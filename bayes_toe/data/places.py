@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from bayes_toe.errors import OutputError
+
+#: Files and folders that this process has finished, for whoever has to say so when it is stopped.
+finished: list[Path] = []
 
 
 def refuse_impossible(target: Path) -> None:
@@ -48,11 +50,6 @@ def make_folders(folder: Path, made: ExitStack) -> None:
         with reporting(part):
             part.mkdir(exist_ok=True)
         made.callback(remove_empty, part)
-
-
-def free_name(folder: Path, suffix: str) -> Path:
-    """A path in a folder that nothing has, for what is not finished yet."""
-    return folder / f".bayes_toe-{secrets.token_hex(8)}{suffix}"
 
 
 def probe(path: Path) -> None:

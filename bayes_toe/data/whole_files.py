@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bayes_toe.data.places import free_name, make_folders, probe, put_in_place, refuse_impossible, remove, reporting, shown, taken
+from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove, reporting, shown, taken
+from bayes_toe.data.unfinished import free_name, sweep
 from bayes_toe.errors import OutputError
 
 
@@ -56,10 +57,13 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
         with reporting(target):
             put_in_place(temporary, target, overwrite)
         made.pop_all()
+        finished.append(target)
 
 
 def require_writable(path: str | Path, *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind.
+
+    What processes that were killed have left unfinished there is swept.
 
     Examples
     --------
@@ -72,6 +76,7 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
     _refuse_taken(target, overwrite)
     with ExitStack() as made:
         make_folders(target.parent, made)
+        sweep(target.parent)
         probe(free_name(target.parent, target.suffix))
 
 

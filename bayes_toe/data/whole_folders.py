@@ -13,7 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from bayes_toe.data.places import free_name, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
+from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
+from bayes_toe.data.unfinished import free_name, sweep
 from bayes_toe.errors import OutputError
 
 MANIFEST = ".bayes_toe_files.json"
@@ -70,10 +71,13 @@ def whole_folder(path: str | Path, names: Sequence[str], *, overwrite: bool = Fa
         _publish(_Move(workshop / "new", workshop / "old", target, overwrite, undo), names)
         undo.pop_all()
         made.pop_all()
+        finished.append(target)
 
 
 def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_folder` would refuse after long work, with its arguments and errors; leaves nothing behind.
+
+    What processes that were killed have left unfinished there is swept.
 
     Examples
     --------
@@ -84,6 +88,7 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
     _refuse_taken_folder(target, names, overwrite)
     with ExitStack() as made:
         make_folders(target, made)
+        sweep(target)
         probe(free_name(target, ""))
 
 

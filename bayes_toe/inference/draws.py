@@ -9,9 +9,10 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
+NO_FAILURES: Mapping[str, str] = MappingProxyType({})
 #: Names without a unit, with all that begin with q.
 _WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
@@ -124,6 +126,11 @@ class Draws:
             for name, good, reason in zip(self.names, stats["converged"].values, stats["shortfall"].values, strict=True)
             if not good
         }
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """Subjects of the study that there are no draws of because their work was lost, with the reason."""
+        return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
 
     def select(self, name: str) -> Draws:
         """Draws of one subject alone, without the pointwise groups."""
@@ -263,8 +270,8 @@ def load(path: str | Path) -> Draws:
     return made
 
 
-def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings) -> Draws:
-    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains."""
+def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings, failed: Mapping[str, str] = NO_FAILURES) -> Draws:
+    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains, and say who failed."""
     import xarray as xr
 
     groups = {
@@ -282,7 +289,7 @@ def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settin
             f"{POINTWISE_LIMIT:,}; sample fewer draws or fewer subjects at a time to have them"
         )
     tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
-    tree.attrs.update(_attributes(study, settings, left_out))
+    tree.attrs.update(_attributes(study, settings, left_out) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     return Draws(tree)
 
 
