@@ -37,10 +37,12 @@ def asymmetry(
     terminal.say_study(task.console, read)
     table = compute(read)
     tests = None if people is None else covariate_tests(people, table.outcomes())
-    table.save(output, overwrite=task.overwrite)
+    with task.together(*files) as folder:
+        table.save(folder / output.name)
+        if tests is not None:
+            tests.save(folder / beside.name)
     summaries.say_asymmetry(task.console, table)
     if tests is not None:
-        tests.save(beside, overwrite=task.overwrite)
         summaries.say_covariates(task.console, tests)
     task.say_written("written:", *files)
 

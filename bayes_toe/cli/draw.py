@@ -77,6 +77,6 @@ def corner(
     task.require_folder(output, list(files.values()))
     with task.progress("drawing", len(chosen)) as tick:
         pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=task.workers, progress=tick)
-    with whole_folder(output, list(files.values()), overwrite=task.overwrite) as target:
+    with whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite) as target:
         write_corners(pictures, target, files)
     task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)

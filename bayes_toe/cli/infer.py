@@ -13,6 +13,7 @@ from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writ
 from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_whole
 
 if TYPE_CHECKING:
+    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
 
@@ -28,12 +29,13 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.results_folder import PRODUCTS, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
     task.require_folder(output, PRODUCTS)
     read, prior = task.opened(study)
+    task.require_room(output, read, prior, others=PICTURE_BYTES)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
@@ -67,6 +69,7 @@ def sample(
     record = model_named(model)
     task.require_files(output)
     read, prior = task.read(study)
+    task.require_room(output, read, prior, model)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
     terminal.say_smaller_models(task.console, read)
@@ -133,8 +136,9 @@ def compare(
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
         table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
+    with task.together(output, *beside(output), picture) as folder:
+        table.save(folder / output.name)
+        save_comparison(table, folder / picture.name, synthetic=read.synthetic)
     summaries.say_comparison(task.console, table)
     task.say_written("written:", output, *beside(output), picture, seed=table.seed)
     leave_unless_whole(task, {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}, {})
@@ -156,6 +160,7 @@ def sensitivity(
     from bayes_toe.comparison.prior_sensitivity import require_range
     from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
     from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
     from bayes_toe.plots.sensitivity import save_sensitivity
 
     picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
@@ -165,26 +170,26 @@ def sensitivity(
     read, prior = task.opened(study)
     with task.progress("re-weighting", len(read)) as tick:
         table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_sensitivity(task.console, table)
-    if compare:
-        _parts_sensitivity(read, parts, prior, reach, table.seed, task)
+    of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
+    with task.together(*files) as folder:
+        table.save(folder / output.name)
+        save_sensitivity(table, folder / picture.name, synthetic=read.synthetic)
+        if of_parts is not None:
+            of_parts.save(folder / parts.name)
+            save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
     task.say_written("written:", *files, seed=table.seed)
 
 
-def _parts_sensitivity(study: Study, output: Path, prior: Prior, reach: float, seed: int, task: ModelTask) -> None:
-    """How the probabilities of parts move with the prior, in five steps: table, figure and a line a subject."""
+def _parts_sensitivity(study: Study, prior: Prior, reach: float, seed: int, task: ModelTask) -> PartsSensitivity:
+    """How the probabilities of parts move with the prior, in five steps, and a line a subject."""
     from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
-    from bayes_toe.plots.figure_files import picture_beside
-    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
 
     factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
     with task.progress("re-weighting every model", len(study)) as tick:
         table = parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_parts_sensitivity(table, picture_beside(output), synthetic=study.synthetic, overwrite=task.overwrite)
     summaries.say_parts_sensitivity(task.console, table)
+    return table
 
 
 def fit(

@@ -33,6 +33,8 @@ Truth = Mapping[str, Mapping[str, float]]
 
 #: What a results folder holds.
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html")
+#: Of a subject, about: two pictures, and both again in the report.
+PICTURE_BYTES = 400_000
 
 
 class _Drawn(NamedTuple):
@@ -71,7 +73,9 @@ def write_results(
         If the folder cannot be written or holds products already; nothing is changed then.
     """
     names = analysis.draws.names
-    with whole_folder(folder, PRODUCTS, overwrite=overwrite) as target:
+    corner_names = corner_files(analysis.draws, names)
+    required = (*(name for name in PRODUCTS if name != "corner"), *(f"corner/{name}" for name in corner_names.values()))
+    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
         analysis.draws.save(target / "posterior.nc")
         summary = analysis.draws.summary()
         write_table(summary, target / "summary.csv")
@@ -82,7 +86,7 @@ def write_results(
         evidence, effects, study_map, prior = (found for found in done if isinstance(found, bytes))
         drawn = dict(zip(names, (found for found in done if isinstance(found, _Drawn)), strict=True))
         corners = {name: found.corner for name, found in drawn.items()}
-        write_corners(corners, target / "corner", corner_files(analysis.draws, names))
+        write_corners(corners, target / "corner", corner_names)
         pictures = Pictures(evidence, effects, study_map, prior, {name: found.curves for name, found in drawn.items()}, corners)
         facts = Facts(summary, asymmetry)
         write_report(analysis, facts, pictures, target / "report.html")

@@ -48,9 +48,17 @@ class WritingTask(Task):
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it."""
         from bayes_toe.data.whole_files import require_writable
+        from bayes_toe.data.whole_folders import sweep
 
         for file in files:
+            sweep(file.parent)
             require_writable(file, overwrite=self.overwrite)
+
+    def together(self, *files: Path) -> AbstractContextManager[Path]:
+        """A folder to write files to under their names, which appear all together or not at all."""
+        from bayes_toe.data.whole_folders import whole_together
+
+        return whole_together(*files, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:
         """The same for a folder and what it will hold."""
@@ -104,6 +112,14 @@ class SamplingTask(ModelTask):
     """A command that samples."""
 
     draws: DrawCount = 4000
+
+    def require_room(self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0) -> None:
+        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them."""
+        from bayes_toe.data.places import require_room
+        from bayes_toe.inference.draws import stored_bytes
+        from bayes_toe.inference.sampling import SamplerSettings
+
+        require_room(place, stored_bytes(study, prior, SamplerSettings(self.draws), model) + others * (len(study) + 1))
 
 
 def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:

@@ -19,6 +19,7 @@ from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tabl
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
+from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.ladder import Record, model_named, require_models
@@ -182,11 +183,12 @@ class ModelComparison(Table[ModelRow]):
         return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; each whole or not at all."""
-        written = super().save(path, overwrite=overwrite)
-        for frame, name in zip((self.study_frame(), self.parts_frame()), beside(path), strict=True):
-            write_table(frame, name, overwrite=overwrite)
-        return written
+        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
+        files, frames = (Path(path), *beside(path)), (self.frame(), self.study_frame(), self.parts_frame())
+        with whole_together(*files, overwrite=overwrite) as folder:
+            for frame, file in zip(frames, files, strict=True):
+                write_table(frame, folder / file.name)
+        return files[0]
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:
         """Leave-one-out differences to the best model and their errors over the subjects with a value under every model."""

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.errors import InputError
 
 _Records = Iterator[tuple[int, list[str] | csv.Error]]
@@ -100,7 +101,7 @@ def refuse(source: str, faults: Sequence[Fault]) -> None:
 
 def _bytes(path: str | Path) -> bytes:
     try:
-        return Path(path).read_bytes()
+        return input_bytes(path)
     except OSError as error:
         reason = error.strerror if error.strerror is not None else str(error)
     except ValueError as error:  # a NUL character in the path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -52,8 +53,18 @@ def make_folders(folder: Path, made: ExitStack) -> None:
         made.callback(remove_empty, part)
 
 
+def require_room(place: Path, needed: int) -> None:
+    """Refuse now what will not fit on the disk, with a tenth to spare; `needed` is an estimate, in bytes."""
+    with reporting(place):
+        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
+    if 1.1 * needed > free:
+        sizes = f"about {1.1 * needed / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
+        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
+
+
 def probe(path: Path) -> None:
-    """Create and remove a file: the only test of permission that holds on every system."""
+    """Create and remove a file, the only test of permission that holds on every system; refuse a disk that is full."""
+    require_room(path.parent, 2**16)
     with reporting(path.parent):
         try:
             path.touch(exist_ok=False)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from bayes_toe.data.cells import listed, quoted
-from bayes_toe.data.places import reporting
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -104,6 +103,6 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     ['subject,q0', 'S01,0.30000000000000004']
     """
     target = Path(path)
-    with whole_file(target, overwrite=overwrite) as temporary, reporting(target):
+    with whole_file(target, overwrite=overwrite) as temporary:
         frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target

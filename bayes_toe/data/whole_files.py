@@ -35,7 +35,7 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        If the file exists and may not be replaced, is a folder, or its folder cannot be made or written to.
+        If the file exists and may not be replaced, is a folder, or it or its folder cannot be made or written to.
 
     Examples
     --------
@@ -53,8 +53,8 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
         temporary = free_name(target.parent, target.suffix)
         cleanup.callback(remove, temporary)
         probe(temporary)
-        yield temporary
         with reporting(target):
+            yield temporary
             put_in_place(temporary, target, overwrite)
         made.pop_all()
         finished.append(target)

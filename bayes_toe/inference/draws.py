@@ -24,7 +24,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Errors, convergence, errors
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
-from bayes_toe.inference.sampling import Chains
+from bayes_toe.inference.sampling import Chains, SamplerSettings
 from bayes_toe.inference.subject import Settings, SubjectResult
 from bayes_toe.model.contraction import contraction
 from bayes_toe.model.coordinates import NATURAL, Natural
@@ -230,7 +230,8 @@ class Draws:
             If the file exists and may not be replaced, or cannot be written.
         """
         with whole_file(path, overwrite=overwrite) as target:
-            self.tree.to_netcdf(target, engine="h5netcdf", encoding=_encoding(self.tree))
+            # By way of memory: where HDF5 itself fails to write, on a full disk, it ends the process with a segmentation fault.
+            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=_encoding(self.tree)))
         return Path(path)
 
     def _require(self, name: str) -> None:
@@ -291,6 +292,14 @@ def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settin
     tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
     tree.attrs.update(_attributes(study, settings, left_out) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     return Draws(tree)
+
+
+def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
+    """About how many bytes the file of draws will have, before they are made."""
+    record, stored = model_named(model), sampler.ensembles * sampler.walkers * sampler.kept_steps
+    names = {name for subject in study for name in record.posterior(subject, prior).names.reported}
+    pairs = values_needed(study, sampler)
+    return 8 * stored * len(study) * (len(names) + 1) + (6 * pairs if pairs <= POINTWISE_LIMIT else 0) + 50_000
 
 
 def chains_of(result: SubjectResult) -> Chains:

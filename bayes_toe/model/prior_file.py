@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bayes_toe.data.cells import bare, quoted
+from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import STIMULI, PriorField
 from bayes_toe.model.study_prior import PAPER, PRESETS
 
+#: Bytes of the largest prior file.
+_LARGEST = 2**20
 AnyPrior = TypeVar("AnyPrior", bound=Prior)
 
 
@@ -71,7 +74,7 @@ def example_file(kind: type[Prior] = Prior) -> str:
 def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     lines = f"NAME = NUMBER, as in {next(iter(keys))} = 0"
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
+        return tomllib.loads(input_bytes(path, _LARGEST).decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
     except OSError as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
         raise InputError(f"{path}: {reason}; allowed: a TOML file with {lines}") from error

@@ -648,7 +648,7 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(Path, "read_bytes", forbidden)
     with pytest.raises(InputError, match=r"study\.csv: cannot be read \(Permission denied\)"):
-        read_study("study.csv")
+        read_study((tmp_path / "file.txt").rename(tmp_path / "study.csv"))
 
 
 def test_invalid_utf8_names_byte_and_row() -> None:
