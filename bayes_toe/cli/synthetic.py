@@ -10,11 +10,11 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import PriorFile, Seed, Workers, writes
-from bayes_toe.cli.task import NOT_CONVERGED, WritingTask
+from bayes_toe.cli.task import NOT_CONVERGED, TableTask, WritingTask
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatingTask(WritingTask):
+class SimulatingTask(TableTask):
     """Design and population of a synthetic study."""
 
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16
@@ -52,9 +52,9 @@ def simulate(
     design = design_from(task.design, task.amplitudes, task.batches, task.isi)
     names, observers = population_from(task.population, task.subjects, seed, prior=prior)
     trials = simulate_trials(names, observers, design, seed)
-    write_table(trial_frame(trials), output, overwrite=task.overwrite)
+    write_table(trial_frame(trials), output, **task.saving)
     if truth is not None:
-        write_table(truth_frame(names, observers), truth, overwrite=task.overwrite)
+        write_table(truth_frame(names, observers), truth, **task.saving)
     total = sum(len(one.equal) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")
 

@@ -181,11 +181,11 @@ class ModelComparison(Table[ModelRow]):
         frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
         return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; each whole or not at all."""
-        written = super().save(path, overwrite=overwrite)
+        written = super().save(path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
         for frame, name in zip((self.study_frame(), self.parts_frame()), beside(path), strict=True):
-            write_table(frame, name, overwrite=overwrite)
+            write_table(frame, name, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
         return written
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:

@@ -1,7 +1,7 @@
 """The file of draws, looked at before it is believed: whole, of two levels, without links, of bounded size, with the layout of draws.
 
-HDF5 follows links and external storage to other files, runs in circles, and makes memory of what was never stored. A file that was damaged, or
-that somebody else wrote, is refused in one line instead. Numbers carry Fletcher-32 checksums, the file as a whole a SHA-256.
+HDF5 follows links and external storage to other files, runs in circles, and makes memory of what was never stored. A file that was damaged,
+or that somebody else wrote, is refused in one line instead. Numbers carry Fletcher-32 checksums, the file as a whole a SHA-256.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 
 ALLOWED = "allowed: a posterior.nc written by bayes-toe"
 _SEAL, _DIGITS = b"\nbayes-toe sha256 ", 64
+_PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
+_REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
 _MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
 _MOST_INFLATED = 200  # bytes in memory for one in the file; predicted counts, which alone are compressed, shrink to a third
 _FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher-32; others are programs that HDF5 would load
@@ -75,15 +79,6 @@ def seal(path: Path) -> None:
         file.write(_SEAL + digest)
 
 
-def _damaged(path: Path) -> bool:
-    """Whether a sealed file is not as it was; a file that something else wrote, or wrote to, has no seal."""
-    size = path.stat().st_size - len(_SEAL) - _DIGITS
-    with path.open("rb") as file:
-        file.seek(max(size, 0))
-        found = file.read()
-    return found.startswith(_SEAL) and found[len(_SEAL) :] != _digest(path, size)
-
-
 def _digest(path: Path, size: int) -> bytes:
     """Hexadecimal digits of the SHA-256 of the beginning of a file."""
     found = hashlib.sha256()
@@ -102,14 +97,11 @@ def read_tree(path: str | Path) -> xr.DataTree:
     InputError
         If the file is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
     """
-    import xarray as xr
-
     name = shown(Path(path))
     try:
-        _require_sound(name, Path(path))
-        # Loaded and closed: an open tree is lazy and keeps the file locked. No units are times.
-        with xr.open_datatree(path, engine="h5netcdf", decode_times=False) as lazy:
-            tree = lazy.load()
+        if not _sealed(name, Path(path)):
+            _rehearse(name, path)
+        tree = opened(name, path)
     except InputError:
         raise
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
@@ -121,20 +113,47 @@ def read_tree(path: str | Path) -> xr.DataTree:
     return tree
 
 
+def opened(name: str, path: str | Path) -> xr.DataTree:
+    """All groups of a file that does nothing dangerous; raises InputError, or whatever the libraries say of a damaged file."""
+    import h5py
+    import xarray as xr
+
+    with h5py.File(path, "r") as file:
+        problem = next(_dangers(file, Path(path).stat().st_size), None)
+    if problem is not None:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    # Loaded and closed: an open tree is lazy and keeps the file locked. No units are times.
+    with xr.open_datatree(path, engine="h5netcdf", decode_times=False) as lazy:
+        return lazy.load()
+
+
 # --- Before it is read: what HDF5 would do --------------------------------------------------------
 
 
-def _require_sound(name: str, path: Path) -> None:
-    import h5py
-
+def _sealed(name: str, path: Path) -> bool:
+    """Whether a file is as it was sealed; what something else wrote, or wrote to, has no seal. Raises InputError where it is another."""
     if not path.is_file():
         raise InputError(f"{name}: {'not a file' if path.exists() else 'no such file'}; {ALLOWED}")
-    if _damaged(path):  # before HDF5, which crashes on some damage and reads other values from other damage
+    size = path.stat().st_size - len(_SEAL) - _DIGITS
+    with path.open("rb") as file:
+        file.seek(max(size, 0))
+        found = file.read()
+    if not found.startswith(_SEAL):
+        return False
+    if found[len(_SEAL) :] != _digest(path, size):
         raise InputError(f"{name}: damaged: it does not fit its checksum; {ALLOWED}")
-    with h5py.File(path, "r") as file:
-        problem = next(_dangers(file, path.stat().st_size), None)
-    if problem is not None:
-        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    return True
+
+
+def _rehearse(name: str, path: str | Path) -> None:
+    """Open a file without a seal in another process first: of some damage HDF5 crashes, or never ends."""
+    limit = _PATIENCE + Path(path).stat().st_size / 1e6
+    try:
+        ended = subprocess.run([sys.executable, "-c", _REHEARSAL, str(path)], capture_output=True, timeout=limit, check=False).returncode
+    except subprocess.TimeoutExpired:
+        ended = None
+    if ended not in (0, 1):  # 1 is an error in Python, which comes again here
+        raise InputError(f"{name}: damaged: HDF5 {'does not end' if ended is None else 'crashes'} on it; {ALLOWED}")
 
 
 def _dangers(file: h5py.File, size: int) -> Iterator[str]:

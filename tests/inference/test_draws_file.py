@@ -9,6 +9,7 @@ from commands import call
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.inference import draws_file
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,8 @@ def _no_number(file):
         (_no_number, "draws of 'mu1' are no numbers"),
     ],
 )
-def test_what_is_not_ours_is_refused_in_one_line(path, damage, said):
+def test_what_is_not_ours_is_refused_in_one_line(path, damage, said, monkeypatch):
+    monkeypatch.setattr(draws_file, "_rehearse", lambda *_: None)  # a process each
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(InputError, match=said) as refused:
@@ -161,6 +163,15 @@ def test_files_without_checksums_still_load(analysis, tmp_path):
     draws = analysis.draws
     draws.tree.to_netcdf(tmp_path / "old.nc", engine="h5netcdf")
     assert bt.load(tmp_path / "old.nc").values("A", "mu1").tolist() == draws.values("A", "mu1").tolist()
+
+
+@pytest.mark.parametrize(("ends", "said"), [("os.abort()", "crashes"), ("time.sleep(99)", "does not end")])
+def test_a_file_on_which_hdf5_crashes_or_hangs_is_refused(path, monkeypatch, ends, said):
+    path.write_bytes(path.read_bytes()[:-1])
+    monkeypatch.setattr(draws_file, "_PATIENCE", -path.stat().st_size / 1e6 + (60.0 if "abort" in ends else 0.2))
+    monkeypatch.setattr(draws_file, "_REHEARSAL", f"import os, time; {ends}")
+    with pytest.raises(InputError, match=f"damaged: HDF5 {said} on it"):
+        bt.load(path)
 
 
 def test_the_command_says_one_line_and_ends_with_2(path, tmp_path):
