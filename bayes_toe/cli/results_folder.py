@@ -52,6 +52,7 @@ def write_results(
     truth: Truth | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
+    spreadsheet_safe: bool = False,
 ) -> Path:
     """Write posterior.nc, summary.csv, evidence.csv, corner/*.png and report.html into `folder`.
 
@@ -66,6 +67,8 @@ def write_results(
         True natural parameters by subject, for synthetic studies; shown in the corner plots.
     workers, progress
         As in :func:`bayes_toe.analysis.run`.
+    spreadsheet_safe : bool
+        As in :func:`bayes_toe.data.tables.write_table`.
 
     Raises
     ------
@@ -78,8 +81,8 @@ def write_results(
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
         analysis.draws.save(target / "posterior.nc")
         summary = analysis.draws.summary()
-        write_table(summary, target / "summary.csv")
-        analysis.evidence.save(target / "evidence.csv")
+        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
+        analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         wide, of_subjects = _overviews(analysis, asymmetry), _pictures_of_subjects(analysis, {} if truth is None else truth)
         done = run_in_order([*wide, *of_subjects], workers, progress, [*((),) * len(wide), *((name,) for name in names)])

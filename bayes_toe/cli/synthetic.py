@@ -11,11 +11,11 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import PriorFile, Seed, Workers, writes
-from bayes_toe.cli.task import INCOMPLETE, WritingTask
+from bayes_toe.cli.task import INCOMPLETE, TableTask, WritingTask
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatingTask(WritingTask):
+class SimulatingTask(TableTask):
     """Design and population of a synthetic study."""
 
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16
@@ -59,9 +59,9 @@ def simulate(
             parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))
             for parent in {one.parent for one in files}
         }
-        write_table(trial_frame(trials), folders[output.parent] / output.name)
+        write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
         if truth is not None:
-            write_table(truth_frame(names, observers), folders[truth.parent] / truth.name)
+            write_table(truth_frame(names, observers), folders[truth.parent] / truth.name, **task.saving)
     total = sum(len(one.equal) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, StudyFileOrExample, Workers
+from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -74,6 +74,18 @@ class WritingTask(Task):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TableTask(WritingTask):
+    """A command that writes tables."""
+
+    spreadsheet_safe: SpreadsheetSafe = False
+
+    @property
+    def saving(self) -> dict[str, bool]:
+        """How tables are written."""
+        return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
+
+
+@dataclass(frozen=True, kw_only=True)
 class PriorTask(Task):
     """A command that reads a study and a prior."""
 
@@ -105,6 +117,11 @@ class ModelTask(WritingTask, PriorTask):
 
     seed: Seed = None
     workers: Workers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelTableTask(TableTask, ModelTask):
+    """The same with tables."""
 
 
 @dataclass(frozen=True, kw_only=True)

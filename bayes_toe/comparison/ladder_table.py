@@ -182,12 +182,12 @@ class ModelComparison(Table[ModelRow]):
         frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
         return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
         files, frames = (Path(path), *beside(path)), (self.frame(), self.study_frame(), self.parts_frame())
         with whole_together(*files, overwrite=overwrite) as folder:
             for frame, file in zip(frames, files, strict=True):
-                write_table(frame, folder / file.name)
+                write_table(frame, folder / file.name, spreadsheet_safe=spreadsheet_safe)
         return files[0]
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:

@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Errors, convergence, errors
+from bayes_toe.inference.draws_file import ALLOWED, encoding, read_tree, seal
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import Chains, SamplerSettings
@@ -46,8 +48,6 @@ SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk",
 NO_FAILURES: Mapping[str, str] = MappingProxyType({})
 #: Names without a unit, with all that begin with q.
 _WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
-_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
-_ALLOWED = "allowed: a posterior.nc written by bayes-toe"
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +231,8 @@ class Draws:
         """
         with whole_file(path, overwrite=overwrite) as target:
             # By way of memory: where HDF5 itself fails to write, on a full disk, it ends the process with a segmentation fault.
-            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=_encoding(self.tree)))
+            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=encoding(self.tree)))
+            seal(target)
         return Path(path)
 
     def _require(self, name: str) -> None:
@@ -245,29 +246,18 @@ def load(path: str | Path) -> Draws:
     Raises
     ------
     InputError
-        If the file is missing or is not such a file.
+        If the file is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
     """
-    import xarray as xr
-
+    made, name = Draws(read_tree(path)), shown(Path(path))
     try:
-        # Loaded and closed: an open tree is lazy and keeps the file locked.
-        with xr.open_datatree(path, engine="h5netcdf") as lazy:
-            tree = lazy.load()
-    except (OSError, ValueError, TypeError) as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else "not a NetCDF file that can be read"
-        raise InputError(f"{path}: {reason}; {_ALLOWED}") from error
-    missing = [group for group in _GROUPS if group not in tree.children]
-    if missing or "model" not in tree.attrs:
-        what = f"no group {', '.join(missing)}" if missing else "no attribute model"
-        raise InputError(f"{path}: {what}; {_ALLOWED}")
-    made = Draws(tree)
-    try:
-        model_named(made.model)
+        needed = made.posterior(made.names[0]).names.reported
     except InputError as error:
-        raise InputError(f"{path}: draws of {error}") from error
-    absent = sorted(set(made.posterior(made.names[0]).names.reported) - set(made.parameters))
+        raise InputError(f"{name}: draws of {error}") from error
+    except (TypeError, ArithmeticError) as error:
+        raise InputError(f"{name}: its prior or its pairs are none that draws have; {ALLOWED}") from error
+    absent = sorted(set(needed) - set(made.parameters))
     if absent:
-        raise InputError(f"{path}: no {', '.join(absent)} among the draws of model {made.model!r}; {_ALLOWED}")
+        raise InputError(f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {ALLOWED}")
     return made
 
 
@@ -423,13 +413,6 @@ def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, An
         "inference_library_version": versions["emcee"],
         "left_out": left_out,
     }
-
-
-def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
-    """Light compression for the predicted counts, which shrink to a third; what is random to the last bit hardly shrinks."""
-    if "posterior_predictive" not in tree.children:
-        return {}
-    return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
 def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:

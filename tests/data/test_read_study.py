@@ -643,10 +643,10 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert len(caught.value.problems) == 1
         assert str(caught.value).isprintable()
 
-    def forbidden(_: Path) -> bytes:
+    def forbidden(*_: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr(Path, "open", forbidden)
     with pytest.raises(InputError, match=r"study\.csv: cannot be read \(Permission denied\)"):
         read_study((tmp_path / "file.txt").rename(tmp_path / "study.csv"))
 
