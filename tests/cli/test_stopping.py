@@ -15,9 +15,9 @@ DEAF = """
 import time
 from bayes_toe.cli.stopping import _listen
 _listen()
-print("ready", flush=True)
 while True:
     try:
+        print("ready", flush=True)
         time.sleep(60)
     except BaseException:
         pass
