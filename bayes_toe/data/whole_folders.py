@@ -303,7 +303,8 @@ def _roll_back(workshop: Path) -> None:
         for file in map(_plain_below, [*put, *journal["aside"]]):
             final, kept = target / file, workshop / "old" / file
             free = not os.path.lexists(final)
-            ours = not free and file in put and _mark(final) == put[file]
+            # Empty: the name that is taken first where there are no hard links.
+            ours = not free and file in put and (_mark(final) == put[file] or _mark(final)[0] == 0)
             if os.path.lexists(kept) and (free or ours):
                 final.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(kept, final)
