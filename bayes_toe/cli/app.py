@@ -5,15 +5,14 @@ Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some
 
 from __future__ import annotations
 
-import sys
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from bayes_toe.cli import describe, draw, infer, synthetic
 from bayes_toe.cli.caches import require_caches
-from bayes_toe.cli.command import BAD_INPUT, as_command
-from bayes_toe.cli.standard_output import guard_streams, output_problem
+from bayes_toe.cli.command import as_command
+from bayes_toe.cli.standard_output import guarded_streams
 
 #: In the order in which help lists them.
 COMMANDS = (
@@ -55,19 +54,12 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 def main() -> None:
     """Entry point of the `bayes-toe` command."""
-    guard_streams()
     require_caches()
-    code: Any = 0
-    try:
-        app()
-    except SystemExit as ended:
-        code = ended.code
-    finally:
-        _leave()
-    problem = output_problem()
-    if problem:
-        typer.echo(f"error: {problem}", err=True)
-    sys.exit(code or (BAD_INPUT if problem else 0))
+    with guarded_streams():
+        try:
+            app()
+        finally:
+            _leave()
 
 
 def _leave() -> None:

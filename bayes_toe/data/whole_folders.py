@@ -22,7 +22,7 @@ from bayes_toe.errors import OutputError
 
 MANIFEST = ".bayes_toe_files.json"
 _JOURNAL = "journal.json"
-_WORKSHOP = re.compile(r"\.bayes_toe-[0-9a-f]{16}")
+_WORKSHOP = re.compile(r"\.bayes_toe-[0-9a-f-]+")
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
     """
     target = Path(path)
     _require_plain(names)
-    sweep(target)
+    put_back(target)
     _refuse_taken_folder(target, names, overwrite)
     with _workshop(target) as workshop:
         with _reporting_as(workshop / "new", target):
@@ -93,7 +93,7 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
         As :func:`whole_folder`, and where one of the files was not written.
     """
     target, names = files[0].parent, [file.name for file in files]
-    sweep(target)
+    put_back(target)
     for file in files:
         require_writable(file, overwrite=overwrite)
     with ExitStack() as made:
@@ -115,7 +115,7 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
     """
     target = Path(path)
     _require_plain(names)
-    sweep(target)
+    put_back(target)
     _refuse_taken_folder(target, names, overwrite)
     with ExitStack() as made:
         make_folders(target, made)
@@ -172,7 +172,7 @@ def _lock(folder: Path, held: ExitStack) -> bool:
     return False
 
 
-def sweep(target: Path) -> None:
+def put_back(target: Path) -> None:
     """Put back and remove what processes that were killed have left beside or inside a folder."""
     refuse_impossible(target)
     for home in {target, target.parent}:
