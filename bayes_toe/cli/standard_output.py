@@ -6,6 +6,8 @@ import errno
 import io
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -24,8 +26,25 @@ class _Log(io.FileIO):
         return memoryview(data).nbytes
 
 
-def guard_streams() -> None:
-    """Give this process standard streams to which everything can be printed."""
+@contextmanager
+def guarded_streams() -> Iterator[None]:
+    """Standard streams to which everything can be printed; where output was lost, one line on standard error and exit code 2 in the end."""
+    _guard()
+    code: Any = 0
+    try:
+        yield
+    except SystemExit as ended:
+        code = ended.code
+    problem = _problem()
+    if problem:
+        from bayes_toe.cli.command import BAD_INPUT
+
+        code = code or BAD_INPUT
+        sys.stderr.write(f"error: {problem}\n")
+    sys.exit(code)
+
+
+def _guard() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
         if stream is None:  # closed: its number must not become that of a file of ours
@@ -36,7 +55,7 @@ def guard_streams() -> None:
             setattr(sys, name, io.TextIOWrapper(log, stream.encoding, "backslashreplace", line_buffering=lines))
 
 
-def output_problem() -> str:
+def _problem() -> str:
     """Why standard output is not complete; nothing where it is, or where its reader went away, as `head` does."""
     sys.stdout.flush()
     log = getattr(getattr(sys.stdout, "buffer", None), "raw", None)

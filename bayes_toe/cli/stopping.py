@@ -11,7 +11,7 @@ from threading import Thread
 from types import FrameType
 
 from bayes_toe.cli.caches import require_caches
-from bayes_toe.cli.standard_output import guard_streams, output_problem
+from bayes_toe.cli.standard_output import guarded_streams
 from bayes_toe.data.places import finished, shown
 from bayes_toe.data.unfinished import HIDDEN
 
@@ -29,34 +29,20 @@ class Stopped(BaseException):
 
 def main() -> None:
     """Entry point of the `bayes-toe` command."""
-    guard_streams()
     require_caches()
     try:
-        code = _run(_listen())
+        heard = _listen()
+        with guarded_streams():
+            from bayes_toe.cli.app import app  # what it loads takes a while, in which a signal is answered already
+
+            try:
+                app()
+            finally:
+                _ignore(heard)
+                _leave()
     except Stopped as stop:
         print(f"stopped by {signal.Signals(stop.number).name}: {_said_finished()}", file=sys.stderr)
         raise SystemExit(128 + stop.number) from None
-    problem = output_problem()
-    if problem:
-        from bayes_toe.cli.command import BAD_INPUT
-
-        print(f"error: {problem}", file=sys.stderr)
-        code = code or BAD_INPUT
-    raise SystemExit(code)
-
-
-def _run(heard: list[signal.Signals]) -> str | int | None:
-    """The command; its exit code."""
-    from bayes_toe.cli.app import app  # what it loads takes a while, in which a signal is answered already
-
-    try:
-        app()
-    except SystemExit as ended:
-        return ended.code
-    finally:
-        _ignore(heard)
-        _leave()
-    return 0
 
 
 def _listen() -> list[signal.Signals]:

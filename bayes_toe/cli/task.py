@@ -48,10 +48,10 @@ class WritingTask(Task):
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it."""
         from bayes_toe.data.whole_files import require_writable
-        from bayes_toe.data.whole_folders import sweep
+        from bayes_toe.data.whole_folders import put_back
 
         for file in files:
-            sweep(file.parent)
+            put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
 
     def together(self, *files: Path) -> AbstractContextManager[Path]:

@@ -7,7 +7,6 @@ import os
 import platform
 import re
 import secrets
-import shutil
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -21,9 +20,9 @@ def free_name(folder: Path, suffix: str) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one.
+    """Remove files that processes of this machine that were killed have left unfinished in a folder, if it is one.
 
-    Not a folder that holds what a process was about to replace: that may be the only copy.
+    Folders are put back or removed by :func:`bayes_toe.data.whole_folders.put_back`, which knows what they may still hold.
     """
     ours = re.compile(rf"{re.escape(HIDDEN)}{_here()}-([0-9]+)-[0-9a-f]{{16}}(\..*)?")
     with suppress(OSError):
@@ -33,8 +32,6 @@ def sweep(folder: Path) -> None:
                 continue
             if path.is_symlink() or not path.is_dir():
                 path.unlink()
-            elif not any((path / "old").glob("*")):
-                shutil.rmtree(path, ignore_errors=True)
 
 
 @cache

@@ -10,7 +10,6 @@ import errno
 import json
 import os
 import re
-import secrets
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,13 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
-from bayes_toe.data.unfinished import HIDDEN
+from bayes_toe.data.unfinished import HIDDEN, free_name
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
 
 MANIFEST = ".bayes_toe_files.json"
 _JOURNAL = "journal.json"
-_WORKSHOP = re.compile(rf"{re.escape(HIDDEN)}[0-9a-f]{{16}}")
+_WORKSHOP = re.compile(rf"{re.escape(HIDDEN)}[0-9a-f-]+")
 
 
 @contextmanager
@@ -69,7 +68,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
     """
     target = Path(path)
     _require_plain(names)
-    sweep(target)
+    put_back(target)
     _refuse_taken_folder(target, names, overwrite)
     with _workshop(target) as workshop:
         with _reporting_as(workshop / "new", target):
@@ -96,7 +95,7 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
         As :func:`whole_folder`, and where one of the files was not written.
     """
     target, names = files[0].parent, [file.name for file in files]
-    sweep(target)
+    put_back(target)
     for file in files:
         require_writable(file, overwrite=overwrite)
     with ExitStack() as made:
@@ -121,11 +120,11 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
     """
     target = Path(path)
     _require_plain(names)
-    sweep(target)
+    put_back(target)
     _refuse_taken_folder(target, names, overwrite)
     with ExitStack() as made:
         make_folders(target, made)
-        probe(_free_name(target))
+        probe(free_name(target, ""))
 
 
 def _require_plain(names: Sequence[str]) -> None:
@@ -153,7 +152,7 @@ def _workshop(target: Path) -> Iterator[Path]:
     with ExitStack() as made, ExitStack() as cleanup:  # left in reverse order
         home = target if os.path.isdir(target) else target.parent
         make_folders(home, made)
-        workshop = _free_name(home)
+        workshop = free_name(home, "")
         cleanup.callback(_clear, workshop)
         with reporting(target):
             for part in (workshop, workshop / "new", workshop / "old"):
@@ -162,11 +161,6 @@ def _workshop(target: Path) -> Iterator[Path]:
                     _lock(part, cleanup)
         yield workshop
         made.pop_all()
-
-
-def _free_name(folder: Path) -> Path:
-    """A path in a folder that nothing has, for a workshop; a lock says whether somebody is in it."""
-    return folder / f"{HIDDEN}{secrets.token_hex(8)}"
 
 
 def _lock(folder: Path, held: ExitStack) -> bool:
@@ -183,7 +177,7 @@ def _lock(folder: Path, held: ExitStack) -> bool:
     return False
 
 
-def sweep(target: Path) -> None:
+def put_back(target: Path) -> None:
     """Put back and remove what processes that were killed have left beside or inside a folder."""
     refuse_impossible(target)
     for home in {target, target.parent}:
@@ -314,7 +308,8 @@ def _roll_back(workshop: Path) -> None:
         for file in map(_plain_below, [*put, *journal["aside"]]):
             final, kept = target / file, workshop / "old" / file
             free = not os.path.lexists(final)
-            ours = not free and file in put and _mark(final) == put[file]
+            # Empty: the name that is taken first where there are no hard links.
+            ours = not free and file in put and (_mark(final) == put[file] or _mark(final)[0] == 0)
             if os.path.lexists(kept) and (free or ours):
                 final.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(kept, final)

@@ -6,6 +6,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -317,3 +319,15 @@ def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path: Path) -> None:
 
     produce(tmp_path, {"table.csv": "1"}, meanwhile=another)
     assert tree(tmp_path) == {"table.csv": "1", "corner/a.png": "1"}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
+@pytest.mark.parametrize("words", [["9"], ["9", "no links"]], ids=["links", "no links"])
+def test_killed_anywhere_is_all_or_nothing(tmp_path: Path, words: list[str]) -> None:
+    """At each step of publishing, and at steps of putting back after that (all pairs with 1 in the place of 9)."""
+    script = Path(__file__).with_name("killed.py")
+    done = subprocess.run([sys.executable, script, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    steps, pairs = map(int, done.stdout.split())
+    assert steps > 20
+    assert pairs > 20
