@@ -72,10 +72,11 @@ def no_link(*_, **__):
     raise OSError(1, "Operation not permitted")
 
 
-if "no links" in sys.argv:
-    os.link = no_link
-single = next(step for step in itertools.count() if not check(step))
-pairs = 0
-for first in range(0, single, int(sys.argv[1])):
-    pairs += next(second for second in itertools.count() if not check(first, second))
-print(single, pairs)
+if __name__ == "__main__":
+    if "no links" in sys.argv:
+        os.link = no_link
+    single = next(step for step in itertools.count() if not check(step))
+    pairs = 0
+    for first in range(0, single, int(sys.argv[1])):
+        pairs += next(second for second in itertools.count() if not check(first, second))
+    print(single, pairs)

@@ -643,7 +643,7 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert len(caught.value.problems) == 1
         assert str(caught.value).isprintable()
 
-    def forbidden(*_: object) -> bytes:
+    def forbidden(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", forbidden)

@@ -213,6 +213,7 @@ def test_commands_refuse_with_exit_code_2_and_write_nothing(tmp_path, written, t
 
 @pytest.mark.parametrize("kind", ["pairs", "covariates"])
 def test_files_without_an_end_are_refused_at_their_beginning(kind, written, monkeypatch):
-    assert "a NUL character" in problems(REFUSING[kind], "/dev/zero")[0]
+    assert "a pipe or device, not a file" in problems(REFUSING[kind], "/dev/zero")[0]
     monkeypatch.setattr(cells.read_header, "__defaults__", (40,))
-    assert problems(REFUSING[kind], written(TEXTS[kind])) == ["file.csv: found more than 40 bytes, allowed: a smaller file"]
+    (problem,) = problems(REFUSING[kind], written(TEXTS[kind]))
+    assert f"{len(TEXTS[kind].encode())} bytes, more than 40" in problem

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from bayes_toe.data.unfinished import free_name, sweep
+from bayes_toe.data.whole_folders import put_back
 
 
 @pytest.fixture
@@ -34,6 +35,7 @@ def test_files_and_folders_of_the_dead_go_and_all_else_stays(tmp_path, dead):
     for path in kept:
         path.write_text("of someone else")
     sweep(tmp_path)
+    put_back(tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(kept)
 
 
