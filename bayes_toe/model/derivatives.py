@@ -121,7 +121,7 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
             if n <= m:
                 hessian[:, place, other] = hessian[:, other, place] = _over_pairs(of.own_own[m][n], distance)
         for i in distance.places:
-            terms = (distance.numerator.get(i), of.z_own[m]), (distance.log_width.get(i), -of.z_own[m] * distance.z)
+            terms = (distance.numerator.get(i), of.z_own[m]), (distance.log_width.get(i), _finished(-of.z_own[m], distance.z))
             hessian[:, i, place] = hessian[:, place, i] = _summed(*terms)
     return gradient, hessian
 

@@ -92,7 +92,7 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "noise": (
         Level("Weber", "the same noise at every intensity"),
-        Level("sloped", "noise that departs from Weber's law", (Single("noise_slope", Plain(), starts=(-0.6, 0.1)),)),
+        Level("sloped", "noise that departs from Weber's law", (Single("noise_slope", Plain(), starts=(-1.5, 0.1, 1.5)),)),
     ),
     "lapses": (
         Level("misses", "equal pairs are sometimes called different", (PEAK,)),

@@ -46,7 +46,7 @@ def test_the_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_pat
     assert again.attrs["prior"] == record.describe(bt.Prior()) == again.described_prior()
     for name in again.parameters:
         assert np.array_equal(again.values("A", name), draws.values("A", name), equal_nan=True)
-    assert again.fit("A") == draws.fit("A")
+    assert repr(again.fit("A")) == repr(draws.fit("A"))  # under free frequencies a p-value is NaN
 
 
 def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):

@@ -362,6 +362,15 @@ def test_hard_cases_agree_with_themselves_or_are_withheld(case):
             assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1])), model.name
 
 
+@pytest.mark.parametrize("text", ["update + sloped + both ways", "free weighting + sloped + exponent"])
+@pytest.mark.parametrize("case", ["all different", "reversed answers"])
+def test_compositions_in_hard_cases_agree_with_themselves_or_are_withheld(case, text):
+    # With slopes of 0.1 and -0.6 alone to start from, a maximum of the second was missed: 28 standard errors apart.
+    one, two = (evidence_of(CASES[case], model_named(text), seed=seed) for seed in (1, 2))
+    if one[0] is not None and two[0] is not None:
+        assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1]))
+
+
 @pytest.mark.parametrize("case", ["S13", "a million trials a pair", "a hundred million trials"])
 def test_no_maximum_between_walls_is_missed(case):
     # Identical stimuli that were once called 'different' wall off offsets where q0 is 1: every gap has a maximum of its own.
