@@ -8,8 +8,10 @@ from .classical.covariates import covariate_tests as covariate_tests
 from .classical.covariates import read_covariates as read_covariates
 from .classical.fit_table import fit as fit
 from .classical.uncertainty_table import uncertainty_table as uncertainty_table
+from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.ladder_table import compare as compare
+from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.example import example_study as example_study
 from .data.example import example_truth as example_truth
@@ -21,9 +23,11 @@ from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
 from .errors import OutputError as OutputError
+from .experiments.answers_check import check_answers as check_answers
 from .experiments.calibration_table import calibrate as calibrate
 from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability
+from .experiments.prior_predictive import prior_predictive as prior_predictive
 from .inference.draws import Draws as Draws
 from .inference.draws import load as load
 from .inference.prediction import predict_equal as predict_equal
@@ -32,4 +36,5 @@ from .model.beliefs import noticed as noticed
 from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
+from .model.study_prior import prior_for as prior_for
 from .version import __version__ as __version__

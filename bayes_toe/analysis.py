@@ -6,20 +6,24 @@ All take the same options: seed, prior, draws, workers, progress.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
+from bayes_toe.comparison.presets import UnderPresets, under_presets
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import ConvergenceWarning
+from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.draws import Draws, build_draws
+from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, SubjectResult, Wanted, fitted_result, infer
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, SubjectResult, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -35,6 +39,7 @@ class Analysis:
     evidence: EvidenceTable
     settings: Settings
     fits: FitTable
+    presets: tuple[UnderPresets, ...] = ()
 
 
 def run(
@@ -42,7 +47,7 @@ def run(
     *,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
@@ -55,19 +60,21 @@ def run(
         Bulk and tail effective draws to reach for every parameter of every subject.
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
-    prior : Prior, optional
+    prior : Prior or str, optional
+        Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
     workers : int, optional
         Processes; by default one per processor. The numbers do not depend on it.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     """
-    settings = _settings(draws, seed, prior)
+    settings = _settings(study, draws, seed, prior)
     wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
-    jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
+    presets = _presets(study)
+    jobs = [partial(_evidence_of, subject, settings, wanted, presets) for subject in study]
     done = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     made = build_draws(study, [one.result for one in done], settings)
     fits = FitTable(tuple(one.fit for one in done if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    return Analysis(study, made, _table(done, settings), settings, fits)
+    return Analysis(study, made, _table(done, settings), settings, fits, tuple(one.presets for one in done if one.presets is not None))
 
 
 def sample(
@@ -76,7 +83,7 @@ def sample(
     model: str = PREDICTIVE_UPDATE.name,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Draws:
@@ -122,12 +129,12 @@ def draw(
     model: str = PREDICTIVE_UPDATE.name,
     draws: int = 4000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
-    record, settings = model_named(model), _settings(draws, seed, prior, model)
+    record, settings = model_named(model), _settings(study, draws, seed, prior, model)
     wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
     jobs = [partial(infer, record.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
     results = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -139,11 +146,11 @@ def evidence(
     *,
     draws: int = EVIDENCE_DRAWS,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> EvidenceTable:
-    """Log evidence of the predictive-update model (H1) and of free frequencies (H0) for every subject.
+    """Log evidence of the update (H1), of its rivals without it and of free frequencies (H0), and goodness of fit, of every subject.
 
     Parameters
     ----------
@@ -160,7 +167,7 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    settings, wanted = _settings(draws, seed, prior), Wanted(evidence_draws=draws)
+    settings, wanted = _settings(study, draws, seed, prior), Wanted(evidence_draws=draws)
     jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
     return _table(run_in_order(jobs, workers, progress, [(name,) for name in study.names]), settings)
 
@@ -172,18 +179,37 @@ class _Analysed:
     result: SubjectResult
     evidence: SubjectEvidence
     fit: SubjectFit | None
+    presets: UnderPresets | None
 
 
-def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted) -> _Analysed:
+def _presets(study: Study) -> dict[str, Prior]:
+    """Every preset in numbers for the study; none where its stimuli have no scale."""
+    try:
+        return {name: prior_for(study, name) for name in PRESETS}
+    except InputError:
+        return {}
+
+
+def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
     posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
     result, fitted = fitted_result(posterior, settings.seed, wanted)
     fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
-    row = subject_evidence(posterior, result, fitted.maxima, None if fit is None else fit.bootstrap)
-    return _Analysed(result, row, fit)
+    described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
+    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings) for model in (SYMMETRIC, CONSTANT_BIAS))
+    row = subject_evidence(result, fitted, (symmetric, constant), described, None if fit is None else fit.bootstrap)
+    moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
+    return _Analysed(result, row, fit, moved)
 
 
-def _settings(draws: int, seed: int | None, prior: Prior | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
-    return Settings(root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=draws), model)
+def _rival(model: Model, subject: Subject, settings: Settings) -> tuple[Evidence, Fitted]:
+    """The evidence of a model that differs from H1 in its order effect alone, and what was fitted for it."""
+    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    assert found.evidence is not None  # it was asked for
+    return found.evidence, fitted
+
+
+def _settings(study: Study, draws: int, seed: int | None, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
+    return Settings(root_seed(seed), prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
 def _affordable(study: Study, settings: Settings) -> bool:

@@ -1,4 +1,4 @@
-"""Compare the predictive-update model (H1) with free frequencies (H0) for every subject: a table and a figure.
+"""Which order effect every subject has, whether the model describes the answers, and H1 against free frequencies (H0): a table, a figure.
 
 Example: python scripts/evidence_table.py study.csv -o evidence.csv --figure evidence.png --seed 1
 Without a study the bundled (synthetic) example is compared. All values are natural logs.
@@ -19,7 +19,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", nargs="?", help="CSV of trials or counts")
     parser.add_argument("-o", "--output", default="evidence.csv")
-    parser.add_argument("--figure", help="PNG, PDF or SVG to draw the log Bayes factors into")
+    parser.add_argument("--figure", help="PNG, PDF or SVG to draw both into")
     parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")
@@ -39,10 +39,10 @@ def main() -> int:
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2
-    columns = ["subject", "n_trials", "log_evidence_h1", "log_evidence_h1_se", "log_evidence_h0", "log_bayes_factor"]
+    columns = ["subject", "p_none", "p_constant_error", "p_update", "predictive_p", "log_bayes_factor", "log_evidence_h1_se"]
     print(table.frame()[columns].round(3).to_string(index=False))
     for row in table:
-        for note in row.notes:
+        for note in (*row.notes, *row.footnotes):
             print(f"{row.subject}: {note}")
     drawn = "" if options.figure is None else f", figure in {options.figure}"
     print(f"{study.source}: seed {table.seed}; table in {options.output}{drawn}")

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.plots.curves import natural_curve, order_panel
-from bayes_toe.plots.evidence import evidence_axes
+from bayes_toe.plots.evidence import order_effect_axes
 
 
 def main() -> None:
-    """Three subjects of the paper's three kinds, and the evidence of all."""
+    """Three subjects of the paper's three kinds, and the order effect of all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", default="docs/overview.png")
     output = parser.parse_args().output
@@ -33,7 +33,9 @@ def main() -> None:
     key.axis("off")
     key.legend(*ax.get_legend_handles_labels(), loc="center", frameon=False, fontsize=10)
     key.set_title("points: answers; lines: posterior mean;\nbands: central 60 and 95 %", fontsize=9, y=0.78)
-    evidence_axes(figure.add_subplot(grid[:, 2]), analysis.evidence)
+    last = order_effect_axes(analysis.evidence, figure.add_subplot(grid[:, 2]))
+    last.set_title("order effect of every subject", fontsize=10)
+    last.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)
     figure.suptitle("Time-order effects in same/different judgements (synthetic example study)", fontsize=12)
     with whole_file(output, overwrite=True) as path:
         figure.savefig(path, dpi=130)

@@ -214,7 +214,7 @@ def brute_force(subject, prior, orders):
 def test_evidence_agrees_with_brute_force():
     s1, s2, isi = [0.0, 0.5, 0.0, 0.5, 0.4], [0.5, 0.0, 0.5, 0.1, 0.4], [0.3, 0.3, 3.0, 3.0, 1.0]
     subject = bt.Subject("a", s1, s2, [3, 5, 4, 3, 6], [7, 7, 6, 7, 7], isi=isi)
-    prior = bt.Prior(mu1_sd=1.0)
+    prior = bt.Prior(mu1_sd=1.0, reference_interval=1.0)
     coarse, fine = (brute_force(subject, prior, orders) for orders in ((80, 90, 12, 12), (110, 120, 16, 16)))
     assert fine == pytest.approx(coarse, abs=1e-4)
     estimate = importance_evidence(fitted(subject, prior))
@@ -256,7 +256,8 @@ def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
     assert row.log_evidence_h1_laplace == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_bootstrap is None
-    assert any("knows one interval only" in note for note in row.notes)
+    assert any("knows one interval only" in note for note in row.footnotes)
+    assert any("also ask whether intervals matter" in note for note in row.notes)
     assert len(analysis.fits) == 0
 
 
@@ -266,7 +267,7 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
     assert back.intervals == THREE
     assert np.array_equal(back.subject("S02").isi, study["S02"].isi)
     assert back.select("S02").intervals == THREE
-    assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / s^(1/2)"
+    assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / (1 s)^(1/2)"
     assert back.attrs["model"] == "predictive update"
     assert "self-consistent prior for each interval" in back.attrs["about_model"]
     assert back.values("S01", "offset").shape == back.values("S01", "mu1").shape

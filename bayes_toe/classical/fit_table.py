@@ -17,6 +17,7 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -84,11 +85,9 @@ class FitTable(SubjectTable[SubjectFit]):
         import pandas as pd
 
         penalty = None if self.prior is None else self.prior.describe_penalty()
-        cells = [(*self._cells(row), self.level, self.replicates, penalty) for row in self]
-        return pd.DataFrame(cells, columns=list(FIT_COLUMNS))
-
-    def _cells(self, row: SubjectFit) -> tuple[object, ...]:
-        return (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *row.bootstrap.intervals(self.level).ravel())
+        limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
+        fits = ((row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some) for row, some in zip(self, limits, strict=True))
+        return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(FIT_COLUMNS))
 
 
 def fit(
@@ -97,7 +96,7 @@ def fit(
     replicates: int = REPLICATES,
     level: float = 0.95,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> FitTable:
@@ -114,10 +113,8 @@ def fit(
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
     prior : Prior, optional
         Its normal of mu1 is the penalty; the default is the paper's V_1 = 10^2 around 0.
-    workers : int, optional
-        Processes; by default one per processor. The numbers do not depend on it.
-    progress : callable, optional
-        Called with a subject's name when that subject is done.
+    workers, progress
+        As in :func:`bayes_toe.analysis.run`.
 
     Raises
     ------
@@ -135,7 +132,7 @@ def fit(
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
     refuse_intervals(study, "maximum-likelihood fit")
-    root, penalty = root_seed(seed), Prior() if prior is None else prior
+    root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,12 +67,6 @@ class Fits:
 
 def join(parts: Sequence[Fits]) -> Fits:
     """Fits of one design one after the other."""
-    return Fits(
-        parameters=np.concatenate([part.parameters for part in parts]),
-        log_likelihood=np.concatenate([part.log_likelihood for part in parts]),
-        objective=np.concatenate([part.objective for part in parts]),
-        edges=np.concatenate([part.edges for part in parts]),
-        arrived=np.concatenate([part.arrived for part in parts]),
-        identified=np.concatenate([part.identified for part in parts]),
-        sbar=parts[0].sbar,
-    )
+    names = (field.name for field in fields(Fits) if field.name != "sbar")
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(parts[0], **arrays)

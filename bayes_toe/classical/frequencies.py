@@ -36,14 +36,9 @@ def laplace_estimate(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatAr
 
 
 def laplace_error(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
-    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); no unit. Arguments broadcast.
+    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments and errors as for :func:`laplace_estimate`.
 
     Source: Eq. e:2b, in the form in which nothing cancels.
-
-    Raises
-    ------
-    InputError
-        Unless 0 <= n_equal <= n_trials.
 
     Examples
     --------

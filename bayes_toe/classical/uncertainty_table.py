@@ -23,9 +23,8 @@ COLUMNS = (
 def uncertainty_table(draws: Draws, fits: FitTable) -> pd.DataFrame:
     """Central posterior interval and percentile bootstrap interval of every subject and natural parameter, both at the table's level.
 
-    Columns: subject, parameter, posterior_median, posterior_lower, posterior_upper, fit, bootstrap_lower, bootstrap_upper, at_edge; the
-    standard deviations and mu1 in natural-log intensity. The two answer different questions: the posterior weighs parameters by the
-    prior and the answers that were given, the bootstrap says where the maximum would fall if the experiment were done again.
+    Columns: :data:`COLUMNS`; the standard deviations and mu1 in natural-log intensity. The two answer different questions: the posterior
+    weighs parameters by the prior and the answers given, the bootstrap says where the maximum would fall if the experiment were done again.
 
     Raises
     ------

@@ -69,16 +69,19 @@ def predict(
 
 
 def check(*, study: StudyFile, task: PriorTask) -> None:
-    """What was read, and what cannot be learnt from it, before any sampling.
+    """What was read, what cannot be learnt from it, and what speaks against pooling its answers, before any sampling.
 
     [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
+    from bayes_toe.experiments.answers_check import NOTES, check_answers
     from bayes_toe.experiments.checks import check_study, describe
 
-    read, _ = task.opened(study)
+    read, prior = task.opened(study)
     rows = describe(read).to_dict("records")
     terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
-    findings = check_study(read)
-    terminal.say_findings(task.console, findings)
-    if not findings:
+    findings = (*check_study(read), *check_answers(read, prior))
+    warnings = [finding for finding in findings if finding.code not in NOTES]
+    terminal.say_findings(task.console, warnings)
+    terminal.say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
+    if not warnings:
         task.console.print("no warnings")

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
 from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_converged
+
+if TYPE_CHECKING:
+    from bayes_toe.data.study import Study
+    from bayes_toe.model.prior import Prior
 
 
 def run(
@@ -25,6 +29,7 @@ def run(
     """
     from bayes_toe.analysis import run as analyse
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
+    from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
     task.require_folder(output, PRODUCTS)
@@ -32,8 +37,10 @@ def run(
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    summaries.say_draws(task.console, analysis.draws)
     summaries.say_evidence(task.console, analysis.evidence)
+    for line in say_presets(analysis.presets):
+        terminal.say(task.console, terminal.safe(line))
+    summaries.say_draws(task.console, analysis.draws)
     truth = example_truth() if study.file is None else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)
@@ -45,7 +52,9 @@ def sample(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
-    model: Annotated[str, typer.Option("--model", help="A model of the ladder, as compare names them.")] = "predictive update",
+    model: Annotated[
+        str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")
+    ] = "predictive update",
     task: SamplingTask,
 ) -> None:
     """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
@@ -75,7 +84,7 @@ def evidence(
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
     task: ModelTask,
 ) -> None:
-    """Evidence of the predictive-update model (H1) against one free frequency per pair (H0).
+    """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
@@ -100,11 +109,14 @@ class ComparingTask(SamplingTask):
 def compare(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_models.csv (study) and NAME.png beside it.")] = Path("compare.csv"),
-    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole ladder.")] = None,
+    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
+    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
+    space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
     task: ComparingTask,
 ) -> None:
-    """A ladder of models for every subject: evidence, leave-one-out, checks, model probabilities; and model frequencies over subjects.
+    """Which order effect, noise and lapses, and how sure: probabilities of parts, over a space of models, for every subject and the study.
+
+    Besides, of every model: evidence, leave-one-out, predictive checks, model probabilities, and model frequencies over subjects.
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
@@ -114,15 +126,16 @@ def compare(
     from bayes_toe.plots.comparison import save_comparison
     from bayes_toe.plots.figure_files import picture_beside
 
-    models, picture = require_models(model), picture_beside(output)
-    task.require_files(output, beside(output), picture)
+    asked, picture = model or space, picture_beside(output)
+    models = require_models(asked)
+    task.require_files(output, *beside(output), picture)
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
-        table = compute(read, models, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
+        table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
     table.save(output, overwrite=task.overwrite)
     save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_comparison(task.console, table)
-    task.say_written("written:", output, beside(output), picture, seed=table.seed)
+    task.say_written("written:", output, *beside(output), picture, seed=table.seed)
 
 
 def sensitivity(
@@ -131,6 +144,7 @@ def sensitivity(
     output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
     reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
     task: ModelTask,
 ) -> None:
     """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
@@ -142,16 +156,33 @@ def sensitivity(
     from bayes_toe.plots.figure_files import picture_beside
     from bayes_toe.plots.sensitivity import save_sensitivity
 
-    picture = picture_beside(output)
+    picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
+    files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
     require_range(reach, steps)
-    task.require_files(output, picture)
+    task.require_files(*files)
     read, prior = task.opened(study)
     with task.progress("re-weighting", len(read)) as tick:
         table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
     table.save(output, overwrite=task.overwrite)
     save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_sensitivity(task.console, table)
-    task.say_written("written:", output, picture, seed=table.seed)
+    if compare:
+        _parts_sensitivity(read, parts, prior, reach, table.seed, task)
+    task.say_written("written:", *files, seed=table.seed)
+
+
+def _parts_sensitivity(study: Study, output: Path, prior: Prior, reach: float, seed: int, task: ModelTask) -> None:
+    """How the probabilities of parts move with the prior, in five steps: table, figure and a line a subject."""
+    from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
+    from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
+
+    factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
+    with task.progress("re-weighting every model", len(study)) as tick:
+        table = parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
+    table.save(output, overwrite=task.overwrite)
+    save_parts_sensitivity(table, picture_beside(output), synthetic=study.synthetic, overwrite=task.overwrite)
+    summaries.say_parts_sensitivity(task.console, table)
 
 
 def fit(

@@ -21,17 +21,18 @@ Workers = Annotated[
 
 
 def prior_help(kind: type[PriorFields] = PriorFields) -> str:
-    """What a prior file may hold, for the help text of --prior.
+    """What may be given as a prior, for the help text of --prior.
 
     Examples
     --------
-    >>> prior_help()
-    'Prior: any of mu1_mean, mu1_sd, sigma_p_scale; see check --prior.'
+    >>> prior_help()[:82]
+    'paper (default), stimuli (their location and scales), or a file of any of mu1_mean'
     """
-    return f"Prior: any of {', '.join(one.name for one in kind.declared())}; see check --prior."
+    names = ", ".join(one.name for one in kind.declared())
+    return f"paper (default), stimuli (their location and scales), or a file of any of {names}; see check --prior."
 
 
-PriorFile = Annotated[Path | None, typer.Option("--prior", metavar="prior.toml", help=prior_help())]
+PriorFile = Annotated[str | None, typer.Option("--prior", metavar="paper|stimuli|prior.toml", help=prior_help())]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 

@@ -14,9 +14,13 @@ import numpy as np
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
 from bayes_toe.classical.fit_table import SubjectFit
-from bayes_toe.comparison.evidence_table import SubjectEvidence
+from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, misfit, misfits, p_value, tally
+from bayes_toe.comparison.presets import say_presets
+from bayes_toe.comparison.words import STATED, conclusion, order_effect_and_probability
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.checks import Finding, check_study
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.contraction import DOMINATED
@@ -25,41 +29,25 @@ from bayes_toe.model.coordinates import NATURAL
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Log Bayes factors smaller than this are called undecided.
-UNDECIDED = 1.0
-
 
 @dataclass(frozen=True)
 class Pictures:
-    """PNG figures of a report: evidence, asymmetry (may be empty) and map of all subjects; per subject its curves and its corner plot."""
+    """PNG figures of a report: evidence, asymmetry (may be empty), map of all subjects, prior; per subject its curves and corner plot."""
 
     evidence: bytes
     asymmetry: bytes
     map: bytes
+    prior: bytes
     curves: Mapping[str, bytes]
     corner: Mapping[str, bytes]
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What a report says besides the analysis: summary of the draws, model-free asymmetries, goodness of fit by subject."""
+    """What a report says besides the analysis: summary of the draws, model-free asymmetries."""
 
     summary: pd.DataFrame
     asymmetry: AsymmetryTable
-    fits: Mapping[str, FitSummary]
-
-
-def verdict(row: SubjectEvidence) -> str:
-    """Which model the evidence favours, in words for a table.
-
-    A log Bayes factor within 1 nat of 0 is called undecided.
-    """
-    value = row.log_bayes_factor
-    if value is None:
-        return "no estimate"
-    if abs(value) < UNDECIDED:
-        return "undecided"
-    return "H1" if value > 0 else "H0"
 
 
 def prior_dominated(summary: pd.DataFrame, subject: str) -> list[str]:
@@ -81,25 +69,29 @@ def render(analysis: Analysis, facts: Facts, pictures: Pictures) -> str:
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(number=_number, signed=_signed, p_value=_p_value, data_uri=_data_uri)
+    environment.filters.update(number=_number, signed=_signed, p_value=p_value, data_uri=_data_uri, deviance=deviance, misfit=misfit)
+    environment.filters.update(order_effect=order_effect_and_probability, conclusion=conclusion)
     source = (files("bayes_toe.cli") / "report.html").read_text(encoding="utf-8")
     return environment.from_string(source).render(_context(analysis, facts, pictures))
 
 
 def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, Any]:
-    findings = check_study(analysis.study)
-    rows = [(row, verdict(row)) for row in analysis.evidence]
+    findings, table = check_study(analysis.study), analysis.evidence
     return {
         "study": analysis.study,
+        "reference": f"{analysis.settings.prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
-        "rows": rows,
-        "tally": {word: sum(found == word for _, found in rows) for word in ("H1", "H0", "undecided", "no estimate")},
-        "undecided": UNDECIDED,
+        "rows": table.rows,
+        "tally": tally(table),
+        "misfits": misfits(table),
+        "presets": say_presets(analysis.presets),
+        "said": {"scale": STATED, "fit": FIT, "appendix_c": APPENDIX_C, "next": NEXT[0].upper() + NEXT[1:]},
         "not_converged": analysis.draws.not_converged,
         "study_findings": [finding for finding in findings if finding.subject == ""],
+        "before_pooling": check_answers(analysis.study, analysis.settings.prior),
         "pictures": pictures,
-        "effects": [(row, facts.fits[row.subject]) for row in facts.asymmetry],
+        "effects": facts.asymmetry.rows,
         "population": facts.asymmetry.population(),
         "asymmetry_notes": facts.asymmetry.notes,
         "level": LEVEL,
@@ -112,7 +104,7 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
     counts = analysis.study.subjects[index]
     name = counts.name
     stats = analysis.draws.group("sample_stats").sel(subject=name)
-    row, fit = analysis.evidence[name], facts.fits[name]
+    row = analysis.evidence[name]
     fitted = None if counts.isi is not None else analysis.fits[name]
     return {
         "anchor": f"subject-{index + 1}",
@@ -129,13 +121,10 @@ def _subject_context(analysis: Analysis, facts: Facts, pictures: Pictures, index
             "proposal efficiency": f"{row.efficiency:.2f}",
             "Pareto k-hat": f"{row.pareto_k:.2f}",
             **({} if fitted is None else {"maximum likelihood at an edge": fitted.at_edge or "no"}),
-            "deviance (d.f.)": f"{fit.deviance:.1f} ({fit.degrees_of_freedom})",
-            "predictive p": _p_value(fit.p_overall),
-            "predictive p, worst pair": _p_value(fit.worst_p),
-            "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g})"
-            + ("" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"),
+            **({} if row.fit is None else _fit(row.fit)),
         },
         "remarks": [finding.message for finding in findings if finding.subject == name] + list(row.notes),
+        "row": row,
         "prior_dominated": prior_dominated(facts.summary, name),
     }
 
@@ -150,30 +139,30 @@ def _parameters(summary: pd.DataFrame, fit: SubjectFit | None, level: float) -> 
     return rows
 
 
+def _fit(fit: FitSummary) -> dict[str, str]:
+    interval = "" if fit.worst_isi is None else f" at {fit.worst_isi:g} s"
+    return {
+        "deviance (d.f.)": deviance(fit),
+        "p of the deviance": "–" if np.isnan(fit.p_deviance) else p_value(fit.p_deviance),
+        "predictive p": p_value(fit.p_overall),
+        "predictive p, worst pair": p_value(fit.worst_p),
+        "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g}){interval}",
+    }
+
+
 def _kept(analysis: Analysis, steps: int, thin: int) -> str:
     last = thin * analysis.settings.sampler.kept_steps
     return f"{steps}, kept: last {last}" + ("" if thin == 1 else f", one in {thin}")
 
 
-def _number(value: float | None, digits: int = 2) -> str:
-    """A number for a table; a dash where there is none."""
-    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}".replace("-", "−")
+def _number(value: float | None, digits: int = 2, error: float = np.nan) -> str:
+    """A number for a table, with no more digits than its Monte Carlo error allows; a dash where there is none."""
+    return "–" if value is None or np.isnan(value) else allowed(value, error, digits).replace("-", "−")
 
 
 def _signed(value: float, digits: int = 2) -> str:
     """A number for a table, with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
-
-
-def _p_value(value: float) -> str:
-    """A p-value for a table.
-
-    Examples
-    --------
-    >>> _p_value(0.0), _p_value(0.0123), _p_value(0.5)
-    ('< 0.001', '0.012', '0.50')
-    """
-    return "< 0.001" if value < 0.001 else f"{value:.2g}" if value < 0.095 else f"{value:.2f}"
 
 
 def _data_uri(picture: bytes) -> str:

@@ -12,10 +12,11 @@ from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.file_names import file_stems
+from bayes_toe.data.study import Study
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
@@ -24,6 +25,7 @@ from bayes_toe.plots.evidence import evidence_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes, without_pointwise
+from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import new_figure
 from bayes_toe.workers import Progress, run_in_order
 
@@ -34,11 +36,10 @@ PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.htm
 
 
 class _Drawn(NamedTuple):
-    """Corner plot, fitted curves and goodness of fit of one subject."""
+    """Corner plot and fitted curves of one subject."""
 
     corner: bytes
     curves: bytes
-    fit: FitSummary
 
 
 def write_results(
@@ -78,12 +79,12 @@ def write_results(
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         wide, of_subjects = _overviews(analysis, asymmetry), _pictures_of_subjects(analysis, {} if truth is None else truth)
         done = run_in_order([*wide, *of_subjects], workers, progress, [*((),) * len(wide), *((name,) for name in names)])
-        evidence, effects, study_map = (found for found in done if isinstance(found, bytes))
+        evidence, effects, study_map, prior = (found for found in done if isinstance(found, bytes))
         drawn = dict(zip(names, (found for found in done if isinstance(found, _Drawn)), strict=True))
         corners = {name: found.corner for name, found in drawn.items()}
         write_corners(corners, target / "corner", corner_files(analysis.draws, names))
-        pictures = Pictures(evidence, effects, study_map, {name: found.curves for name, found in drawn.items()}, corners)
-        facts = Facts(summary, asymmetry, {name: found.fit for name, found in drawn.items()})
+        pictures = Pictures(evidence, effects, study_map, prior, {name: found.curves for name, found in drawn.items()}, corners)
+        facts = Facts(summary, asymmetry)
         write_report(analysis, facts, pictures, target / "report.html")
     return Path(folder)
 
@@ -115,11 +116,12 @@ def corner_files(draws: Draws, subjects: Sequence[str]) -> dict[str, str]:
 
 
 def _overviews(analysis: Analysis, asymmetry: AsymmetryTable) -> list[Callable[[], bytes]]:
-    """Calls that draw evidence, asymmetry and map, in the order of :class:`Pictures`."""
+    """Calls that draw evidence, asymmetry, map and prior, in the order of :class:`Pictures`."""
     return [
         partial(_draw_evidence, analysis.evidence, synthetic=analysis.study.synthetic),
         partial(_draw_asymmetry, asymmetry),
         partial(_draw_map, without_pointwise(analysis.draws)),
+        partial(_draw_prior, analysis.study, analysis.settings),
     ]
 
 
@@ -131,7 +133,7 @@ def _pictures_of_subjects(analysis: Analysis, truth: Truth) -> list[Callable[[],
 
 def _draw_subject(draws: Draws, subject: str, prior: Prior, truth: Mapping[str, float] | None) -> _Drawn:
     fitted = interval_curves if draws.intervals else curves
-    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120), draws.fit(subject))
+    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120))
 
 
 def _corner(
@@ -151,6 +153,10 @@ def _draw_asymmetry(table: AsymmetryTable) -> bytes:
     figure = new_figure(4.8, asymmetry_height(table))
     asymmetry_axes(table, figure.subplots())
     return png(figure, dpi=120)
+
+
+def _draw_prior(study: Study, settings: Settings) -> bytes:
+    return png(prior_predictive_figure(study, settings.prior, seed=settings.seed))
 
 
 def _draw_map(draws: Draws) -> bytes:

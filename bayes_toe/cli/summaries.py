@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.terminal import safe, say, say_note, say_once, say_table
+from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.terminal import once, safe, say, say_footnote, say_note, say_once, say_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -13,9 +14,10 @@ if TYPE_CHECKING:
     from bayes_toe.classical.asymmetry import AsymmetryTable
     from bayes_toe.classical.covariates import CovariateTable
     from bayes_toe.classical.fit_table import FitTable
-    from bayes_toe.comparison.evidence_table import EvidenceTable
+    from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
     from bayes_toe.comparison.ladder_table import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
+    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
     from bayes_toe.experiments.calibration_table import CalibrationTable
     from bayes_toe.inference.draws import Draws
@@ -23,12 +25,16 @@ if TYPE_CHECKING:
 
 #: What order effects show in: these have their range beside the median.
 _WITH_RANGE = ("mu1", "offset", "gain")
+_SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 _MOST_SHOWN = 7  # of a model with a parameter for each pair
+_MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
 
 
 def say_draws(console: Console, draws: Draws) -> None:
     """Medians and convergence of every subject."""
     import numpy as np
+
+    from bayes_toe.inference.diagnostics import quantile_errors
 
     stats, missed = draws.group("sample_stats"), draws.not_converged
     natural = draws.posterior(draws.names[0]).names.natural
@@ -38,8 +44,11 @@ def say_draws(console: Console, draws: Draws) -> None:
     for i, name in enumerate(draws.names):
         row: dict[Any, Any] = {"subject": name}
         for key in shown:
-            low, middle, high = np.quantile(draws.values(name, key), [0.05, 0.5, 0.95])
-            row[key] = f"{middle:.2f}" + (f" ({low:.2f}, {high:.2f})" if key in _WITH_RANGE else "")
+            values = draws.values(name, key)
+            # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
+            errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
+            low, middle, high = map(allowed, np.quantile(values, _SHOWN_QUANTILES), errors, [2] * 3)
+            row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
         row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
         row["converged"] = "NO" if name in missed else "yes"
@@ -52,9 +61,14 @@ def say_draws(console: Console, draws: Draws) -> None:
 
 
 def say_evidence(console: Console, table: EvidenceTable) -> None:
-    """The evidence table, and each note once with the subjects that it is about."""
-    from bayes_toe.cli.report import verdict
+    """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
+    from bayes_toe.cli.headline import APPENDIX_C, FIT, tally
+    from bayes_toe.comparison.words import STATED, conclusion
 
+    say_table(console, "order effect, and fit of the model", [_headline(row) for row in table])
+    say(console, f"[bold]order effect[/bold]: {tally(table)}")
+    _say_misfits(console, table)
+    say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
     rows: list[dict[Any, Any]] = [
         {
             "subject": row.subject,
@@ -62,26 +76,58 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
             "s.e.": _number(row.log_evidence_h1_se, 4),
             "log evidence H0": _number(row.log_evidence_h0),
             "log Bayes factor": _number(row.log_bayes_factor),
-            "favours": verdict(row),
+            "evidence": conclusion(row.log_bayes_factor),
             "k-hat": _number(row.pareto_k),
             "Laplace": _number(row.log_bayes_factor_laplace),
         }
         for row in table
     ]
-    say_table(console, "evidence: natural logs, H1 minus H0", rows)
+    say_table(console, "Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
+    say_footnote(console, f"{APPENDIX_C}.")
     say_once(console, ((row.subject, note) for row in table for note in row.notes))
+    for line in once((row.subject, note) for row in table for note in row.footnotes):
+        say_footnote(console, line)
+
+
+def _headline(row: SubjectEvidence) -> dict[Any, Any]:
+    from bayes_toe.cli.headline import deviance, p_value
+    from bayes_toe.comparison.words import order_effect_and_probability
+
+    return {
+        "subject": row.subject,
+        "order effect": order_effect_and_probability(row.log_evidence_orders),
+        "none": _number(row.p_none),
+        "constant error": _number(row.p_constant_error),
+        "update": _number(row.p_update),
+        "fit": "MISFIT" if row.misfit else "no misfit" if row.fit else "-",
+        "predictive p": p_value(row.fit.p_overall) if row.fit else "-",
+        "deviance (d.f.)": deviance(row.fit) if row.fit else "-",
+    }
+
+
+def _say_misfits(console: Console, table: EvidenceTable) -> None:
+    from bayes_toe.cli.headline import NEXT, misfit, misfits
+
+    if found := misfits(table):
+        say(console, f"[bold]fit[/bold]: {found}")
+        for row in table:
+            if row.fit is not None and row.misfit:
+                say_note(console, f"{row.subject}: {misfit(row.fit)}", "misfit", "red")
+        say(console, NEXT, "red")
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:
-    """Log evidence of every model below the best one of each subject, the models over the study, and each note once."""
+    """First the parts of models, then log evidence below the best model, then the models over the study, and each note once."""
     from math import isnan
 
+    _say_parts(console, table)
     rows: list[dict[Any, Any]] = []
     for name, values in zip(table.subjects, table.log_evidence, strict=True):
         best = max((value for value in values if not isnan(value)), default=0.0)
         cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
         rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
-    say_table(console, "log evidence below the subject's best model, nats", rows)
+    if len(table.models) <= _MOST_COLUMNS:
+        say_table(console, "log evidence below the subject's best model, nats", rows)
     _say_models(console, table)
     about: dict[str, list[ModelRow]] = {}
     for one in table:
@@ -91,6 +137,30 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
             about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
     for note, found in about.items():
         say_note(console, f"{_whose(found, table.subjects)}: {note}")
+
+
+def _say_parts(console: Console, table: ModelComparison) -> None:
+    """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
+    from bayes_toe.comparison.parts_table import STUDY
+    from bayes_toe.inference.predictive_checks import MISFIT
+
+    best, rows, parts = table.best_compositions(), [], table.parts
+    for i, name in enumerate(table.subjects):
+        row: dict[Any, Any] = {"subject": name, **{" / ".join(part.levels): _shares(part.probability[i]) for part in parts}}
+        found, against = best.get(name, (None, None))
+        fit = None if found is None else found.checks.p_predictive
+        row |= {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
+        rows.append({**row, "fit p": "-" if fit is None else f"{fit:.2g}" + (" misfit" if fit < MISFIT else "")})
+    of_study = {" / ".join(part.levels): _shares(part.study) for part in parts if part.study is not None}
+    if of_study:
+        rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
+    say_table(console, "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit", rows)
+    if of_study:
+        say(console, f"{STUDY}: of a new subject, by random effects over {parts[0].counted} of {len(table.subjects)} subjects")
+
+
+def _shares(probability: Any) -> str:
+    return " / ".join(_or_dash(value, 2) for value in probability)
 
 
 def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
@@ -103,9 +173,11 @@ def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
 
 def _say_models(console: Console, table: ModelComparison) -> None:
     """The models over the study; frequencies by the exact sum where there is one."""
-    frame, exact = table.study_frame(), table.exact_frequencies() is not None
+    # How often a model is found over subjects means nothing for one of them.
+    many = len(table.subjects) > 1
+    frame, exact = table.study_frame(), many and table.exact_frequencies() is not None
     ending = "_exact" if exact else ""
-    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
     sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
     lines = [
         {
@@ -117,8 +189,8 @@ def _say_models(console: Console, table: ModelComparison) -> None:
         for row in frame.to_dict("records")
     ]
     first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
-    how = "" if table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
-    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}", lines)
+    how = "" if not many or table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
+    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
     if how:
         _say_risk(console, first)
     for key, unit in (("elpd_loo_trial", "trial"), ("elpd_loo_pair", "pair")):
@@ -142,7 +214,8 @@ def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> Non
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
-    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
+    from bayes_toe.comparison.reweighting import RESAMPLED
+    from bayes_toe.comparison.words import STATED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
     for name, line in zip(table.names, table.summary(), strict=True):
@@ -151,6 +224,13 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
     say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+    say_footnote(console, f"{STATED}.")
+
+
+def say_parts_sensitivity(console: Console, table: PartsSensitivity) -> None:
+    """One line a subject on its order effect; marked where another kind is the most probable within the range."""
+    for subject, line in zip(table.subjects, table.summary(), strict=True):
+        say(console, safe(line), "yellow" if table.turns(subject) else None)
 
 
 def say_asymmetry(console: Console, table: AsymmetryTable) -> None:

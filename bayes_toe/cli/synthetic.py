@@ -44,11 +44,11 @@ def simulate(
     from bayes_toe.data.tables import write_table
     from bayes_toe.experiments.recipes import design_from, population_from, trial_frame, truth_frame
     from bayes_toe.experiments.simulate import simulate_trials
-    from bayes_toe.model.prior_file import read_prior
+    from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.seeds import root_seed
 
     task.require_files(*([output] if truth is None else [output, truth]))
-    prior, seed = None if task.prior is None else read_prior(task.prior), root_seed(task.seed)
+    prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     design = design_from(task.design, task.amplitudes, task.batches, task.isi)
     names, observers = population_from(task.population, task.subjects, seed, prior=prior)
     trials = simulate_trials(names, observers, design, seed)

@@ -74,10 +74,11 @@ class PriorTask(Task):
 
     def read(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
-        from bayes_toe.model.prior_file import prior_or_default
+        from bayes_toe.model.prior_file import preset_or_file
+        from bayes_toe.model.study_prior import prior_for
 
-        prior = prior_or_default(self.prior)
-        return study.read(), prior
+        prior, read = preset_or_file(self.prior), study.read()
+        return read, prior_for(read, prior)
 
     def opened(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
         """The study and the prior, read and said."""

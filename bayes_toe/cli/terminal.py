@@ -70,13 +70,29 @@ def say_note(console: Console, text: str, word: str = "note", colour: str = "yel
     say(console, f"[{colour}]{word}[/{colour}] {safe(text)}")
 
 
-def say_once(console: Console, notes: Iterable[tuple[str, str]], word: str = "note") -> None:
-    """Notes, each a subject and a text: each text once, with the subjects that it is about; '' is no subject."""
+def say_footnote(console: Console, text: str) -> None:
+    """One dim line, for what a reader may pass over; the text is escaped."""
+    say(console, safe(text), "dim")
+
+
+def once(notes: Iterable[tuple[str, str]]) -> list[str]:
+    """Notes, each a subject and a text: each text once, with the subjects that it is about; '' is no subject.
+
+    Examples
+    --------
+    >>> once([("A", "few trials"), ("B", "few trials"), ("", "all raw")])
+    ['A, B: few trials', 'all raw']
+    """
     about: dict[str, list[str]] = {}
     for subject, text in notes:
         about.setdefault(text, []).extend([subject] if subject else [])
-    for text, subjects in about.items():
-        say_note(console, f"{', '.join(subjects)}: {text}" if subjects else text, word)
+    return [f"{', '.join(subjects)}: {text}" if subjects else text for text, subjects in about.items()]
+
+
+def say_once(console: Console, notes: Iterable[tuple[str, str]], word: str = "note") -> None:
+    """Notes as :func:`once` has them, a line each."""
+    for line in once(notes):
+        say_note(console, line, word)
 
 
 def say_study(console: Console, study: Study) -> None:

@@ -1,7 +1,8 @@
-"""Model evidence of one subject: the predictive-update model (H1) against one free frequency per pair (H0).
+"""Model evidence of one subject: which order effect, whether the update (H1) describes the answers, and H1 against free frequencies (H0).
 
-All values are natural logs and leave binomial coefficients out on both sides, so their difference is the log Bayes factor.
-Source: Appendix C, with the likelihood (not its log) inside the integral.
+Which order effect: three models that differ in it alone, the symmetric one, a constant error, the predictive update (H1). All values are
+natural logs and leave binomial coefficients out, so their differences are log Bayes factors.
+Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the integral.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
+from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
-from bayes_toe.inference.modes import Maxima
-from bayes_toe.inference.subject import SubjectResult
+from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import LOG_2PI, Prior
@@ -41,15 +44,31 @@ EVIDENCE_COLUMNS = (
     "log_evidence_h1_laplace_natural",
     "log_evidence_h1_bootstrap",
     "prior",
+    *("log_evidence_symmetric", "log_evidence_constant_error", "p_none", "p_constant_error", "p_update", "predictive_p"),
 )
 
 
+_NO_FIT = "H1: goodness of fit withheld with the weights of its draws"
+_INTERVALS = (
+    "order effect: H1 knows what an inter-stimulus interval does, the other two models ignore it, so that their probabilities also ask "
+    "whether intervals matter"
+)
 _NO_REPLICATES = None, "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
 
 @dataclass(frozen=True)
 class SubjectEvidence:
-    """Log evidences of one subject, in nats; None where a value does not exist, with the reason in `notes`."""
+    """Log evidences of one subject, in nats; None where a value does not exist, with the reason in `notes` or `footnotes`.
+
+    Attributes
+    ----------
+    fit : FitSummary or None
+        Goodness of fit of H1.
+    notes : tuple of str
+        What is withheld, and why; with intervals, what else the probabilities ask.
+    footnotes : tuple of str
+        The same of the approximations: Laplace's, and Appendix C's recipe.
+    """
 
     subject: str
     n_pairs: int
@@ -63,11 +82,51 @@ class SubjectEvidence:
     log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
+    log_evidence_symmetric: float | None
+    log_evidence_constant_error: float | None
+    fit: FitSummary | None
     notes: tuple[str, ...] = ()
+    footnotes: tuple[str, ...] = ()
+
+    @property
+    def log_evidence_orders(self) -> tuple[float, float, float] | None:
+        """Of the models without order effect, with a constant error, with the update (H1); None where one is withheld."""
+        none, constant, update = self.log_evidence_symmetric, self.log_evidence_constant_error, self.log_evidence_h1
+        return None if none is None or constant is None or update is None else (none, constant, update)
+
+    @property
+    def order_probabilities(self) -> tuple[float, ...] | tuple[None, None, None]:
+        """Posterior probabilities of these three, which have equal prior probabilities."""
+        return (None, None, None) if self.log_evidence_orders is None else probabilities(self.log_evidence_orders)
+
+    @property
+    def p_none(self) -> float | None:
+        """Posterior probability that the order has no effect, among the three models."""
+        return self.order_probabilities[0]
+
+    @property
+    def p_constant_error(self) -> float | None:
+        """Posterior probability of a constant error, among the three models."""
+        return self.order_probabilities[1]
+
+    @property
+    def p_update(self) -> float | None:
+        """Posterior probability of the predictive update, among the three models."""
+        return self.order_probabilities[2]
+
+    @property
+    def predictive_p(self) -> float | None:
+        """Posterior predictive p-value of H1's deviance."""
+        return None if self.fit is None else self.fit.p_overall
+
+    @property
+    def misfit(self) -> bool:
+        """Whether H1 does not describe the answers, see :attr:`~bayes_toe.inference.predictive_checks.FitSummary.misfit`."""
+        return self.fit is not None and self.fit.misfit
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """H1 minus H0; positive favours the predictive-update model."""
+        """H1 minus H0; positive where one smooth curve describes the answers better than a free frequency of each pair."""
         return None if self.log_evidence_h1 is None else self.log_evidence_h1 - self.log_evidence_h0
 
     @property
@@ -89,30 +148,36 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         import pandas as pd
 
         prior = None if self.prior is None else self.prior.describe()
-        cells = [[getattr(row, key) for key in EVIDENCE_COLUMNS[:-1]] + [prior] for row in self.rows]
+        cells = [[prior if key == "prior" else getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows]
         return pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
 
 
-def subject_evidence(posterior: Posterior, result: SubjectResult, maxima: Maxima, replicates: Bootstrap | None) -> SubjectEvidence:
+def subject_evidence(
+    result: SubjectResult, fitted: Fitted, others: tuple[Evidence, Evidence], fit: FitSummary | None, replicates: Bootstrap | None
+) -> SubjectEvidence:
     """Everything the evidence table says of one subject.
 
     Parameters
     ----------
-    posterior : Posterior
-        Under H1.
     result : SubjectResult
-        Of the pipeline, with an evidence.
-    maxima : Maxima
-        Of the posterior.
+        Of the pipeline under H1, with an evidence.
+    fitted : Fitted
+        What the pipeline found on its way.
+    others : (Evidence, Evidence)
+        Of the symmetric model and of the one with a constant error.
+    fit : FitSummary, optional
+        Goodness of fit of H1; None where its draws cannot be trusted.
     replicates : Bootstrap, optional
         Those of Appendix C's recipe; None with intervals.
     """
-    subject, found = posterior.subject, result.evidence
-    if found is None or found.pareto_k is None or found.efficiency is None:
+    posterior, found = fitted.proposal.proposal.posterior, result.evidence
+    if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
-    laplace, why_no_laplace = laplace_evidence(maxima)
+    subject, (symmetric, constant_error) = posterior.subject, others
+    laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior)
     bootstrap, about_bootstrap = _NO_REPLICATES if replicates is None else bootstrap_evidence(replicates, posterior.prior)
+    withheld = {"H1": found.why_not, "symmetric": symmetric.why_not, "constant error": constant_error.why_not}
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -126,7 +191,15 @@ def subject_evidence(posterior: Posterior, result: SubjectResult, maxima: Maxima
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=found.efficiency,
         pareto_k=found.pareto_k,
-        notes=tuple(note for note in (found.why_not and f"H1: {found.why_not}", why_no_laplace, why_no_natural, about_bootstrap) if note),
+        log_evidence_symmetric=symmetric.value,
+        log_evidence_constant_error=constant_error.value,
+        fit=fit,
+        notes=(
+            *(f"{model}: {why}" for model, why in withheld.items() if why),
+            *(() if fit else (_NO_FIT,)),
+            *(() if subject.isi is None else (_INTERVALS,)),
+        ),
+        footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
 
 

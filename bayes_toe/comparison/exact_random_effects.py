@@ -11,10 +11,11 @@ from math import comb
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, expit, logsumexp
+from scipy.special import betainc, logsumexp
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.comparison.exceedance import (
+    GroupFrequencies,
     central_tails,
     exceedance_of_counts,
     group_evidence,
@@ -33,9 +34,9 @@ _BLOCK = 1 << 16  # count vectors put in order together: what that needs of memo
 _HALVINGS = 60  # of an interval that holds a quantile: to the last bit
 
 
-@dataclass(frozen=True, eq=False)
-class ExactFrequencies:
-    """The same comparison without the variational approximation; fields as in `random_effects.ModelFrequencies`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExactFrequencies(GroupFrequencies):
+    """The comparison without the variational approximation.
 
     The posterior of the frequencies is a mixture of Dirichlet distributions, so it has no single alpha.
 
@@ -47,16 +48,6 @@ class ExactFrequencies:
         Concentration of the Dirichlet prior.
     """
 
-    models: tuple[str, ...]
-    subjects: tuple[str, ...]
-    left_out: tuple[str, ...]
-    expected: FloatArray
-    exceedance: FloatArray
-    exceedance_error: float
-    omnibus_risk: float
-    protected: FloatArray
-    log_evidence: float
-    log_evidence_equal: float
     count_probability: FloatArray
     prior: float
 
@@ -133,10 +124,9 @@ def exact_random_effects(
     counts, log_weights = _count_weights(log_l)
     alpha = counts.astype(np.float64) + prior
     log_terms = log_weights + log_beta(alpha) - log_beta(np.full(n_models, prior))
-    total, equal = float(logsumexp(log_terms)), log_evidence_equal_frequencies(log_l)
+    total = float(logsumexp(log_terms))
     weights = np.exp(log_terms - total)
     exceedance, error = _mixture_exceedance(counts, weights, prior)
-    risk = float(expit(equal - total))
     return ExactFrequencies(
         models=table.models,
         subjects=table.subjects,
@@ -144,10 +134,8 @@ def exact_random_effects(
         expected=np.asarray(weights @ (alpha / alpha[0].sum())),
         exceedance=exceedance,
         exceedance_error=error,
-        omnibus_risk=risk,
-        protected=(1.0 - risk) * exceedance + risk / n_models,
         log_evidence=total,
-        log_evidence_equal=equal,
+        log_evidence_equal=log_evidence_equal_frequencies(log_l),
         count_probability=np.array([np.bincount(of_one, weights, minlength=len(log_l) + 1) for of_one in counts.T]),
         prior=prior,
     )

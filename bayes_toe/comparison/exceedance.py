@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, gammainc, gammainccinv, gammaincinv, gammaln, logsumexp
+from scipy.special import betainc, expit, gammainc, gammainccinv, gammaincinv, gammaln, logsumexp
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import InputError, NumericalError
@@ -115,6 +115,46 @@ def require_sum(found: FloatArray) -> tuple[FloatArray, float]:
 
 
 # --- what the comparisons share -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GroupFrequencies:
+    """What every random-effects comparison of K models over N subjects says.
+
+    Attributes
+    ----------
+    models, subjects : tuple of str
+        Names; subjects only those that count.
+    left_out : tuple of str
+        Subjects without an evidence for every model, which do not count.
+    expected : array, shape (models,)
+        Expected frequencies.
+    exceedance : array, shape (models,)
+        Probability that a model is the most frequent one, if frequencies differ.
+    exceedance_error : float
+        By how much their sum misses 1 before anything is done about it, which nothing is: the error of the quadrature.
+    log_evidence, log_evidence_equal : float
+        Log evidence of the answers of all subjects, frequencies free, and exactly where all are equal to 1/K. Nats.
+    """
+
+    models: tuple[str, ...]
+    subjects: tuple[str, ...]
+    left_out: tuple[str, ...]
+    expected: FloatArray
+    exceedance: FloatArray
+    exceedance_error: float
+    log_evidence: float
+    log_evidence_equal: float
+
+    @property
+    def omnibus_risk(self) -> float:
+        """Posterior probability that all models are equally frequent, against the alternative that they differ, at prior odds of 1."""
+        return float(expit(self.log_evidence_equal - self.log_evidence))
+
+    @property
+    def protected(self) -> FloatArray:
+        """Exceedance probability averaged over both: (1 - omnibus_risk) exceedance + omnibus_risk / K, shape (models,)."""
+        return (1.0 - self.omnibus_risk) * self.exceedance + self.omnibus_risk / len(self.models)
 
 
 @dataclass(frozen=True, eq=False)

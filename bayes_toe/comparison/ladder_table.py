@@ -1,4 +1,4 @@
-"""Comparison of the ladder's models: subject by subject, and over the subjects of a study."""
+"""Comparison of models: subject by subject, and over the subjects of a study."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
-from bayes_toe.comparison.model_row import ModelRow, compare_one
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
+from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, with_differences
+from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.model.ladder import model_named, require_models
+from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
@@ -44,14 +47,20 @@ COMPARE_COLUMNS = (
     "p_worst_pair",
     "note",
     "prior",
+    "elpd_loo_pair_diff",
+    "elpd_loo_pair_diff_se",
+    "elpd_loo_trial_diff",
+    "elpd_loo_trial_diff_se",
+    "parts",
 )
+_TEXTS = ("subject", "model", "parameters", "note", "prior", "parts")
 _FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
 _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison(Table[ModelRow]):
-    """Every subject under every model, subjects in the study's order, models in the ladder's.
+    """Every subject under every model, subjects in the study's order, models in that of their space.
 
     Attributes
     ----------
@@ -82,10 +91,48 @@ class ModelComparison(Table[ModelRow]):
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
         import pandas as pd
 
-        believed = {name: model_named(name).describe(self.prior) for name in self.models}
-        cells = [[*(row.cell(key) for key in COMPARE_COLUMNS[:-1]), believed[row.model]] for row in self.rows]
-        numbers = dict.fromkeys(COMPARE_COLUMNS[3:-2], "float64")
+        records = dict(zip(self.models, self.records, strict=True))
+        said = {name: {"prior": record.describe(self.prior), "parts": _composed(record)} for name, record in records.items()}
+        cells = [[said[row.model][key] if key in ("prior", "parts") else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The models' records."""
+        return tuple(map(model_named, self.models))
+
+    @cached_property
+    def parts(self) -> tuple[PartTable, ...]:
+        """Probabilities of the levels of every part that varies among the compositions compared."""
+        return part_tables(self.records, self.log_evidence)
+
+    def parts_frame(self) -> pd.DataFrame:
+        """The same with the columns of compare_parts.csv: one row a level, subject by subject, last the study, '*'; empty where withheld.
+
+        The study's are those of a new subject of its population, by random effects over families of models: see
+        :mod:`bayes_toe.comparison.parts_table`. There are none with fewer than two subjects that have every evidence.
+        """
+        import pandas as pd
+
+        order = {name: i for i, name in enumerate(self.subjects)}
+        rows = [row for part in self.parts for row in part.cells(self.subjects)]
+        rows.sort(key=lambda row: order.get(str(row[0]), len(order)))  # stable: parts and levels keep their order
+        return pd.DataFrame(rows, columns=list(PARTS_COLUMNS))
+
+    def best_compositions(self) -> dict[str, tuple[ModelRow, float | None]]:
+        """By subject, the composition with the highest evidence and its log Bayes factor against free frequencies, where those are there.
+
+        Without subjects whose evidences are all withheld.
+        """
+        composed, evidence = np.array([bool(record.levels) for record in self.records]), self.log_evidence
+        found: dict[str, tuple[ModelRow, float | None]] = {}
+        for i, (name, values) in enumerate(zip(self.subjects, evidence, strict=True)):
+            known = np.where(composed & ~np.isnan(values), values, -np.inf)
+            best, free = int(known.argmax()), values[~composed].tolist()
+            if np.isfinite(known[best]):
+                found[name] = self.rows[i * len(self.models) + best], float(known[best]) - free[0] if free else None
+        return found
 
     def frequencies(self) -> ModelFrequencies | None:
         """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject.
@@ -117,7 +164,8 @@ class ModelComparison(Table[ModelRow]):
         the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
         scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
         expected_exact to omnibus_risk_exact, the same four without the approximation, empty where :meth:`exact_frequencies` gives none;
-        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go.
+        elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go; elpd_loo_pair_diff to
+        elpd_loo_trial_diff_se, differences of those sums to the best model's with the standard errors of the paired differences.
         """
         import pandas as pd
 
@@ -130,13 +178,25 @@ class ModelComparison(Table[ModelRow]):
         for name, values in predicted.items():
             frame[name] = _sum(values)
         frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
-        return frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
+        frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
+        return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write compare.csv, and the study's table beside it as compare_models.csv; each whole or not at all."""
+        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; each whole or not at all."""
         written = super().save(path, overwrite=overwrite)
-        write_table(self.study_frame(), beside(path), overwrite=overwrite)
+        for frame, name in zip((self.study_frame(), self.parts_frame()), beside(path), strict=True):
+            write_table(frame, name, overwrite=overwrite)
         return written
+
+    def _differences(self, unit: Unit) -> dict[str, list[float]]:
+        """Leave-one-out differences to the best model and their errors over the subjects with a value under every model."""
+        size = len(self.models)
+        subjects = [self.rows[i : i + size] for i in range(0, len(self.rows), size)]
+        found = [[row.left_out[unit] for row in rows] for rows in subjects if all(unit in row.left_out for row in rows)]
+        counted = [rows for rows in found if not any(np.isnan(one.elpd) for one in rows)]
+        joined = [LeaveOneOut.joined(parts) for parts in zip(*counted, strict=True)]
+        pairs = below_best(joined) if joined else [(np.nan, np.nan)] * size
+        return dict(zip(difference_columns(unit), map(list, zip(*pairs, strict=True)), strict=True))
 
     def _matrix(self, name: str) -> FloatArray:
         flat = np.array([row.cell(name) for row in self.rows], np.float64)  # None becomes NaN
@@ -158,18 +218,24 @@ def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | ExactFreque
     return frame.assign(**values)
 
 
-def beside(path: str | Path) -> Path:
-    """Where the study's table goes: compare_models.csv beside compare.csv."""
-    return Path(path).with_name(f"{Path(path).stem}_models{Path(path).suffix}")
+def beside(path: str | Path) -> tuple[Path, Path]:
+    """Where the tables of the study and of the parts go: compare_models.csv and compare_parts.csv beside compare.csv."""
+    models, parts = (Path(path).with_name(f"{Path(path).stem}_{what}{Path(path).suffix}") for what in ("models", "parts"))
+    return models, parts
+
+
+def _composed(model: Record) -> str:
+    """The level of every part; nothing for free frequencies, which have none."""
+    return "; ".join(f"{part}: {level}" for part, level in model.levels)
 
 
 def compare(
     study: Study,
-    models: Sequence[str] | None = None,
+    models: str | Sequence[str | Record] = "parts",
     *,
     draws: int = 1000,
     seed: int | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> ModelComparison:
@@ -180,8 +246,9 @@ def compare(
     study : Study
         With intervals (column isi), models with a memory say how they act, and the others answer a pair alike at every one: the note of
         their rows says so. Free frequencies have one for each pair at each interval.
-    models : sequence of str, optional
-        Names of :data:`bayes_toe.model.ladder.NAMES`; all of them by default.
+    models : str or sequence of str or record
+        Models by name or composition; or the name of a space: "parts", every composition of order, noise and lapses, or "ladder", the
+        models that have a name.
     draws : int
         Effective draws to reach for every named quantity of every model.
     seed, prior, workers, progress
@@ -200,11 +267,12 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    names, root, chosen = require_models(models), root_seed(seed), Prior() if prior is None else prior
+    records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
+    names = tuple(model.name for model in records)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [partial(compare_one, subject, model_named(name), draws=draws, seed=root, prior=chosen) for subject in study for name in names]
+    jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]
     rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
-    groups = [_with_probabilities(rows[i : i + len(names)]) for i in range(0, len(rows), len(names))]
+    groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 
 

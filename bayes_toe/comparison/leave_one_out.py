@@ -78,6 +78,12 @@ class LeaveOneOut:
             raise InputError("leave-one-out values of different units or answers cannot be compared")
         return _sum(self.values - other.values, self.counts)
 
+    @classmethod
+    def joined(cls, parts: Sequence[LeaveOneOut]) -> LeaveOneOut:
+        """One model over several subjects: all their units together."""
+        values, counts, k = (np.concatenate([getattr(one, key) for one in parts], axis=1) for key in ("values", "counts", "pareto_k"))
+        return cls(parts[0].unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k)
+
     def filled(self, exact: Mapping[int, float]) -> LeaveOneOut:
         """The same with values of left-out pairs, by index, from another route in the place of those that were withheld."""
         values = self.values.copy()
@@ -101,7 +107,7 @@ def leave_one_out(
     Parameters
     ----------
     log_equal, log_different : array_like, shape (draws, pairs)
-        ln P(equal) and ln P(different) at draws of equal weight.
+        ln P(equal) and ln P(different) of one answer, given all others to its pair, at draws of equal weight.
     n_equal, n_trials : array_like of int, shape (pairs,)
     unit : 'trial' or 'pair'
         What is left out at a time.
@@ -123,19 +129,55 @@ def leave_one_out(
     counts = _counts(n_equal, n_trials)
     logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)])
     _require_possible(logs, counts)
+    if _require_unit(unit) == "trial":
+        return _weighted(unit, logs, counts, pairs)
+    given = counts[:, :, None] > 0  # an answer never given contributes 0, also where its probability is 0
+    return leave_one_pair_out(np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0).T, n_trials, pairs=pairs)
+
+
+def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike, *, pairs: Sequence[str] | None = None) -> LeaveOneOut:
+    """The same by pair for answers that need not be independent: from the log likelihood of each pair, shape (draws, pairs).
+
+    Raises
+    ------
+    InputError
+        As :func:`leave_one_out`.
+    """
+    tried = (np.asarray(n_trials)[None] > 0).astype(np.int64)
+    logs = _logs("likelihood", log_likelihood, tried)[None]
+    _require_possible(logs, tried, "this")
+    return _weighted("pair", logs, tried, pairs)
+
+
+def _weighted(unit: Unit, logs: FloatArray, counts: IntArray, pairs: Sequence[str] | None) -> LeaveOneOut:
+    """From log probabilities of shape (answers, pairs, draws), of each unit given all that stays."""
     names = tuple(str(i + 1) for i in range(counts.shape[1])) if pairs is None else tuple(pairs)
     if len(names) != counts.shape[1]:
         raise InputError(f"pairs: {len(names)} names, allowed are {counts.shape[1]}")
-    if _require_unit(unit) == "pair":
-        given = counts[:, :, None] > 0  # an answer never given contributes 0, also where its probability is 0
-        logs = np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0, keepdims=True)
-        counts = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
     values, k = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
     for answer, pair in np.argwhere(counts > 0):
         values[answer, pair], k[answer, pair] = _left_out(logs[answer, pair])
     bad = k > trusted_k(logs.shape[-1])
     values[bad] = np.nan
     return LeaveOneOut(unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k, _note(unit, bad, k, names))
+
+
+def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
+    """Difference of elpd to the best of several models of the same answers, at most 0, with the standard error of the paired difference.
+
+    0 and 0 for the best itself; NaN where a value is withheld.
+
+    Examples
+    --------
+    >>> free, sure = leave_one_out_frequencies([3, 4], [5, 5]), leave_one_out(*np.log(np.full((2, 100, 2), 0.5)), [3, 4], [5, 5])
+    >>> [[round(value, 2) for value in pair] for pair in below_best([free, sure])]
+    [[-0.76, 1.42], [0.0, 0.0]]
+    """
+    elpd = np.array([one.elpd for one in models])
+    if np.isnan(elpd).all():
+        return [(np.nan, np.nan)] * len(models)
+    best = int(np.nanargmax(elpd))
+    return [(0.0, 0.0) if i == best else one.minus(models[best]) for i, one in enumerate(models)]
 
 
 def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
@@ -221,7 +263,8 @@ def _logs(name: str, values: npt.ArrayLike, counts: IntArray) -> FloatArray:
     return np.ascontiguousarray(logs.T)
 
 
-def _require_possible(logs: FloatArray, counts: IntArray) -> None:
+def _require_possible(logs: FloatArray, counts: IntArray, *names: str) -> None:
     impossible = (logs.min(axis=-1) == -np.inf) & (counts > 0)
     for answer, pair in np.argwhere(impossible):
-        raise InputError(f"pair {pair + 1}: '{ANSWERS[answer]}' was answered but has probability 0 in some draw of the posterior")
+        said = names[answer] if names else repr(ANSWERS[answer])
+        raise InputError(f"pair {pair + 1}: {said} was answered but has probability 0 in some draw of the posterior")

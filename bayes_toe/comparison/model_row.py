@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, leave_one_out, leave_one_out_frequencies
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best, leave_one_out, leave_one_out_frequencies, leave_one_pair_out
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import Evidence, importance_evidence
@@ -21,7 +22,7 @@ from bayes_toe.seeds import generator
 _LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
 _LEAST_DRAWS = 1000
 _MOST_REFITS = 5  # a model that more pairs surprise describes the answers badly, which the other columns show
-_UNITS: tuple[Unit, Unit] = ("trial", "pair")
+UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,10 @@ class ModelRow:
         Nats; the evidence of free frequencies is exact and has no k-hat.
     model_probability : float or None
         Posterior probability at equal prior probabilities of the models in the table.
+    differences : dict of str to float
+        By column, leave-one-out differences to the subject's best model in the table with their paired errors; without what is withheld.
+    left_out : dict of str to LeaveOneOut
+        By unit, the values behind the leave-one-out columns; empty where draws did not converge.
     """
 
     subject: str
@@ -69,18 +74,22 @@ class ModelRow:
     checks: Checks
     notes: tuple[str, ...] = ()
     model_probability: float | None = None
+    differences: Mapping[str, float] = field(default_factory=dict)
+    left_out: Mapping[Unit, LeaveOneOut] = field(default_factory=dict, compare=False, repr=False)
 
     def cell(self, column: str) -> object:
         """The entry of a column of compare.csv."""
         if column == "note":
             return "; ".join(self.notes)
+        if "_diff" in column:
+            return self.differences.get(column)
         return getattr(self.checks if hasattr(self.checks, column) else self, column)
 
 
 def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
     """Everything that the table says of one subject under one model."""
     target = model.posterior(subject, prior)
-    result = infer(target, seed, Wanted(SamplerSettings(draws=draws), EVIDENCE_DRAWS))
+    result = infer(target, seed, Wanted(SamplerSettings(draws=draws, max_quantile_error=np.inf), EVIDENCE_DRAWS))
     found, chains, fit = result.evidence, result.chains, result.fit
     assert found is not None  # it was asked for, as were the others
     assert chains is not None
@@ -89,12 +98,27 @@ def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior
     if chains.converged:
         trial, pair = _left_out(target, chains, found, seed)
         notes += [one.note for one in (trial, pair) if one.note]
-        checks = _checks(trial, pair, fit)
+        checks, left_out = _checks(trial, pair, fit), dict(zip(UNITS, (trial, pair), strict=True))
     else:
         notes += [f"draws did not converge: {chains.reason}", "leave-one-out and predictive checks withheld with the draws"]
-        checks = Checks()
-    parameters = len(target.coordinates)
-    return ModelRow(subject.name, target.model.name, parameters, found.value, found.se, found.pareto_k, checks, tuple(notes))
+        checks, left_out = Checks(), {}
+    evidence = found.value, found.se, found.pareto_k
+    return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=left_out)
+
+
+def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:
+    """The rows of one subject with the leave-one-out differences to the best of its models."""
+    found: list[dict[str, float]] = [{} for _ in rows]
+    for unit in UNITS:
+        known = [i for i, row in enumerate(rows) if unit in row.left_out]
+        for i, pair in zip(known, below_best([rows[i].left_out[unit] for i in known]), strict=True):
+            found[i] |= {name: value for name, value in zip(difference_columns(unit), pair, strict=True) if not np.isnan(value)}
+    return [replace(row, differences=own) for row, own in zip(rows, found, strict=True)]
+
+
+def difference_columns(unit: Unit) -> tuple[str, str]:
+    """Columns of the difference to the best model and of its error."""
+    return f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
 
 
 def _of_intervals(target: Answering) -> tuple[str, ...]:
@@ -106,12 +130,13 @@ def _left_out(target: AnyPosterior, chains: Chains, evidence: Evidence, seed: in
     """Leave-one-out by trial and by pair: in closed form, or from draws, refitting where their weights fail."""
     subject = target.subject
     if isinstance(target, Conjugate):
-        trial, pair = (leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in _UNITS)
+        trial, pair = (leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in UNITS)
         return trial, pair
     x = chains.x.reshape(-1, len(target.coordinates))
     most = max(_LEAST_DRAWS, _LEFT_OUT_VALUES // subject.n_pairs)
-    logs = target.log_answers(x[:: max(1, -(-len(x) // most))])
-    trial, pair = (leave_one_out(*logs, subject.n_equal, subject.n_trials, unit=unit) for unit in _UNITS)
+    some = x[:: max(1, -(-len(x) // most))]
+    trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_equal, subject.n_trials)
+    pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
     failed = np.flatnonzero(np.isnan(pair.values[0])).tolist()
     return trial, pair.filled(_refitted(target, evidence, failed, seed)) if failed else pair
 

@@ -1,8 +1,6 @@
 """How evidence and posteriors depend on the prior: one value of it varied at a time, the weighted draws of one proposal re-used.
 
-Draws x of a fitted proposal g carry log likelihood and log g; under another prior pi' their importance weights are L(x) pi'(x) / g(x),
-exactly, so nothing is sampled again. The largest weights are smoothed (PSIS, Vehtari et al. 2024). Where k-hat exceeds 0.7 or too few draws
-count, a proposal is fitted under that prior and fresh draws are made; the table says which was done.
+Where re-weighting (:mod:`bayes_toe.comparison.reweighting`) does not do, fresh draws are made; the table says which was done.
 
 The prior of H0, one uniform frequency per pair, has no scale to vary: the log Bayes factor moves as the evidence of H1 does.
 """
@@ -12,19 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.reweighting import Weighted, reweighted, under
+from bayes_toe.comparison.words import STRONG, conclusion
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
-from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.diagnostics import smoothed_unnormalised
-from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -32,7 +28,8 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, run_in_order
 
 if TYPE_CHECKING:
@@ -41,11 +38,6 @@ if TYPE_CHECKING:
 
 SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-REWEIGHTED, RESAMPLED = "reweighted", "resampled"
-#: A log Bayes factor at least this far from 0 is called clear.
-CLEAR = 3.0
-#: Effective draws below which re-weighted draws give way to fresh ones.
-_ENOUGH = 1000
 
 SENSITIVITY_COLUMNS = (
     *("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method"),
@@ -104,13 +96,13 @@ class SensitivityTable(Table[SensitivityRow]):
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """What is varied: the numbers that the prior declares, scales and shapes first."""
-        return tuple(one.name for one in self.prior.varied())
+        """What is varied: the numbers that the prior declares for H1, scales and shapes first."""
+        return tuple(dict.fromkeys(row.varied for row in self.rows))
 
     @property
     def scales(self) -> tuple[str, ...]:
         """What is varied by factors: scales and shapes."""
-        return tuple(one.name for one in self.prior.varied() if one.positive)
+        return tuple(name for name in self.varied if self.prior.declared_as(name).positive)
 
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
         """Rows of one subject and one varied value.
@@ -139,7 +131,7 @@ class SensitivityTable(Table[SensitivityRow]):
         return tuple(value for value in found if value is not None)
 
     def summary(self) -> tuple[str, ...]:
-        """One line a subject: where its conclusion turns, and where it stops being clear."""
+        """One line a subject: where its conclusion turns, and where it stops being strong."""
         return tuple(_line(self, name) for name in self.names)
 
     def frame(self) -> pd.DataFrame:
@@ -152,7 +144,7 @@ class SensitivityTable(Table[SensitivityRow]):
 def sensitivity(
     study: Study,
     *,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     reach: float = 4.0,
     steps: int = 9,
     seed: int | None = None,
@@ -189,7 +181,7 @@ def sensitivity(
     [('mu1_sd', 2.5), ('mu1_sd', 10.0), ('mu1_sd', 40.0)]
     """
     require_range(reach, steps)
-    root, middle = root_seed(seed), Prior() if prior is None else prior
+    root, middle = root_seed(seed), prior_for(study, prior)
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
     jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
     found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
@@ -214,68 +206,35 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
     fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
-    own = _reweighted(fitted, middle, posterior)
+    own = reweighted(fitted, posterior, posterior)
     rows = []
     for varied, power in product(middle.varied(), powers):
-        wanted = posterior_of(subject, _varied(middle, varied, power, reach))
-        found = own if wanted.prior == middle else _under(fitted, middle, wanted, seed)
+        wanted = posterior_of(subject, moved(middle, varied, power, reach))
+        found = own if wanted.prior == middle else under(fitted, posterior, wanted, seed)
         rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))
     return rows
 
 
-def _varied(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
+    """The prior with a scale or shape multiplied by a power of the reach, or a location shifted by so many standard deviations."""
     value: float = getattr(prior, varied.name)
-    moved = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
-    return replace(prior, **{varied.name: moved})
+    there = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
+    changes: dict[str, Any] = {varied.name: there}
+    return replace(prior, **changes)
 
 
-class _Weighted(NamedTuple):
-    """Draws x, their log weights, k-hat and efficiency under some prior, and how they were made."""
-
-    x: FloatArray
-    log_weights: FloatArray
-    pareto_k: float
-    efficiency: float
-    method: str
-
-    @property
-    def trusted(self) -> bool:
-        return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
-
-
-def _under(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior, seed: int) -> _Weighted:
-    """The draws of a proposal under another prior; fresh ones where those do not do."""
-    old = _reweighted(fitted, fitted_prior, wanted)
-    if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
-        return old
-    rng = generator(seed, wanted.subject.name, "sensitivity", wanted.prior.describe())
-    return _reweighted(fit_proposal(wanted, rng), wanted.prior, wanted)._replace(method=RESAMPLED)
-
-
-def _reweighted(fitted: FittedProposal, fitted_prior: Prior, wanted: Posterior) -> _Weighted:
-    """The draws of a proposal that was fitted under one prior as draws of the posterior under another."""
-    draws = fitted.draws
-    log_weights = draws.log_weights.copy()
-    if wanted.prior != fitted_prior:
-        some = np.isfinite(log_weights)  # elsewhere the likelihood or the prior is 0, under any prior
-        log_weights[some] += wanted.log_prior(draws.x[some]) - draws.log_prior[some]
-    made, k = smoothed_unnormalised(log_weights)
-    return _Weighted(draws.x, made, k, efficiency(made), REWEIGHTED)
-
-
-def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted) -> SensitivityRow:
+def _row(wanted: Posterior, varied: str, factor: float | None, found: Weighted) -> SensitivityRow:
     name, prior = wanted.subject.name, wanted.prior
     if not found.trusted:
         nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
         return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
-    evidence = float(logsumexp(found.log_weights) - np.log(n))
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
-    difference = evidence - frequency_evidence(wanted.subject)
+    difference = found.log_evidence - frequency_evidence(wanted.subject)
     return SensitivityRow(name, varied, factor, prior, difference, error, found.pareto_k, found.method, _quantiles(found, wanted))
 
 
-def _quantiles(found: _Weighted, posterior: Posterior) -> FloatArray:
+def _quantiles(found: Weighted, posterior: Posterior) -> FloatArray:
     """Weighted quantiles, shape (5, 3)."""
     some = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[some] - found.log_weights.max())
@@ -318,20 +277,6 @@ def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> fl
     return first.value + share * (second.value - first.value)
 
 
-def conclusion(log_bayes_factor: float | None) -> str:
-    """What a log Bayes factor says, in words: clear from 3 nats on.
-
-    Examples
-    --------
-    >>> conclusion(4.0), conclusion(-0.5)
-    ('clear for H1', 'not clear, toward H0')
-    """
-    if log_bayes_factor is None:
-        return "no estimate"
-    side = "H1" if log_bayes_factor > 0 else "H0"
-    return f"clear for {side}" if abs(log_bayes_factor) >= CLEAR else f"not clear, toward {side}"
-
-
 def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
@@ -347,7 +292,7 @@ def _turning(table: SensitivityTable, name: str, varied: str) -> list[str]:
     rows, words = table.of(name, varied), []
     if turns := table.turns(name, varied):
         words.append(f"turns at {varied} = {_listed(turns)}")
-    for level in (CLEAR, -CLEAR):
+    for level in (STRONG, -STRONG):
         if passes := table.turns(name, varied, level):
             words.append(f"passes {level:+g} nats at {varied} = {_listed(passes)}")
     if missing := [row.value for row in rows if row.log_bayes_factor is None]:

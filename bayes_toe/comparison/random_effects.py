@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaincinv, digamma, expit, softmax
+from scipy.special import betaincinv, digamma, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exceedance import (
+    GroupFrequencies,
     central_tails,
     exceedance_probabilities,
     group_evidence,
@@ -40,48 +41,22 @@ if TYPE_CHECKING:
 _TOLERANCE, _MOST_STEPS = 1e-12, 200_000
 
 
-@dataclass(frozen=True, eq=False)
-class ModelFrequencies:
-    """Random-effects comparison of K models over N subjects by the variational scheme.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelFrequencies(GroupFrequencies):
+    """By the variational scheme: `expected` is alpha / sum(alpha), and `log_evidence` a lower bound.
 
     Attributes
     ----------
-    models, subjects : tuple of str
-        Names; subjects only those that count.
-    left_out : tuple of str
-        Subjects without an evidence for every model, which do not count.
     alpha : array, shape (models,)
         Dirichlet posterior of the model frequencies.
-    expected : array, shape (models,)
-        Expected frequencies, alpha / sum(alpha).
-    exceedance : array, shape (models,)
-        Probability that a model is the most frequent one, if frequencies differ.
-    exceedance_error : float
-        By how much their sum misses 1 before anything is done about it, which nothing is: the error of the quadrature.
-    omnibus_risk : float
-        Posterior probability that all models are equally frequent, against the alternative that they differ, at prior odds of 1.
-    protected : array, shape (models,)
-        Exceedance probability averaged over both: (1 - omnibus_risk) exceedance + omnibus_risk / K.
     responsibilities : array, shape (subjects, models)
         Probability that a subject follows a model.
-    log_evidence, log_evidence_equal : float
-        Variational lower bound on the log evidence of the answers of all subjects, frequencies free; exact one, all equal to 1/K. Nats.
     group_log_evidence : array, shape (models,)
         Fixed effects: sum over subjects. Nats.
     """
 
-    models: tuple[str, ...]
-    subjects: tuple[str, ...]
-    left_out: tuple[str, ...]
     alpha: FloatArray
-    expected: FloatArray
-    exceedance: FloatArray
-    exceedance_error: float
-    omnibus_risk: float
-    protected: FloatArray
     responsibilities: FloatArray
-    log_evidence: float
-    log_evidence_equal: float
     group_log_evidence: FloatArray
 
     def interval(self, level: float = 0.95) -> FloatArray:
@@ -139,11 +114,8 @@ def random_effects(
     ([0.23, 0.77], [0.07, 0.93], 0.46)
     """
     table = group_evidence(log_evidence, models, subjects, prior, leave_out)
-    log_l, n_models = table.values, len(table.models)
+    log_l = table.values
     alpha, shares = _settle(log_l, prior)
-    bound = _bound(log_l, shares, alpha, prior)
-    equal = log_evidence_equal_frequencies(log_l)
-    risk = float(expit(equal - bound))
     exceedance, error = exceedance_probabilities(alpha)
     return ModelFrequencies(
         models=table.models,
@@ -153,11 +125,9 @@ def random_effects(
         expected=alpha / alpha.sum(),
         exceedance=exceedance,
         exceedance_error=error,
-        omnibus_risk=risk,
-        protected=(1.0 - risk) * exceedance + risk / n_models,
         responsibilities=shares,
-        log_evidence=bound,
-        log_evidence_equal=equal,
+        log_evidence=_bound(log_l, shares, alpha, prior),
+        log_evidence_equal=log_evidence_equal_frequencies(log_l),
         group_log_evidence=log_l.sum(axis=0),
     )
 

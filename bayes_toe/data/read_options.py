@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from bayes_toe.data.cells import quoted
 from bayes_toe.errors import InputError
 
-COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi")
+COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi", "block", "trial")
+#: Columns by which counts are no other, but which are looked at before answers are pooled.
+LOOKED_AT = ("block", "trial")
+# Other spellings, in small letters and digits alone.
+_SPELLINGS = {
+    "subject": {"subj", "subjectid", "subjid", "participant", "participantid", "observer", "person", "vp"},
+    "response": {"resp", "answer", "judgment", "judgement", "choice"},
+    "n_equal": {"nsame", "equal", "kequal"},
+    "n_trials": {"trials", "ntotal", "total"},
+    "isi": {"isis", "isims", "isisec", "interval", "intervals", "intervalms", "interstimulusinterval", "soa", "soams", "gap", "delay"},
+    "block": {"blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid", "run", "runnr", "session", "sessionnr"},
+    "trial": {"trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"},
+}
 
 
 @dataclass(frozen=True)
@@ -84,6 +97,18 @@ def parse_columns(text: str) -> dict[str, str]:
     if problems:
         raise InputError(problems)
     return dict(pairs)
+
+
+def looks_like(name: str, ours: str) -> bool:
+    """Whether a column of a file looks like one of ours in another spelling.
+
+    Examples
+    --------
+    >>> looks_like("ISI (ms)", "isi"), looks_like("Block", "block"), looks_like("block_acc", "block")
+    (True, True, False)
+    """
+    plain = re.sub("[^a-z0-9]", "", name.lower())
+    return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
 
 
 def _reference_problems(reference: float | None) -> list[str]:

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.data.answers import Answers, Reading, order_of_trials
 from bayes_toe.data.cells import (
     DELIMITERS,
     LARGEST_COUNT,
@@ -35,7 +36,7 @@ from bayes_toe.data.cells import (
     whole_number,
 )
 from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
-from bayes_toe.data.read_options import COLUMNS, ReadOptions
+from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.errors import InputError
 
@@ -52,7 +53,8 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
     ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
-    and makes the same stimuli at another interval another pair. Other columns are ignored.
+    and makes the same stimuli at another interval another pair. Columns ``block`` (any text) and ``trial`` (numbers, over all blocks or
+    within each) change no count: they tell how answers are looked at before they are pooled. Other columns are ignored.
 
     Parameters
     ----------
@@ -109,6 +111,9 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
     """Our names of the columns that this header calls for, and of those that it may have."""
     extra = [_ISI] if named[_ISI] in names else []
+    # No inference reads these: twice in the header or named as something else, they are left out like any other column.
+    others = [named[ours] for ours in COLUMNS if ours not in LOOKED_AT]
+    extra += [ours for ours in LOOKED_AT if named[ours] not in others and names.count(named[ours]) == 1]
     counts = [ours for ours in ("n_equal", "n_trials") if named[ours] in names]
     if named["response"] in names:
         return ["subject", *_stimuli(options), "response", *counts, *extra]
@@ -131,7 +136,8 @@ def _conflict(named: Mapping[str, str], needed: Sequence[str]) -> list[str]:
 def _missing(names: Sequence[str], named: Mapping[str, str], ours: str) -> str:
     """What is said about a column that the header lacks, with the way out that fits."""
     found = listed([quoted(name) for name in names])
-    hint = f"a column of this name, or --columns {ours}=NAME"
+    theirs = next((bare(name) for name in names if name not in named.values() and looks_like(name, ours)), "NAME")
+    hint = f"a column of this name, or --columns {ours}={theirs}"
     if ours in ("s1", "s2") and any(named[other] in names for other in ("i1", "i2")):
         hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need --intensity REF"
     if ours in ("i1", "i2") and any(named[other] in names for other in ("s1", "s2")):
@@ -251,8 +257,10 @@ def _trial_study(cells: Cells, options: ReadOptions) -> Study:
         *_dropped_notes(pairs.subject, ~asked),
     ]
     # A trial is a count of one, a trial without an answer a count of none.
-    subjects = _subjects(pairs, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
-    return _study(cells, subjects, [*notes, *_interval_notes(pairs, subjects)])
+    counts = (np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
+    subjects = _subjects(pairs, *counts)
+    answers, order_note = _answers(cells, pairs, *counts)
+    return _study(cells, subjects, [*notes, *_interval_notes(pairs, subjects), *order_note], _reading(cells, answers))
 
 
 def _require_answers(cells: Cells, asked: BoolArray) -> None:
@@ -277,7 +285,8 @@ def _count_study(cells: Cells, options: ReadOptions) -> Study:
         *_grouping_notes(pairs.subject, subjects, n),
         *_interval_notes(pairs, subjects),
     ]
-    return _study(cells, subjects, notes)
+    answers = _answers(cells, pairs, k, n)[0] if "block" in cells.columns else {}
+    return _study(cells, subjects, notes, _reading(cells, answers))
 
 
 def _whole_numbers(cells: Cells, column: Column) -> IntArray:
@@ -379,17 +388,54 @@ def _grouping_notes(subject: Column, subjects: Sequence[Subject], n: IntArray) -
 
 def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> list[Subject]:
     """Subjects with an answered trial, in order of first appearance."""
+    columns = (pairs.s1, pairs.s2, n_equal, n_trials, *([] if pairs.isi is None else [pairs.isi]))
+    return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in _parts(pairs, n_trials)]
+
+
+def _parts(pairs: _Pairs, n_trials: IntArray) -> list[IndexArray]:
+    """The answered rows of each subject."""
     rows = np.flatnonzero(n_trials > 0)
     rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
-    ends = 1 + np.flatnonzero(np.diff(pairs.subject.codes[rows]))
-    columns = (pairs.s1, pairs.s2, n_equal, n_trials, *([] if pairs.isi is None else [pairs.isi]))
-    parts = np.split(rows, ends)
-    return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in parts]
+    return np.split(rows, 1 + np.flatnonzero(np.diff(pairs.subject.codes[rows])))
 
 
-def _study(cells: Cells, subjects: Sequence[Subject], notes: Sequence[str]) -> Study:
+def _answers(cells: Cells, pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> tuple[dict[str, Answers], list[str]]:
+    """What each subject answered, in order, and a note where column trial does not tell the order."""
+    keys = np.column_stack([pairs.s1, pairs.s2, *([] if pairs.isi is None else [pairs.isi])])
+    trials, block, trial = "response" in cells.columns, cells.columns.get("block"), cells.columns.get("trial")
+    rank = np.zeros(len(keys), np.int64) if block is None else _rank_of_blocks(cells, block)
+    number = None if trial is None or not trials else numbers(cells, trial)
+    answers, unordered = dict[str, Answers](), list[str]()
+    for part in _parts(pairs, n_trials):
+        name = pairs.subject.text(part[0])
+        order = None if number is None else order_of_trials(number[part], rank[part])
+        if number is not None and order is None:
+            unordered.append(bare(name))
+        rows = part if order is None else part[order]
+        first = np.unique(rank[rows], return_index=True)[1]
+        codes = None if block is None else np.unique(rank[rows], return_inverse=True)[1].astype(np.int64)
+        names = () if block is None else tuple(block.text(rows[index]) for index in first)
+        answers[name] = Answers(keys[rows], n_equal[rows], n_trials[rows], codes, names, trials)
+    note = "column {} does not tell the order of all trials, so that of the file stands: {}"
+    return answers, [note.format(bare(trial.name), listed(unordered))] if trial is not None and unordered else []
+
+
+def _rank_of_blocks(cells: Cells, block: Column) -> IntArray:
+    """The rank of each row's block: by number where all are numbers, else by appearance."""
+    value = [number(text, cells.header.decimal_comma) for text in block.texts]
+    order = range(len(value)) if any(map(math.isnan, value)) else np.argsort(np.argsort(value, kind="stable"))
+    return block.spread(list(order), np.int64)
+
+
+def _reading(cells: Cells, answers: Mapping[str, Answers]) -> Reading:
+    read = {column.name for column in cells.columns.values()}
+    ignored = dict.fromkeys(name for name in cells.header.names if name and name not in read)
+    return Reading(answers, tuple(cells.columns), tuple(ignored))
+
+
+def _study(cells: Cells, subjects: Sequence[Subject], notes: Sequence[str], reading: Reading) -> Study:
     synthetic, note = _synthetic(cells)
-    return Study(tuple(subjects), cells.header.source, synthetic, (*notes, *note))
+    return Study(tuple(subjects), cells.header.source, synthetic, (*notes, *note), reading)
 
 
 def _synthetic(cells: Cells) -> tuple[bool, list[str]]:

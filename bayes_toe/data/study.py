@@ -7,13 +7,14 @@ million trials cost what their distinct pairs cost.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.answers import Reading
 from bayes_toe.errors import InputError
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
@@ -180,6 +181,8 @@ class Study:
         True where the data were simulated; shown wherever the study is shown.
     notes : sequence of str
         What reading the study detected, merged or dropped.
+    reading : Reading
+        What the file told besides the counts, for a look before pooling; no inference uses it.
 
     Examples
     --------
@@ -192,6 +195,7 @@ class Study:
     source: str = "study"
     synthetic: bool = False
     notes: tuple[str, ...] = field(default=())
+    reading: Reading = field(default_factory=Reading)
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
@@ -243,7 +247,7 @@ class Study:
 
     def select(self, names: Sequence[str]) -> Study:
         """The same study with only these subjects, in the order asked for."""
-        return Study(tuple(self[name] for name in names), self.source, self.synthetic, self.notes)
+        return replace(self, subjects=tuple(self[name] for name in names))
 
 
 def said_intervals(intervals: Sequence[float]) -> str:

@@ -59,19 +59,7 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
 
 
 def require_writable(path: str | Path, *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_file` would refuse after long work; leaves nothing behind.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file to be.
-    overwrite : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the file exists and may not be replaced, is a folder, or its folder cannot be made or written to.
+    """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind.
 
     Examples
     --------

@@ -73,21 +73,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, overwrite: bool = Fa
 
 
 def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_folder` would refuse after long work; leaves nothing behind.
-
-    Parameters
-    ----------
-    path : str or Path
-        The folder to be; it may exist.
-    names : sequence of str
-        Everything that may be produced at the top of the folder.
-    overwrite : bool
-        Whether existing `names` may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If one of `names` exists and may not be replaced, or the folder cannot be made or written to.
+    """Refuse now what :func:`whole_folder` would refuse after long work, with its arguments and errors; leaves nothing behind.
 
     Examples
     --------

@@ -9,7 +9,7 @@ right, of the data sets with posterior probability P(H1 | data) near p a share p
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -114,17 +114,11 @@ class Outcome:
 
 
 def simulate_and_analyse(plan: Plan, *, workers: int | None = None, progress: Progress | None = None) -> Outcome:
-    """Make and analyse every data set of a plan; the numbers do not depend on the number of workers.
-
-    Parameters
-    ----------
-    plan : Plan
-    workers : int, optional
-        Processes; by default one per processor.
-    progress : callable, optional
-        Called with a subject's name when that subject is done.
-    """
-    return _collect(plan, list(jobs_of(plan, calibration_settings(plan.seed))), workers, progress)
+    """Make and analyse every data set of a plan; workers and progress as in :func:`bayes_toe.analysis.run`."""
+    jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
+    done = run_in_order([partial(work, job) for job in jobs], workers, progress, [job.names for job in jobs])
+    ranks = tuple(one for found, _ in done for one in found)
+    return Outcome(plan, ranks, tuple(one for _, found in done for one in found))
 
 
 def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
@@ -159,12 +153,6 @@ def _portions(design: str, from_h1: bool, numbers: range, wanted: tuple[bool, bo
     names = [f"{design}-{'h1' if from_h1 else 'h0'}-{number + 1:04d}" for number in numbers]
     for first in range(0, len(names), _TOGETHER):
         yield Job(design, from_h1, tuple(names[first : first + _TOGETHER]), *wanted, settings)
-
-
-def _collect(plan: Plan, jobs: Sequence[Job], workers: int | None, progress: Progress | None) -> Outcome:
-    done = run_in_order([partial(work, job) for job in jobs], workers, progress, [job.names for job in jobs])
-    ranks = tuple(one for found, _ in done for one in found)
-    return Outcome(plan, ranks, tuple(one for _, found in done for one in found))
 
 
 def work(job: Job) -> tuple[list[Ranks], list[KnownEvidence]]:

@@ -22,7 +22,7 @@ _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 mi
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that the data of a subject cannot tell.
+    """Something that the data of a subject cannot tell, or that speaks against them.
 
     Parameters
     ----------
@@ -30,7 +30,9 @@ class Finding:
         Whom it concerns; empty for the whole study.
     code : str
         What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals" or "names_differ_in_case".
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals" or "names_differ_in_case"; from a look at the
+        answers (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored",
+        "few_trials", "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
     message : str
         One sentence that says what to conclude.
 

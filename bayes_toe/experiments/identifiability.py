@@ -13,7 +13,7 @@ a line or a plane (0, 1, 2 dimensions), min(n, dimensions + 2) combinations of t
     three pairs in a plane       3    three frequencies: with different d an offset, a width and q0 produce them
     four or more in a plane      4    everything
 
-With intervals a pair counts at each of its intervals, and the parameters are those at one second; several intervals tell more.
+With intervals a pair counts at each of its intervals, and the parameters are those at the reference; several intervals tell more.
 The code finds the rank and what remains open from singular values; the list above tells which model of the ladder is enough.
 """
 
@@ -79,7 +79,7 @@ def identifiability(subject: Subject) -> Identifiability:
         here, open_directions = _split(_jacobian_at(lever, step, isi, (c, MAX_PULL * share, w)))
         told &= np.abs(_gradients(c, MAX_PULL * share) @ open_directions).max(axis=1, initial=0.0) < 1e-5
         rank = max(rank, here)
-    several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one second"
+    several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one"
     model, reason = _smallest(lever, step, rank) if len(subject.intervals) <= 1 else several
     of = dict(zip(_NAMES, told.tolist(), strict=True))
     return Identifiability(rank, tuple(k for k in _NAMES if of[k]), tuple(k for k in _NAMES if not of[k]), model, reason)

@@ -10,7 +10,7 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.diagnostics import Errors, convergence, errors
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import Chains
@@ -31,6 +31,7 @@ from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.propagators import reference_interval
 from bayes_toe.model.target import Answering
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ if TYPE_CHECKING:
 
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
-SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction")
+_MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
+SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
 #: Names without a unit, with all that begin with q.
 _WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
@@ -91,12 +93,12 @@ class Draws:
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
         values = json.loads(self.tree.attrs["settings"])["prior"]
-        unknown = sorted(set(values) - {one.name for one in Prior.declared()})
+        unknown = sorted(set(values) - {one.name for one in fields(Prior)})
         if unknown:
             raise InputError(
                 f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
             )
-        return Prior(**values)
+        return Prior(**{"offset_sd": 1.0, "reference_interval": 1.0 if self.intervals else None, **values})  # as before these could be said
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
@@ -197,8 +199,9 @@ class Draws:
         return FitSummary(**{key: stats[column].item() for key, column in _FIT_COLUMNS.items() if column in stats})
 
     def summary(self) -> pd.DataFrame:
-        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction.
+        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction, Monte Carlo errors.
 
+        The last are standard errors of the mean and of the 5, 50 and 95 % quantiles: how far these would be off in other draws.
         Contraction is 1 - (posterior width / prior width)^2 of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the
         posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
         read its quantiles.
@@ -315,9 +318,10 @@ def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr
 
 
 def _unit(name: str, result: SubjectResult) -> str:
-    """The unit of a quantity; at one second where an interval acts on it."""
+    """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
-    return plain if result.subject.isi is None else result.target.model.units_at_intervals.get(name, plain)
+    reference = reference_interval(result.subject, result.target.prior.reference_interval)
+    return plain if result.subject.isi is None else result.target.model.units_at_intervals(reference).get(name, plain)
 
 
 def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:
@@ -353,6 +357,7 @@ _FIT_COLUMNS = {
     "worst_s1": "worst_pair_s1",
     "worst_s2": "worst_pair_s2",
     "worst_isi": "worst_pair_isi",
+    "p_deviance": "deviance_p",
 }
 
 
@@ -414,4 +419,4 @@ def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
 def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
     quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
     narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
-    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed)
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed, *errors(values))

@@ -82,7 +82,8 @@ def ascend(
             break
         here, slope, bound = x[:, at], gradient[:, at], top[:, at]
         free = ~(held[:, at] | ((here >= bound) & (slope >= 0.0)))
-        step, decrement = _step(slope, hessian[:, :, at], free, damping[at])
+        with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
+            step, decrement = _step(slope, hessian[:, :, at], free, damping[at])
         trial = np.minimum(here + step * np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY)), bound)
         new = objective.evaluate(trial, at)
         better = new[0] >= value[at]

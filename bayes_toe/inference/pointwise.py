@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.model.target import Answering, log_likelihoods
+from bayes_toe.model.target import Answering
 from bayes_toe.seeds import generator
 
 #: Values of one of the two beyond which both are left out of the file: 20 million log likelihoods are 80 MB.
@@ -45,7 +45,6 @@ def pointwise(posterior: Answering, x: FloatArray, seed: int) -> Pointwise:
     shape = (*x.shape[:2], subject.n_pairs)
     log_likelihood, predicted = np.empty(shape, np.float32), np.empty(shape, np.int32)
     for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
-        answers = posterior.log_answers(points)
-        log_likelihood[chain] = log_likelihoods(subject, answers)
-        predicted[chain] = rng.binomial(subject.n_trials, np.exp(answers[0]))
+        log_likelihood[chain] = posterior.pair_log_likelihood(points)
+        predicted[chain] = rng.binomial(subject.n_trials, np.exp(posterior.realised_answers(rng, points)[0]))
     return Pointwise(log_likelihood, predicted)

@@ -6,14 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, chdtrc
+from scipy.special import betainc, chdtrc, gammaln
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.target import Answering
+from bayes_toe.model.target import Answering, times_counts
 from bayes_toe.seeds import generator
 
+#: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.
+MISFIT = 0.01
 _BLOCK = 1 << 18  # values of one temporary array
+_OFTEN, _COUNTS = 20.0, 101  # expected rarer answers from which chi-square holds for a pair; counts that matter where there are fewer
+_OF_MOMENTS = 3000  # draws times pairs over which the moments of a deviance are averaged
+_CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the worst, and how many are
 
 
 # --- Deviance ---------------------------------------------------------------------------------------
@@ -63,18 +69,16 @@ class Fit:
     deviance : float
         Sum over pairs, against the saturated model.
     degrees_of_freedom : int
-        Pairs less the free parameters; the chi-square reference holds for many trials a pair and an interior maximum.
+        Pairs less the free parameters.
+    p_value : float
+        P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom.
     """
 
     q: FloatArray
     residual: FloatArray
     deviance: float
     degrees_of_freedom: int
-
-    @property
-    def p_value(self) -> float:
-        """P(chi-square >= deviance) with these degrees of freedom; NaN where there are none."""
-        return float(chdtrc(self.degrees_of_freedom, self.deviance)) if self.degrees_of_freedom > 0 else float("nan")
+    p_value: float
 
 
 def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
@@ -93,8 +97,44 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     logs = posterior.log_answers(point)
     pairs, q = _pair_deviance(posterior, *logs)[0], np.exp(logs[0][0])
     subject = posterior.subject
-    sign = np.sign(subject.n_equal - subject.n_trials * q)
-    return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), subject.n_pairs - len(posterior.coordinates))
+    sign, freedom = np.sign(subject.n_equal - subject.n_trials * q), subject.n_pairs - len(posterior.coordinates)
+    p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, logs[0][0], logs[1][0])
+    return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), freedom, p_value)
+
+
+def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> float:
+    """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square; NaN where there are none.
+
+    Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a pair has another mean and variance,
+    known from the logs of q and 1 - q: the reference has those of the sum, times degrees of freedom over pairs. Logs of shape
+    (draws, pairs) are averaged over: the maximum itself, shape (pairs,), promises too little scatter where answers are few.
+
+    Examples
+    --------
+    >>> half = np.full(6, np.log(0.5))
+    >>> round(deviance_p_value(13.28, 4, np.full(6, 1000), half, half), 4)  # 13.28 is the 99 % quantile of chi-square with 4 of them
+    0.01
+    """
+    if freedom <= 0:
+        return float("nan")
+    moments = _moments(np.asarray(n_trials, np.float64), np.atleast_2d(log_q), np.atleast_2d(log_rest))
+    mean, variance = (float(values.sum(axis=1).mean()) for values in moments)
+    if variance == 0.0:  # the answers are certain under the model
+        return float(value <= 0.0)
+    return float(chdtrc(2.0 * mean**2 / variance * freedom / log_q.shape[-1], 2.0 * mean / variance * value))
+
+
+def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
+    log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
+    k = np.arange(_COUNTS, dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
+    possible, at = k <= n, np.minimum(k, n)
+    log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
+    chance = np.where(possible, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0)
+    values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
+    mean = (chance * values).sum(axis=0)
+    rare = n * np.exp(log_rare) < _OFTEN
+    return np.where(rare, mean, 1.0), np.where(rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0)
 
 
 def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
@@ -132,7 +172,8 @@ class PredictiveCheck:
     expected : array, shape (pairs,)
         Posterior mean of P(equal).
     p_fewer, p_more : array, shape (pairs,)
-        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated.
+        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated; where counts
+        scatter more than that, over one session simulated for each draw.
     p_overall : float
         P(deviance of replicated counts >= deviance of the observed ones), both at the same draw.
     p_overall_se : float
@@ -179,9 +220,10 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     beyond = 0
     rows = max(1, _BLOCK // subject.n_pairs)
     for start in range(0, len(points), rows):
-        logs = posterior.log_answers(points[start : start + rows])
-        q, rest = (np.exp(values) for values in logs)
-        expected += q.sum(axis=0)
+        some = points[start : start + rows]
+        logs = posterior.log_answers(some)
+        q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some))
+        expected += np.exp(logs[0]).sum(axis=0)
         for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
             total += tail.sum(axis=0)
         again = rng.binomial(subject.n_trials, q)
@@ -190,6 +232,17 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     share = beyond / len(points)
     error = float(np.sqrt(share * (1.0 - share) / len(points)))
     return PredictiveCheck(expected / len(points), fewer / len(points), more / len(points), share, error)
+
+
+@dataclass(frozen=True)
+class PairFit:
+    """A pair (natural-log intensity, interval in seconds) with its observed share of 'equal' and the one that the model expects."""
+
+    s1: float
+    s2: float
+    observed: float
+    expected: float
+    isi: float | None = None
 
 
 @dataclass(frozen=True)
@@ -210,6 +263,11 @@ class FitSummary:
         That pair, natural-log intensity.
     worst_isi : float, optional
         Its interval, seconds, where the subject has intervals.
+    p_deviance : float
+        p-value of the deviance, see :func:`deviance_p_value`, its moments averaged over draws; NaN without degrees of freedom.
+    worst : tuple of PairFit
+        The pairs with the largest residuals at the draw of the smallest deviance, at most three, largest first; all but the first beyond
+        2. Not stored with draws: empty where the summary comes from a file.
     """
 
     deviance: float
@@ -220,6 +278,13 @@ class FitSummary:
     worst_s1: float
     worst_s2: float
     worst_isi: float | None = None
+    p_deviance: float = float("nan")
+    worst: tuple[PairFit, ...] = ()
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the model does not describe the answers: predictive p, or that of the deviance, below 0.01."""
+        return self.p_overall < MISFIT or self.p_deviance < MISFIT
 
 
 def summarise_fit(
@@ -238,17 +303,28 @@ def summarise_fit(
     points, subject = require_draws(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
     best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
-    worst = int(np.argmin(check.p_value))
+    worst, fit = int(np.argmin(check.p_value)), fit_at(posterior, points[best : best + 1])
+    few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
-        float(deviance(posterior, points[best : best + 1]).sum()),
-        subject.n_pairs - len(posterior.coordinates),
+        fit.deviance,
+        fit.degrees_of_freedom,
         check.p_overall,
         check.p_overall_se,
         float(check.p_value[worst]),
         float(subject.s1[worst]),
         float(subject.s2[worst]),
         None if subject.isi is None else float(subject.isi[worst]),
+        deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)),
+        _worst_pairs(subject, fit),
     )
+
+
+def _worst_pairs(subject: Subject, fit: Fit) -> tuple[PairFit, ...]:
+    order, far = np.argsort(-np.abs(fit.residual), kind="stable"), np.abs(fit.residual) >= _CONSPICUOUS
+    named = [int(pair) for place, pair in enumerate(order[:_NAMED]) if place == 0 or far[pair]]
+    share = subject.n_equal / subject.n_trials
+    isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
+    return tuple(PairFit(float(subject.s1[i]), float(subject.s2[i]), float(share[i]), float(fit.q[i]), isi[i]) for i in named)
 
 
 def binomial_tails(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, q: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:

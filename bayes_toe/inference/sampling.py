@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Convergence, convergence
+from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, quantile_errors
 from bayes_toe.inference.moves import moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import emcee
 
 
+#: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
+_QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 
 
@@ -39,6 +41,9 @@ class SamplerSettings:
         Largest rank-normalised split R-hat.
     max_thin : int
         Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
+    max_quantile_error : float
+        Largest Monte Carlo standard error of the 5 and 95 % quantiles of natural quantities, in units of the range between the two;
+        infinite where quantiles are not wanted.
 
     Raises
     ------
@@ -51,6 +56,7 @@ class SamplerSettings:
     walkers: int = 0
     max_r_hat: float = 1.01
     max_thin: int = 64
+    max_quantile_error: float = 0.05
 
     def __post_init__(self) -> None:
         if self.walkers == 0:
@@ -60,6 +66,7 @@ class SamplerSettings:
             f"ensembles={self.ensembles} must be at least 4": self.ensembles >= 4,
             f"walkers={self.walkers} must be even and at least 8": self.walkers >= 8 and self.walkers % 2 == 0,
             f"max_r_hat={self.max_r_hat} must be above 1": self.max_r_hat > 1.0,
+            f"max_quantile_error={self.max_quantile_error} must be above 0": self.max_quantile_error > 0.0,
             f"max_thin={self.max_thin} must be at least 1": self.max_thin >= 1,
         }
         problems = [rule for rule, holds in rules.items() if not holds]
@@ -68,8 +75,12 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16."""
-        return max(16, -(-5 * self.draws // (2 * self.ensembles * self.walkers)))
+        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16.
+
+        Where quantiles are judged, enough for 10,000 draws.
+        """
+        kept = max(5 * self.draws, 2 * _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
+        return max(16, -(-kept // (2 * self.ensembles * self.walkers)))
 
     @property
     def required(self) -> int:
@@ -146,8 +157,11 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
         diagnostics = _judge(posterior, x)
-        reason = _shortfall(diagnostics, settings)
-        if not reason or thin >= settings.max_thin:
+        reason, last = _shortfall(diagnostics, settings), thin >= settings.max_thin
+        if not reason:
+            reason, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+            last = last or hopeless
+        if not reason or last:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
         thin *= 2
 
@@ -232,3 +246,28 @@ def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -
     if not r_hat < settings.max_r_hat:
         problems.append(f"R-hat {r_hat:.3f} of {highest}, below {settings.max_r_hat:g} required")
     return "; ".join(problems)
+
+
+def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
+    """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
+
+    With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
+    """
+    if limit == np.inf:
+        return "", False
+    found = posterior.quantities(x)
+    natural = {name: found[name] for name in posterior.names.natural}
+    sizes = {name: (diagnostics[name] if name in diagnostics else convergence(values)).ess_tail for name, values in natural.items()}
+    errors = {name: _relative_error(values, sizes[name]) for name, values in natural.items()}
+    worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
+    if errors[worst] < limit:
+        return "", False
+    hopeless = not _relative_error(natural[worst], natural[worst].size) < limit
+    reason = f"a 5 or 95 % quantile of {worst} uncertain by {errors[worst]:.3f} of their range, below {limit:g} required"
+    return reason + ("; more draws are needed" if hopeless else ""), hopeless
+
+
+def _relative_error(values: FloatArray, ess: float) -> float:
+    """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them."""
+    low, high = np.quantile(values, TAIL)
+    return float(quantile_errors(values, TAIL, ess).max() / (high - low))

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import adapt_proposal, with_fresh_draws
+from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import Evidence, exact_evidence, importance_evidence
 from bayes_toe.inference.modes import Maxima, find_maxima
 from bayes_toe.inference.pointwise import Pointwise, pointwise
@@ -120,6 +121,17 @@ def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectRes
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
     result = _result(target, seed, wanted, (adapted.efficiency, adapted.pareto_k), evidence, chains)
     return result, Fitted(maxima, fitted)
+
+
+def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
+    """Goodness of fit without chains: by the draws of a proposal, resampled by their weights; None where these cannot be trusted."""
+    if not fitted.trusted:
+        return None
+    target, draws = fitted.proposal.posterior, fitted.draws
+    rng = generator(seed, target.subject.name, target.model.name, "resampling")
+    weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
+    kept = rng.choice(len(weights), len(weights), p=weights / weights.sum())
+    return summarise_fit(target, draws.x[kept], seed, log_likelihood=(draws.log_posterior - draws.log_prior)[kept])
 
 
 def _result(

@@ -123,6 +123,17 @@ def log_jacobian_of_pull(a: FloatArray) -> FloatArray:
     return np.asarray(np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a))
 
 
+def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log gamma and log(1 - gamma) at a = logit(p / p_max), gamma = p/(1 - p)^2; neither cancels.
+
+    p_max and 1/p_max are the roots of (1 - p)^2 = p, so 1 - gamma = (p_max - p) (1/p_max - p) / (1 - p)^2 with p_max - p = p_max expit(-a).
+    """
+    p = MAX_PULL * expit(a)
+    log_gamma = np.log(MAX_PULL) + log_expit(a) - 2.0 * np.log1p(-p)
+    near = np.log(MAX_PULL) + log_expit(-a) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p)
+    return np.asarray(log_gamma), np.where(a < 0.0, np.log1p(-np.exp(np.minimum(log_gamma, -0.1))), near)
+
+
 def derived(theta: Natural) -> dict[str, FloatArray]:
     """What follows from natural coordinates: gamma, sigma1 and width (natural-log units) and the Kalman gain.
 

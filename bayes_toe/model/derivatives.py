@@ -6,7 +6,7 @@ the scales of a pair's interval (:mod:`bayes_toe.model.propagators`). For coordi
     z_i   = N_i h - z L_i,                                                      h = e^(-L)
     z_ik  = N_ik h - N_i h L_k - N_k h L_i + z (L_i L_k - L_ik),
 
-so that the log likelihood A(z, l) of a link with peak logit l has, with S = (z A_z)_z = A_z + z A_zz,
+so that the log likelihood A(z, l) of a link with own coordinates l, the peak's logit and others, has, with S = (z A_z)_z = A_z + z A_zz,
 
     A_i  = A_z N_i h - z A_z L_i
     A_ik = A_zz N_i h N_k h + A_z N_ik h - S (N_i h L_k + N_k h L_i) + z S L_i L_k - z A_z L_ik.
@@ -16,13 +16,15 @@ S enters whole: its two terms cancel where answers are surprising, and the link 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.links import Slopes
+from bayes_toe.model.decay import Jet
+from bayes_toe.model.links import Logarithm
 from bayes_toe.model.propagators import Growth, Scales
 
 Derivatives = tuple[FloatArray, FloatArray]
@@ -58,14 +60,12 @@ class Distance:
 class Pulled:
     """Offset and pull as the numerator of z has them: c - p lever, with the places of their coordinates (None: not free).
 
-    `pull`, `slope` and `bend` are p and its derivatives in its coordinate, shape (points, 1).
+    Offset and pull come with their derivatives, each in its coordinate, shape (points, 1).
     """
 
     lever: FloatArray
-    offset: FloatArray
-    pull: FloatArray
-    slope: FloatArray
-    bend: FloatArray
+    offset: Jet
+    pull: Jet
     offset_place: int | None
     pull_place: int | None
 
@@ -74,10 +74,11 @@ def add_numerator(distance: Distance, of: Pulled, h: FloatArray, scales: Scales)
     """Fill in N_i h and N_ik h at fixed scales r."""
     per = scales.pull * h
     if of.offset_place is not None:
-        distance.numerator[of.offset_place] = -per
+        distance.numerator[of.offset_place] = -of.offset.first * per
+        distance.numerator_bend[of.offset_place, of.offset_place] = -of.offset.second * per
     if of.pull_place is not None:
-        distance.numerator[of.pull_place] = of.slope * of.lever * per
-        distance.numerator_bend[of.pull_place, of.pull_place] = of.bend * of.lever * per
+        distance.numerator[of.pull_place] = of.pull.first * of.lever * per
+        distance.numerator_bend[of.pull_place, of.pull_place] = of.pull.second * of.lever * per
 
 
 def add_growth(distance: Distance, of: Pulled, per: FloatArray, growth: Growth, places: tuple[int, ...]) -> None:
@@ -85,47 +86,59 @@ def add_growth(distance: Distance, of: Pulled, per: FloatArray, growth: Growth, 
 
     (r p)_i = r (p_i + p rho_i) and r_i = r rho_i with rho = log r, and so on; log v enters L.
     """
-    pulled = per * (of.pull * of.lever - of.offset)
+    pulled = per * (of.pull.value * of.lever - of.offset.value)
     for i, place in enumerate(places):
         _add(distance.numerator, place, pulled * growth.pull[i])
         _add(distance.log_width, place, growth.width[i])
         if of.offset_place is not None:
-            _add(distance.numerator_bend, _pair(of.offset_place, place), -per * growth.pull[i])
+            _add(distance.numerator_bend, _pair(of.offset_place, place), -of.offset.first * per * growth.pull[i])
         if of.pull_place is not None:
             twice = 2.0 if of.pull_place == place else 1.0
-            _add(distance.numerator_bend, _pair(of.pull_place, place), twice * of.slope * of.lever * per * growth.pull[i])
+            _add(distance.numerator_bend, _pair(of.pull_place, place), twice * of.pull.first * of.lever * per * growth.pull[i])
         for k, other in enumerate(places[: i + 1]):
             bend = growth.pull_bend[i, k] + growth.pull[i] * growth.pull[k]
             _add(distance.numerator_bend, _pair(place, other), pulled * bend)
             _add(distance.log_width_bend, _pair(place, other), growth.width_bend[i, k])
 
 
-def likelihood_derivatives(distance: Distance, link: Slopes, peak: int | None, k: int) -> Derivatives:
-    """Gradient (points, k) and Hessian (points, k, k) of the log likelihood; `peak` is the place of its logit, None where it is fixed."""
+def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int | None], k: int) -> Derivatives:
+    """Gradient (points, k) and Hessian (points, k, k) of the log likelihood.
+
+    `own` has the places of the link's own coordinates, None for one that is fixed.
+    """
     points = len(distance.z)
     gradient, hessian = np.zeros((points, k)), np.zeros((points, k, k))
-    steep, level = link.z * distance.z, link.stretch * distance.z
+    steep, level = (_finished(part, distance.z) for part in (of.z, of.stretch))
     for i in distance.places:
-        gradient[:, i] = _summed((distance.numerator.get(i), link.z), (distance.log_width.get(i), -steep))
+        gradient[:, i] = _summed((distance.numerator.get(i), of.z), (distance.log_width.get(i), -steep))
         for j in distance.places:
             if j <= i:
-                hessian[:, i, j] = hessian[:, j, i] = _bend(distance, link, (i, j), steep, level)
-    if peak is not None:
-        gradient[:, peak], hessian[:, peak, peak] = link.peak.sum(axis=1), link.peak_peak.sum(axis=1)
+                hessian[:, i, j] = hessian[:, j, i] = _bend(distance, of, (i, j), steep, level)
+    free = [(m, place) for m, place in enumerate(own) if place is not None]
+    for m, place in free:
+        gradient[:, place] = _over_pairs(of.own[m], distance)
+        for n, other in free:
+            if n <= m:
+                hessian[:, place, other] = hessian[:, other, place] = _over_pairs(of.own_own[m][n], distance)
         for i in distance.places:
-            terms = (distance.numerator.get(i), link.z_peak), (distance.log_width.get(i), -link.z_peak * distance.z)
-            hessian[:, i, peak] = hessian[:, peak, i] = _summed(*terms)
+            terms = (distance.numerator.get(i), of.z_own[m]), (distance.log_width.get(i), _finished(-of.z_own[m], distance.z))
+            hessian[:, i, place] = hessian[:, place, i] = _summed(*terms)
     return gradient, hessian
 
 
-def _bend(distance: Distance, link: Slopes, at: tuple[int, int], steep: FloatArray, level: FloatArray) -> FloatArray:
+def _over_pairs(values: FloatArray, distance: Distance) -> FloatArray:
+    """Sum over pairs of an array that broadcasts to them."""
+    return np.asarray(np.broadcast_to(values, distance.z.shape).sum(axis=1))
+
+
+def _bend(distance: Distance, of: Logarithm, at: tuple[int, int], steep: FloatArray, level: FloatArray) -> FloatArray:
     """One element of the Hessian, A_ik."""
-    n, w = ([of.get(place) for place in at] for of in (distance.numerator, distance.log_width))
+    n, w = ([part.get(place) for place in at] for part in (distance.numerator, distance.log_width))
     return _summed(
-        (_product(n[0], n[1]), link.zz),
-        (distance.numerator_bend.get(_pair(*at)), link.z),
-        (_product(n[0], w[1]), -link.stretch),
-        (_product(n[1], w[0]), -link.stretch),
+        (_product(n[0], n[1]), of.zz),
+        (distance.numerator_bend.get(_pair(*at)), of.z),
+        (_product(n[0], w[1]), -of.stretch),
+        (_product(n[1], w[0]), -of.stretch),
         (_product(w[0], w[1]), level),
         (distance.log_width_bend.get(_pair(*at)), -steep),
     )
@@ -136,12 +149,20 @@ def _summed(*terms: tuple[FloatArray | None, FloatArray]) -> FloatArray:
     total = np.zeros(len(terms[0][1]))
     for factor, weight in terms:
         if factor is not None:
-            total = total + (factor * weight).sum(axis=1)
+            total = total + _finished(weight, factor).sum(axis=1)
     return total
 
 
+def _finished(slope: FloatArray, factor: FloatArray) -> FloatArray:
+    """Their product, 0 where the slope is: it falls faster than anything else may grow, so answers have no more to say out there."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a factor beyond the largest float
+        product = np.asarray(slope * factor)
+        return product if np.isfinite(product).all() else np.where(slope == 0.0, 0.0, product)
+
+
 def _product(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
-    return None if a is None or b is None else a * b
+    with np.errstate(over="ignore", invalid="ignore"):
+        return None if a is None or b is None else a * b
 
 
 def _pair(i: int, k: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erf, erfinv, expit, log_expit, ndtr, ndtri
+from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, expit, log_expit, ndtr, ndtri, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -38,6 +38,10 @@ class Distribution(Hashable, Protocol):
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
+        ...
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function, 1 - cdf, without the subtraction: the upper tail keeps its digits."""
         ...
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
@@ -85,6 +89,10 @@ class Normal:
         """Phi((x - mean)/sd)."""
         return np.asarray(ndtr((np.asarray(x, np.float64) - self.mean) / self.sd))
 
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Phi((mean - x)/sd)."""
+        return np.asarray(ndtr((self.mean - np.asarray(x, np.float64)) / self.sd))
+
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Mean plus sd Phi^-1(p)."""
         return np.asarray(self.mean + self.sd * ndtri(p))
@@ -131,6 +139,10 @@ class HalfNormal:
         """erf(x / (2^(1/2) scale)), 0 below 0."""
         return np.asarray(erf(np.maximum(x, 0.0) / (np.sqrt(2.0) * self.scale)))
 
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """erfc(x / (2^(1/2) scale)), 1 below 0."""
+        return np.asarray(erfc(np.maximum(x, 0.0) / (np.sqrt(2.0) * self.scale)))
+
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """2^(1/2) scale erf^-1(p)."""
         return np.asarray(self.scale * (np.sqrt(2.0) * erfinv(p)))
@@ -176,6 +188,10 @@ class Uniform:
         """The share x / top, from 0 to 1."""
         return np.clip(np.asarray(x, np.float64) / self.top, 0.0, 1.0)
 
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """The share (top - x) / top, from 0 to 1."""
+        return np.clip((self.top - np.asarray(x, np.float64)) / self.top, 0.0, 1.0)
+
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """The share p of top."""
         return np.asarray(self.top * np.asarray(p, np.float64))
@@ -189,7 +205,135 @@ class Uniform:
         return f"Uniform(0, {self.top:g})"
 
 
+@dataclass(frozen=True)
+class Beta:
+    """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1).
+
+    Examples
+    --------
+    >>> Beta(1.0, 9.0).describe(), round(float(Beta(1.0, 9.0).quantile(0.5)), 4)
+    ('Beta(1, 9)', 0.0741)
+    """
+
+    a: float
+    b: float
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation, (a b / (a + b + 1))^(1/2) / (a + b)."""
+        return float(np.sqrt(self.a * self.b / (self.a + self.b + 1.0))) / (self.a + self.b)
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
+        points = np.asarray(x, np.float64)
+        outside = (points < 0.0) | (points > 1.0)
+        inside = np.where(outside, 0.5, points)
+        return np.where(outside, -np.inf, xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside) - betaln(self.a, self.b))
+
+    def log_density_of_logs(self, log_x: FloatArray, log_rest: FloatArray) -> FloatArray:
+        """:meth:`log_density` from ln x and ln(1 - x), where x is too near an edge for a float to tell."""
+        return np.asarray((self.a - 1.0) * log_x + (self.b - 1.0) * log_rest - betaln(self.a, self.b))
+
+    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """(a - 1)/x - (b - 1)/(1 - x) and -(a - 1)/x^2 - (b - 1)/(1 - x)^2."""
+        points = np.asarray(x, np.float64)
+        low, high = (self.a - 1.0) / points, (self.b - 1.0) / (1.0 - points)
+        return np.asarray(low - high), np.asarray(-low / points - high / (1.0 - points))
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """I_x(a, b)."""
+        return np.asarray(betainc(self.a, self.b, np.clip(x, 0.0, 1.0)))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """1 - I_x(a, b)."""
+        return np.asarray(betaincc(self.a, self.b, np.clip(x, 0.0, 1.0)))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of :meth:`cdf`."""
+        return np.asarray(betaincinv(self.a, self.b, p))
+
+    def sample(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws, shape (size,)."""
+        return rng.beta(self.a, self.b, size)
+
+    def describe(self) -> str:
+        """Family, a and b."""
+        return f"Beta({self.a:g}, {self.b:g})"
+
+
+def share(a: float, b: float) -> Uniform | Beta:
+    """Beta(a, b), by its better known name where it is uniform."""
+    return Uniform() if a == b == 1.0 else Beta(a, b)
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`.
+
+    Examples
+    --------
+    >>> LogNormal(2.0, 0.5).describe(), round(float(LogNormal(2.0, 0.5).quantile(0.95)), 4)
+    ('LogNormal(2, 0.5)', 4.552)
+    """
+
+    median: float
+    sd: float
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation, median exp(sd^2/2) (exp(sd^2) - 1)^(1/2)."""
+        return self.median * float(np.exp(0.5 * self.sd**2) * np.sqrt(np.expm1(self.sd**2)))
+
+    def _score(self, x: npt.ArrayLike) -> FloatArray:
+        """Z = ln(x/median)/sd, -inf from 0 downward."""
+        with np.errstate(divide="ignore"):
+            return np.asarray((np.log(np.maximum(x, 0.0)) - np.log(self.median)) / self.sd)
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """-z (z/2 + sd) - ln(median sd) - ln(2 pi)/2 with z = ln(x/median)/sd; -inf from 0 downward."""
+        z = self._score(x)
+        return np.asarray(-z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI)
+
+    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """-(1 + z/sd)/x and (1 + z/sd - 1/sd^2)/x^2."""
+        points, steep = np.asarray(x, np.float64), 1.0 + self._score(x) / self.sd
+        return np.asarray(-steep / points), np.asarray((steep - 1.0 / self.sd**2) / np.square(points))
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Phi(z)."""
+        return np.asarray(ndtr(self._score(x)))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Phi(-z)."""
+        return np.asarray(ndtr(-self._score(x)))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Median times exp(sd Phi^-1(p))."""
+        return np.asarray(self.median * np.exp(self.sd * ndtri(p)))
+
+    def sample(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws, shape (size,)."""
+        return self.median * np.exp(rng.normal(0.0, self.sd, size))
+
+    def describe(self) -> str:
+        """Family, median and standard deviation of the logarithm."""
+        return f"LogNormal({self.median:g}, {self.sd:g})"
+
+
 def log_density_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:
     """Log density of logit(t / top) where t has this distribution on 0..top, shape (...)."""
-    of_quantity = distribution.log_density(top * expit(logits)) + np.log(top)
+    if isinstance(distribution, Beta) and top == 1.0:
+        of_quantity = distribution.log_density_of_logs(log_expit(logits), log_expit(-logits))
+    else:
+        of_quantity = distribution.log_density(top * expit(logits)) + np.log(top)
     return np.asarray(of_quantity + log_expit(logits) + log_expit(-logits))
+
+
+def slopes_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative of :func:`log_density_of_logit`, each of shape (...)."""
+    up, down = expit(logits), expit(-logits)
+    if isinstance(distribution, Beta) and top == 1.0:
+        return np.asarray(distribution.a * down - distribution.b * up), np.asarray(-(distribution.a + distribution.b) * up * down)
+    slope, bend = distribution.derivatives(top * up)
+    rate, turn = top * up * down, np.tanh(0.5 * logits)
+    return np.asarray(slope * rate - turn), np.asarray(bend * np.square(rate) - slope * rate * turn - 2.0 * up * down)

@@ -25,9 +25,9 @@ class FreeFrequencies:
     about: str = "H0: one frequency per pair, and nothing that connects them"
     knows_intervals: bool = False
     of_intervals: str = "one frequency for each pair at each interval"
+    levels: tuple[tuple[str, str], ...] = ()
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
         """None: a frequency has no unit."""
         return MappingProxyType({})
 
@@ -87,6 +87,14 @@ class FrequencyPosterior:
         """Log P(equal) and log P(different) of every pair, (points, pairs) each."""
         logits = require_points(x, self.subject.n_pairs)
         return np.asarray(log_expit(logits)), np.asarray(log_expit(-logits))
+
+    def answers_given_the_rest(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same: answers are independent."""
+        return self.log_answers(x)
+
+    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same."""
+        return self.log_answers(x)
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, (points, pairs) each."""

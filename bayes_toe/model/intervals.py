@@ -10,10 +10,11 @@ Assumption: each interval has its own self-consistent prior, of variance G_t sig
 intervals mixed at random and the prior one for all of them, the first stimulus would be weighted alike at every interval, and only the
 width would depend on it; data from mixed intervals can tell, and disagree with the model here if that is so.
 
-mu_1, sigma_l and q0 are common to all intervals. gamma, the prior's coordinates and everything that is stored refer to one second. The
-longer the interval, the smaller gamma_t: the gain goes to 1, and forgetting shows in the width alone (erratum 6; see docs/errata.md).
-The width is least, 2 sigma_l, at the interval where gamma_t = 2; at shorter ones the memory is so narrow that the second stimulus moves
-it little.
+mu_1, sigma_l and q0 are common to all intervals. Here sigma_p is per root second; what is fitted, its prior and everything that is stored
+refer to a reference interval t_0, by default the geometric mean of a study's: sigma_p is then that over t_0, per root second
+sigma_p / sqrt(t_0), and gamma is gamma_t0. The longer the interval, the smaller gamma_t: the gain goes to 1, and forgetting shows in the
+width alone (erratum 6; see docs/errata.md). The width is least, 2 sigma_l, at the interval where gamma_t = 2; at shorter ones the memory
+is so narrow that the second stimulus moves it little.
 """
 
 from __future__ import annotations

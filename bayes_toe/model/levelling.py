@@ -77,12 +77,21 @@ class Levelling:
     log_width: float
     follows_width: bool
     max_pull: float = MAX_PULL
+    logits: tuple[int, ...] = (1, 3)
 
     @classmethod
-    def at(cls, posterior: Funnel, modes: FloatArray, *, centre: str = "mu1", max_pull: float = MAX_PULL) -> Levelling:
+    def at(
+        cls,
+        posterior: Funnel,
+        modes: FloatArray,
+        logits: tuple[int, ...] = (1, 3),
+        *,
+        centre: str = "mu1",
+        max_pull: float = MAX_PULL,
+    ) -> Levelling:
         """Levelling from what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
-        The first coordinates are c, logit(p/max_pull), log w; any others are logits. k is 4 for H1.
+        The first coordinates are c, logit(p/max_pull), log w; `logits` has the places of all that are logits. k is 4 for H1.
         """
         believed, best = posterior.prior.distribution(centre), modes[0]
         precision = -float(posterior.likelihood_derivatives(best[None])[1][0, 0, 0])
@@ -98,14 +107,16 @@ class Levelling:
             log_width=float(best[2]),
             follows_width=bool(apart < spread),
             max_pull=max_pull,
+            logits=logits,
         )
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
         mean, log_spread = self._conditional(x)
-        others = [_probit(x[:, j]) for j in range(3, x.shape[1])]
-        y = np.stack([(x[:, 0] - mean) * np.exp(-log_spread), _probit(x[:, 1]), x[:, 2], *others], axis=1)
-        return y, _log_volume(x, y, log_spread)
+        y = x.copy()
+        y[:, 0] = (x[:, 0] - mean) * np.exp(-log_spread)
+        y[:, self.logits] = _probit(x[:, self.logits])
+        return y, self._log_volume(x, y) - log_spread
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there, shape (points,).
@@ -113,13 +124,15 @@ class Levelling:
         A probit beyond 37 (:data:`FARTHEST`) stands for a pull or a lapse below the smallest float; the posterior has no mass there to
         any digit. Such points become :func:`nowhere`, where its density is 0: draws without weight, proposals that are refused.
         """
-        logits = [1, *range(3, y.shape[1])]
         x = y.copy()
-        x[:, logits] = _logit(y[:, logits])
-        x[np.abs(y[:, logits]).max(axis=1) > FARTHEST] = nowhere(y.shape[1], 2)
+        x[:, self.logits] = _logit(y[:, self.logits])
+        x[np.abs(y[:, self.logits]).max(axis=1) > FARTHEST] = nowhere(y.shape[1], 2)
         mean, log_spread = self._conditional(x)
         x[:, 0] = mean + y[:, 0] * np.exp(log_spread)
-        return x, _log_volume(x, y, log_spread)
+        return x, self._log_volume(x, y) - log_spread
+
+    def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        return np.asarray(_log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
 
     def _conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
@@ -171,13 +184,6 @@ def _probit(logit: FloatArray) -> FloatArray:
 def _logit(probit: FloatArray) -> FloatArray:
     """Inverse of :func:`_probit`."""
     return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
-
-
-def _log_volume(x: FloatArray, y: FloatArray, log_spread: FloatArray) -> FloatArray:
-    slopes = _log_slope(x[:, 1], y[:, 1])
-    for j in range(3, x.shape[1]):
-        slopes = slopes + _log_slope(x[:, j], y[:, j])
-    return np.asarray(slopes - log_spread)
 
 
 def _log_slope(logit: FloatArray, probit: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Free parameters of the ladder's models: blocks of unconstrained coordinates with a proper, normalised prior.
+"""Free parameters of the models: blocks of unconstrained coordinates with a proper, normalised prior.
 
 A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` says of a
 parameter, it says for every model: that of sigma_p holds for every width-like standard deviation, that of mu1 for every prior mean.
@@ -8,22 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
-from scipy.special import expit, log_expit, logit
+from scipy.special import expit, log_expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
-from bayes_toe.model.distributions import Distribution, Normal, Random, Uniform, log_density_of_logit
+from bayes_toe.model.distributions import Distribution, Normal, Random
+from bayes_toe.model.offset_prior import offset_prior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.scales import Log, Scale
 from bayes_toe.model.target import Names
 
 Derivatives = tuple[FloatArray, FloatArray]
 #: The parameter of the prior whose distribution every width-like standard deviation has.
 SPREAD = "sigma_p"
+_STANDARD = Normal(0.0, 1.0)
 
 
 class Block(Protocol):
@@ -43,6 +46,10 @@ class Block(Protocol):
         """The prior in words."""
         ...
 
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Parameters of the prior whose distributions its own is made of."""
+        ...
+
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to x, (points, k) -> (points,)."""
         ...
@@ -55,15 +62,15 @@ class Block(Protocol):
         """Independent draws, shape (size, k)."""
         ...
 
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The quantities that a reader knows, (..., k) -> (...) each."""
         ...
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """The inverse of :meth:`named`: coordinates (..., k) from natural quantities (...)."""
         ...
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Prior quantile of a named quantity; None where it has no short form, and draws have to tell it."""
         ...
 
@@ -73,151 +80,137 @@ class Block(Protocol):
 
 
 @dataclass(frozen=True)
-class Shift:
-    """Offset c ~ Normal(0, sd), natural-log intensity: the constant error at the mean first stimulus."""
+class Single:
+    """One quantity, by a coordinate on its scale.
 
-    sd: float
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """The offset itself."""
-        return ("offset",)
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        return f"offset ~ {Normal(0.0, self.sd).describe()}"
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to the offset."""
-        return Normal(0.0, self.sd).log_density(x[:, 0])
-
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        return _alone(*Normal(0.0, self.sd).derivatives(x[:, 0]))
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, 1)."""
-        return Normal(0.0, self.sd).sample(rng, size)[:, None]
-
-    names = Names(("offset",), ("offset",))
-
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
-        """The offset."""
-        return {"offset": x[..., 0]}
-
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
-        """The offset itself."""
-        return quantities["offset"][..., None]
-
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
-        """Of a normal."""
-        return float(Normal(0.0, self.sd).quantile(probability))
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """Three, off the round numbers at which a distance may be exactly 0."""
-        return ((-0.93 * scale, 0.07 * scale, 1.01 * scale),)
-
-
-@dataclass(frozen=True)
-class Width:
-    """Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior."""
-
-    names = Names(("width",), ("width",))
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """The log of the width."""
-        return ("log_width",)
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        return f"width ~ {prior.distribution(SPREAD).describe()}"
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to log w."""
-        return log_density_of_log(prior.distribution(SPREAD), x[:, 0])
-
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        return _alone(*slopes_of_log(prior.distribution(SPREAD), x[:, 0]))
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, 1)."""
-        return np.log(prior.distribution(SPREAD).sample(rng, size))[:, None]
-
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
-        """The width."""
-        return {"width": np.exp(x[..., 0])}
-
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
-        """Its log."""
-        return np.log(quantities["width"])[..., None]
-
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
-        """That of sigma_p."""
-        return prior_quantile(prior, SPREAD, probability)
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """Three about the scale of the stimuli."""
-        return (tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()),)
-
-
-@dataclass(frozen=True)
-class Share:
-    """A quantity from 0 to its top, by its logit: with the prior that the user has for it, or else a uniform one."""
+    Parameters
+    ----------
+    name : str
+        Of the quantity.
+    scale : Scale
+        Where its coordinate lives.
+    parameter : str
+        Whose distribution the prior has for it; by default its own name.
+    fixed : Distribution, optional
+        Its distribution, where the prior has none to choose.
+    starts : tuple of float
+        Values of the coordinate from which to look for maxima; none: what the data suggest.
+    """
 
     name: str
-    top: float = 1.0
-    starts: tuple[float, ...] = ()  # logits; none means the largest frequency of 'equal'
+    scale: Scale
+    parameter: str = ""
+    fixed: Distribution | None = None
+    starts: tuple[float, ...] = ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """The logit of the quantity over its top."""
-        return (f"logit_{self.name}",)
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        return f"{self.name} ~ {self._distribution(prior).describe()}"
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to the logit."""
-        return log_density_of_logit(self._distribution(prior), x[:, 0], self.top)
-
-    def _distribution(self, prior: Prior) -> Distribution:
-        return prior.distribution(self.name) if self.name in prior.families else Uniform(self.top)
-
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        logits = x[:, 0]
-        slope, bend = self._distribution(prior).derivatives(self.top * expit(logits))
-        rate = self.top * expit(logits) * expit(-logits)
-        turn = np.tanh(0.5 * logits)
-        return _alone(slope * rate - turn, bend * np.square(rate) - slope * rate * turn - 2.0 * expit(logits) * expit(-logits))
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, 1)."""
-        return np.asarray(logit(self._distribution(prior).sample(rng, size) / self.top))[:, None]
-
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
-        """The quantity."""
-        return {self.name: self.top * expit(x[..., 0])}
+        """Its coordinate."""
+        return (self.scale.prefix + self.name,)
 
     @property
     def names(self) -> Names:
         """The quantity's."""
         return Names((self.name,), (self.name,))
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
-        """The logit of its share of the top; infinite where rounding has it at an end."""
-        return np.asarray(logit(quantities[self.name] / self.top))[..., None]
+    def distribution(self, prior: Prior) -> Distribution:
+        """Its distribution."""
+        return prior.distribution(self.parameter or self.name) if self.fixed is None else self.fixed
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return (self.parameter or self.name,) if self.fixed is None else ()
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"{self.name} ~ {self.distribution(prior).describe()}"
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density with respect to the coordinate."""
+        return self.scale.log_density(self.distribution(prior), x[:, 0])
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        slope, bend = self.scale.slopes(self.distribution(prior), x[:, 0])
+        return np.asarray(slope)[:, None], np.asarray(bend)[:, None, None]
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 1)."""
+        return self.scale.coordinate(self.distribution(prior).sample(rng, size))[:, None]
+
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+        """The quantity."""
+        return {self.name: self.scale.quantity(x[..., 0])}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+        """Its coordinate; infinite where rounding has it at an end of its range."""
+        return self.scale.coordinate(quantities[self.name])[..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Of its distribution."""
-        return float(self._distribution(prior).quantile(probability))
+        return float(self.distribution(prior).quantile(probability))
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """The starts given, or the largest frequency."""
-        return (self.starts if self.starts else (peak,),)
+        """The starts given; else a width about the scale of the stimuli, or the largest frequency of 'equal'."""
+        about = tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()) if isinstance(self.scale, Log) else (peak,)
+        return (self.starts if self.starts else about,)
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Constant error c, natural-log intensity: the offset at the mean first stimulus, with the prior that the pull of H1 implies for it.
+
+    The coordinate is standard normal under the prior; see :mod:`bayes_toe.model.offset_prior`.
+    """
+
+    coordinates: ClassVar[tuple[str, ...]] = ("offset_score",)
+    names: ClassVar[Names] = Names(("offset",), ("offset",))
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", "gamma") if prior.offset_sd is None else ("offset",)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"offset ~ {offset_prior(prior, 0.0).describe()}"
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Log density of a standard normal."""
+        return _STANDARD.log_density(x[:, 0])
+
+    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Gradient and Hessian of :meth:`log_prior`."""
+        slope, bend = _STANDARD.derivatives(x[:, 0])
+        return slope[:, None], bend[:, None, None]
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 1)."""
+        return _STANDARD.sample(rng, size)[:, None]
+
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+        """The offset."""
+        return {"offset": offset_prior(prior, sbar).offset(x[..., 0]).value}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+        """Where the offset lies in its prior."""
+        return offset_prior(prior, sbar).score(quantities["offset"])[..., None]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
+        """Of the implied prior."""
+        return float(offset_prior(prior, sbar).quantile(probability))
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Three offsets, off the round numbers at which a distance may be exactly 0."""
+        return (starting_offsets(scale),)
+
+
+#: Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior.
+WIDTH = Single("width", Log(), SPREAD)
+
+
+def starting_offsets(scale: float) -> tuple[float, ...]:
+    """Offsets from which to look for maxima, for stimuli `scale` apart."""
+    return (-0.93 * scale, 0.07 * scale, 1.01 * scale)
 
 
 @dataclass(frozen=True)
@@ -228,6 +221,10 @@ class Update:
     def coordinates(self) -> tuple[str, ...]:
         """Offset, logit of pull over p_max, log width."""
         return ("offset", "logit_pull", "log_width")
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", SPREAD, "gamma")
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
@@ -246,7 +243,7 @@ class Update:
         """Independent draws, shape (size, 3)."""
         return prior.sample_unconstrained(rng, size, sbar)[:, :3]
 
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """Natural, derived and identified parameters."""
         theta = natural(_with_half(x), sbar)
         found = {**theta._asdict(), **derived(theta), "offset": x[..., 0], "pull": identified(_with_half(x)).pull}
@@ -256,12 +253,12 @@ class Update:
         ("mu1", "sigma_p", "sigma_l"), ("offset", "pull", "width"), derived=("gamma", "sigma1", "gain", "width"), monotone=("gain", "pull")
     )
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """From the natural parameters."""
         mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
         return unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Exact, but for the offset."""
         if name == "pull":
             return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
@@ -269,7 +266,7 @@ class Update:
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
-        return (*Shift(1.0).grid(scale, peak), (-2.0, 2.0), *Width().grid(scale, peak))
+        return (starting_offsets(scale), (-2.0, 2.0), *WIDTH.grid(scale, peak))
 
 
 @dataclass(frozen=True)
@@ -283,7 +280,7 @@ class Memory:
 
     so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p. One interval tells rho K, not rho and K.
     The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
-    everything that depends on it is that at one second, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
+    everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
 
     Priors: mu1 as in H1; sigma1, the spread of expected intensities, has the HalfNormal of the other widths; gain and rho are
     Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density -ln(1 - p), independent.
@@ -293,6 +290,10 @@ class Memory:
     def coordinates(self) -> tuple[str, ...]:
         """Offset, logit of pull, log width, logit of v."""
         return ("offset", "logit_pull", "log_width", "logit_split")
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", SPREAD)
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
@@ -309,7 +310,7 @@ class Memory:
             of_mu1 = prior.distribution("mu1").log_density(sbar + far)
         of_pull = _log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
-        return np.asarray(of_mu1 + log_density_of_log(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
+        return np.asarray(of_mu1 + Log().log_density(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
 
     def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
         """Gradient and Hessian of :meth:`log_prior`."""
@@ -328,7 +329,7 @@ class Memory:
             hessian[:, 1, 0] = hessian[:, 0, 1]
             hessian[:, 1, 1] += score * far * fall
         # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
-        first, second = slopes_of_log(prior.distribution(SPREAD), b - self._log_stretch(x))
+        first, second = Log().slopes(prior.distribution(SPREAD), b - self._log_stretch(x))
         towards = np.stack([np.zeros_like(b), -stretch[0], np.ones_like(b), -stretch[1]], axis=-1)
         gradient += first[:, None] * towards
         hessian += second[:, None, None] * towards[:, :, None] * towards[:, None, :]
@@ -349,7 +350,7 @@ class Memory:
 
     names = Names(*(("mu1", "sigma1", "sigma_l", "rho"), ("offset", "pull", "width", "rho"), ("gain", "width")), monotone=("gain",))
 
-    def named(self, x: FloatArray, sbar: float) -> dict[str, FloatArray]:
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The natural parameters but q0, and the identified ones; gain is rho times that of the measurement, the weight of s1."""
         lost = np.logaddexp(0.0, x[..., 1])
         sigma1 = np.exp(x[..., 2] - self._log_stretch(x))
@@ -361,7 +362,7 @@ class Memory:
         found = {"mu1": mu1, "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho, "gain": np.exp(-lost)}
         return {**found, "offset": x[..., 0], "pull": expit(x[..., 1]), "width": np.exp(x[..., 2])}
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], sbar: float) -> FloatArray:
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """From the natural parameters."""
         mu1, sigma1, sigma_l, rho = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
         return self._point(mu1 - sbar, np.log(sigma1), np.log(rho), -np.log1p(np.square(sigma_l / sigma1)))
@@ -374,7 +375,7 @@ class Memory:
         x[..., 2] = log_sigma1 + self._log_stretch(x)
         return x
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior) -> float | None:
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Exact where the prior names the quantity."""
         if name == "rho":
             return probability
@@ -412,25 +413,6 @@ class Memory:
 def _log_lost(a: FloatArray) -> FloatArray:
     """log(-log(1 - p)) at a = logit p."""
     return np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))
-
-
-def log_density_of_log(distribution: Distribution, b: FloatArray) -> FloatArray:
-    """Log density of b = log t where t has this distribution, shape (points,)."""
-    with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
-        return np.asarray(distribution.log_density(np.exp(b)) + b)
-
-
-def slopes_of_log(distribution: Distribution, b: FloatArray) -> Derivatives:
-    """First and second derivative of :func:`log_density_of_log`: t f' + 1 and t^2 f'' + t f'."""
-    with np.errstate(over="ignore"):
-        t = np.exp(b)
-        slope, bend = distribution.derivatives(t)
-        return t * slope + 1.0, np.square(t) * bend + t * slope
-
-
-def _alone(slope: FloatArray, bend: FloatArray) -> Derivatives:
-    """Gradient (points, 1) and Hessian (points, 1, 1) of one coordinate."""
-    return np.asarray(slope)[:, None], np.asarray(bend)[:, None, None]
 
 
 def _inverse_share(a: FloatArray) -> FloatArray:

@@ -1,8 +1,9 @@
 """The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
-One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w v) with offset c, pull p and width w, a link from z
-to P(equal) that ends in a peak at z = 0, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a
-record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no peak q0 = 1, no propagator that the interval does not matter.
+One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v) with offset c, pull p and width w, noise
+slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to P(equal) that ends in a peak at z = 0, a spread of the counts about
+it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a record leaves out is fixed: no offset
+means c = 0, no pull K = 1 - p = 1, no slope b = 0, no peak q0 = 1, no propagator that the interval does not matter.
 
 log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to unconstrained coordinates x, so that its
 integral over x is the evidence of the model.
@@ -12,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
+from typing import Never
 
 import numpy as np
 import numpy.typing as npt
@@ -22,17 +24,23 @@ from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.decay import Jet
 from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
-from bayes_toe.model.links import LAPSE, Answers, Link
+from bayes_toe.model.links import BELL, Answers, Lapsing, Link
+from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, typical_interval
-from bayes_toe.model.target import Levels, Names, answer_counts, log_likelihoods, require_points
+from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, reference_interval, typical_interval
+from bayes_toe.model.spread import BINOMIAL, Spread
+from bayes_toe.model.target import Levels, Names, require_points
 
-_PEAK = "logit_q0"
+_PEAK, _SLOPE = "logit_q0", "noise_slope"
+#: The offset itself, where it comes with a pull, or its place in its own prior.
+_OFFSETS = ("offset", "offset_score")
 _PRIOR_DRAWS = 100_000
+_ZERO = Jet(*(np.zeros((1, 1)),) * 3)
 
 
 @dataclass(frozen=True)
@@ -63,18 +71,24 @@ class Model:
     pull : Pull, optional
         None fixes K = 1.
     link : Link
-        From z and the logit of the peak to the log probabilities of both answers.
+        From z to the log probabilities of both answers.
+    spread : Spread
+        How counts scatter about them.
     propagator : Propagator, optional
         How pull and width depend on the inter-stimulus interval. None: the model does not mention it, so a pair is answered alike at
         every one, and comparing it with a model that does asks whether intervals matter.
+    levels : tuple of (part, level)
+        Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
     """
 
     name: str
     about: str
     free: tuple[Block, ...]
     pull: Pull | None = None
-    link: Link = LAPSE
+    link: Link | Lapsing = BELL
+    spread: Spread = BINOMIAL
     propagator: Propagator | None = None
+    levels: tuple[tuple[str, str], ...] = ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -91,14 +105,17 @@ class Model:
         """What it says of inter-stimulus intervals, in a few words."""
         return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
-        """Units of quantities that are those at one second where there are several intervals."""
-        return {} if self.propagator is None else dict(self.propagator.units)
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
+        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
+        return {} if self.propagator is None else {name: unit.format(f"{reference:g} s") for name, unit in self.propagator.units}
+
+    def parameters(self, prior: Prior) -> frozenset[str]:
+        """Parameters of the prior whose distributions its own is made of."""
+        return frozenset(name for block in self.free for name in block.parameters(prior))
 
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
-        return ", ".join(block.describe(prior) for block in self.free)
+        return ", ".join(block.describe(prior) for block in self.free) + prior.remark
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
         """The posterior of a subject under this model."""
@@ -117,6 +134,8 @@ class Posterior:
     prior : Prior
     centre : float, optional
         Intensity from which the offset counts, natural-log units; the mean first stimulus by default.
+    interval : float, optional
+        The reference, to which coordinates, quantities and their prior refer, seconds: the prior's, or else the subject's geometric mean.
 
     Examples
     --------
@@ -130,19 +149,26 @@ class Posterior:
     model: Model
     prior: Prior = field(default_factory=Prior)
     centre: float | None = None
+    interval: float | None = None
     sbar: float = field(init=False)
+    reference: float = field(init=False)
     _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
     _places: Mapping[str, int] = field(init=False, repr=False)
+    _offset_place: int | None = field(init=False, repr=False)
     _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
         known = subject.isi is not None and self.model.knows_intervals
+        places = {name: i for i, name in enumerate(self.model.coordinates)}
+        reference = reference_interval(subject, self.prior.reference_interval) if self.interval is None else self.interval
         for key, value in {
             "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
             "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
-            "_places": {name: i for i, name in enumerate(self.model.coordinates)},
-            "_intervals": grouped_intervals(np.asarray(subject.isi)) if known else None,
+            "_places": places,
+            "_offset_place": next((places[name] for name in _OFFSETS if name in places), None),
+            "reference": reference,
+            "_intervals": grouped_intervals(np.asarray(subject.isi) / reference) if known else None,
         }.items():
             object.__setattr__(self, key, value)
 
@@ -169,6 +195,15 @@ class Posterior:
         points = require_points(x, len(self.coordinates))
         return np.asarray(sum(block.log_prior(points[:, part], self.prior, self.sbar) for block, part in self._parts))
 
+    def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
+        """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
+        points, other = require_points(x, len(self.coordinates)), replace(self, prior=prior)
+        if "offset_score" not in self._places:
+            return other.log_prior(points)
+        here, moved = self._offset(points), points.copy()
+        moved[:, self._offset_place] = other._offset_prior.score(here.value)[:, 0]  # the coordinate itself depends on the prior
+        return np.asarray(other.log_prior(moved) + np.log(here.first / other._offset(moved).first)[:, 0])
+
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
@@ -177,12 +212,23 @@ class Posterior:
 
     def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs)."""
-        return log_likelihoods(self.subject, self.log_answers(x))
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.log_likelihood(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
         points = require_points(x, len(self.coordinates))
-        return self.model.link.log_answers(self.distance(points), self._peak(points))
+        return self.model.link.log_answers(self.distance(points), *self._own(points, self.model.link))
+
+    def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
+        """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.given_the_rest(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
+
+    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> Answers:
+        """The same of one session for each point, in which pairs have the probabilities that the spread of counts gives them."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.spread.realised(rng, self.log_answers(points), *self._own(points, self.model.spread))
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
@@ -201,30 +247,56 @@ class Posterior:
     def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
         pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
-        h = np.exp(-x[:, width, None]) / scales.width
-        distance = Distance(self._distance(pulled.pull, scales, x), log_width={width: np.ones((1, 1))})
+        h = self._per_width(x, scales)
+        distance = Distance(self._distance(pulled.pull.value, scales, x), log_width={width: np.ones((1, 1))})
+        if _SLOPE in self._places:
+            distance.log_width[self._places[_SLOPE]] = self._middle[None]
         add_numerator(distance, pulled, h, scales)
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
             places = tuple(self._places[name] for name in propagator.coordinates)
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
-        slopes = self.model.link.slopes(distance.z, self._peak(x), *answer_counts(self.subject))
-        return likelihood_derivatives(distance, slopes, self._places.get(_PEAK), x.shape[1])
+        link, spread = self.model.link, self.model.spread
+        own = self._own(x, link)
+        answers = partial(link.log_answers, distance.z, *own)
+        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
+        own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
+        return likelihood_derivatives(distance, slopes, own_places, x.shape[1])
 
     # --- What engines ask for -------------------------------------------------------------------------
 
     def starts(self) -> FloatArray:
-        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out."""
+        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out.
+
+        Raises
+        ------
+        InputError
+            If an answer that was given is impossible under the model.
+        """
         subject = self.subject
         steps = np.abs(subject.s2 - subject.s1)
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
-        points = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if "offset" in self._places and _PEAK not in self._places:
+        points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
+        if "offset_score" in self._places:
+            points[:, self._offset_place] = self._offset_prior.score(points[:, self._offset_place])
+        if self._offset_place is not None and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
         points = self._from_typical_interval(points)
-        return points[np.isfinite(self.log_density(points))]
+        some = np.isfinite(self.log_density(points))
+        return points[some] if some.any() else self._refuse(points)
+
+    def _refuse(self, points: FloatArray) -> Never:
+        """Name the pair whose answers have probability 0 at most of these points, (points, k)."""
+        subject, pairs = self.subject, np.isneginf(self.pair_log_likelihood(points)).sum(axis=0)
+        i = int(pairs.argmax())
+        answers = f"{subject.n_equal[i]} of {subject.n_trials[i]} 'equal'"
+        raise InputError(
+            f"subject {subject.name!r}, pair s1={subject.s1[i]:g}, s2={subject.s2[i]:g}: {answers}, which model {self.model.name!r} says "
+            "is impossible; allowed is a model with lapses or a constant error"
+        )
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
@@ -232,24 +304,24 @@ class Posterior:
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
-        pull = self.model.pull
+        pull, logits = self.model.pull, tuple(i for name, i in self._places.items() if name.startswith("logit_"))
         if pull is not None and pull.centre is not None:
-            return Levelling.at(self, modes, centre=pull.centre, max_pull=pull.span)
-        return Probits(tuple(i for name, i in self._places.items() if name.startswith("logit_")), self._places["log_width"])
+            return Levelling.at(self, modes, logits, centre=pull.centre, max_pull=pull.span)
+        return Probits(logits, self._places["log_width"])
 
     def for_subject(self, subject: Subject) -> Posterior:
-        """The same model with the same prior for other answers or other pairs, offsets counted from the same intensity."""
-        return replace(self, subject=subject, centre=self.sbar)
+        """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""
+        return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
 
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
         propagator, pull = self.model.propagator, self._pull(x)
-        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds).pull
+        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds / self.reference).pull
         return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
 
     def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
-        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), self._peak(x))[0]))
+        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link))[0]))
 
     # --- What readers ask for -------------------------------------------------------------------------
 
@@ -261,7 +333,7 @@ class Posterior:
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis."""
-        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.sbar).items()}
+        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.prior, self.sbar).items()}
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged: those that are no monotone function of a single other one."""
@@ -270,13 +342,13 @@ class Posterior:
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
-        return np.concatenate([block.coordinates_from(quantities, self.sbar) for block in self.model.free], axis=-1)
+        return np.concatenate([block.coordinates_from(quantities, self.prior, self.sbar) for block in self.model.free], axis=-1)
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
         for block in self.model.free:
             if name in block.names.all:
-                known = block.prior_quantile(name, probability, self.prior)
+                known = block.prior_quantile(name, probability, self.prior, self.sbar)
                 return float(np.quantile(_prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
         raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
 
@@ -293,40 +365,59 @@ class Posterior:
         return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
 
     def _pulled(self, x: FloatArray) -> Pulled:
-        """Offset and pull, with the derivatives of the pull."""
-        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._places.get("offset")
+        """Offset and pull, each with its derivatives."""
+        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._offset(x)
         if pull is None:
-            none = np.zeros((1, 1))
-            return Pulled(lever, self._offset(x), none, none, none, offset, None)
+            return Pulled(lever, offset, _ZERO, self._offset_place, None)
         place = self._places[pull.coordinate]
         a = x[:, place, None]
         slope = pull.span * expit(a) * expit(-a)
-        return Pulled(lever, self._offset(x), self._pull(x), slope, -slope * np.tanh(0.5 * a), offset, place)
+        return Pulled(lever, offset, Jet(self._pull(x), slope, -slope * np.tanh(0.5 * a)), self._offset_place, place)
 
-    def _offset(self, x: FloatArray) -> FloatArray:
-        return x[:, self._places["offset"], None] if "offset" in self._places else np.zeros((1, 1))
+    def _offset(self, x: FloatArray) -> Jet:
+        """Offset c with its derivatives in its coordinate, shape (points, 1) each."""
+        if self._offset_place is None:
+            return _ZERO
+        c = x[:, self._offset_place, None]
+        return self._offset_prior.offset(c) if "offset_score" in self._places else Jet(c, np.ones((1, 1)), np.zeros((1, 1)))
+
+    @cached_property
+    def _offset_prior(self) -> OffsetPrior | NormalOffset:
+        return offset_prior(self.prior, self.sbar)
+
+    @property
+    def _middle(self) -> FloatArray:
+        """Mean stimulus of every pair from the mean first stimulus, shape (pairs,)."""
+        return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
 
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
         subject = self.subject
-        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x))
+        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x).value)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            h = np.exp(-x[:, self._places["log_width"], None]) / scales.width
+            h = self._per_width(x, scales)
             return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
 
-    def _peak(self, x: FloatArray) -> FloatArray:
-        """Logit of the peak, shape (points, 1); infinite where it is 1."""
-        return x[:, self._places[_PEAK], None] if _PEAK in self._places else np.full((len(x), 1), np.inf)
+    def _per_width(self, x: FloatArray, scales: Scales) -> FloatArray:
+        """One over the width of every pair, shape (points, pairs) or (points, 1)."""
+        log_width = x[:, self._places["log_width"], None]
+        if _SLOPE in self._places:
+            log_width = log_width + x[:, self._places[_SLOPE], None] * self._middle
+        return np.asarray(np.exp(-log_width) / scales.width)
+
+    def _own(self, x: FloatArray, of: Link | Lapsing | Spread) -> tuple[FloatArray, ...]:
+        """Own coordinates of a link or a spread, shape (points, 1) each; a logit that is fixed is infinite."""
+        return tuple(x[:, self._places[name], None] if name in self._places else np.full((len(x), 1), np.inf) for name in of.coordinates)
 
     def _scales(self, x: FloatArray) -> Scales:
-        """Pull and width of every pair over those at one second; one row and column of 1 where nothing depends on the interval."""
+        """Pull and width of every pair over those at the reference; one row and column of 1 where nothing depends on the interval."""
         propagator = self.model.propagator
         if self._intervals is None or propagator is None:
             return UNSCALED
         return self._scales_at(propagator, x, self._intervals[0]).of_pairs(self._intervals[1])
 
-    def _scales_at(self, propagator: Propagator, x: FloatArray, seconds: FloatArray) -> Scales:
-        """Pull and width at intervals over those at one second, (points, k) and (intervals,) -> (points, intervals)."""
-        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), seconds)
+    def _scales_at(self, propagator: Propagator, x: FloatArray, intervals: FloatArray) -> Scales:
+        """Pull and width at intervals in units of the reference over those at it, (points, k) and (intervals,) -> (points, intervals)."""
+        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), intervals)
 
     def _growth(self, propagator: Propagator, x: FloatArray) -> Growth:
         assert self._intervals is not None
@@ -340,17 +431,17 @@ class Posterior:
         its own on each side.
         """
         walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
-        moved = np.repeat(point[None], len(walls) - 1, axis=0)
-        moved[:, self._places["offset"]] = 0.5 * (walls[1:] + walls[:-1])
+        moved, offsets = np.repeat(point[None], len(walls) - 1, axis=0), 0.5 * (walls[1:] + walls[:-1])
+        moved[:, self._offset_place] = self._offset_prior.score(offsets) if "offset_score" in self._places else offsets
         return moved
 
     def _from_typical_interval(self, points: FloatArray) -> FloatArray:
-        """Points whose offset and width are those at the typical interval, the geometric mean, with those at one second."""
+        """Points whose offset and width are those at the typical interval, the geometric mean, with those at the reference."""
         propagator = self.model.propagator
         if propagator is None or self.subject.isi is None:
             return points
-        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi, self.subject.n_trials))
-        return scale.to_one_second(points, self._places["offset"], self._places["log_width"])
+        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi / self.reference, self.subject.n_trials))
+        return scale.to_reference(points, self._places["offset"], self._places["log_width"])
 
 
 @lru_cache(maxsize=4)
@@ -359,5 +450,5 @@ def _prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArra
     rng = np.random.default_rng(0)
     found: dict[str, FloatArray] = {}
     for block in model.free:
-        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), sbar)
+        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), prior, sbar)
     return found

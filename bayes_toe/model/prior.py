@@ -1,8 +1,9 @@
 """The prior over one observer's parameters: proper, stated, replaceable. The evidence depends on it.
 
-mu1 ~ Normal(mu1_mean, mu1_sd), sigma_p ~ HalfNormal(sigma_p_scale), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1), independent.
-The defaults are the paper's V_1 = 10^2 for mu1 and its constraint 0 < sigma_l < sigma_p; q0 has the prior that each frequency
-has under H0.
+mu1 ~ Normal(mu1_mean, mu1_sd), sigma_p ~ HalfNormal(sigma_p_scale), gamma ~ Beta(gamma_a, gamma_b), q0 ~ Uniform(0, 1), independent.
+The defaults are the paper's V_1 = 10^2 for mu1 and its constraint 0 < sigma_l < sigma_p, gamma uniform; q0 has the prior that each
+frequency has under H0. Parameters that H1 does not have (noise slope, lapse rate, exponent, intra-class correlation) have theirs here too;
+the constant error's is in :mod:`bayes_toe.model.offset_prior`.
 
 The numbers are declared in :mod:`bayes_toe.model.prior_fields`, the families in :attr:`Prior.families`; nothing else names them. Another
 prior is a subclass that declares its number, or its family, in one place.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -22,22 +23,45 @@ from scipy.special import expit
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, reach, unconstrained
+from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, log_noise_ratio, reach, unconstrained
 from bayes_toe.model.distributions import LOG_2PI as LOG_2PI
-from bayes_toe.model.distributions import Distribution, HalfNormal, Normal, Random, Uniform, log_density_of_logit
-from bayes_toe.model.prior_fields import PriorFields
+from bayes_toe.model.distributions import (
+    Beta,
+    Distribution,
+    HalfNormal,
+    LogNormal,
+    Normal,
+    Random,
+    Uniform,
+    log_density_of_logit,
+    share,
+)
+from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields
 
 
 @dataclass(frozen=True)
 class Prior(PriorFields):
-    """Prior density of (mu1, sigma_p, gamma, q0); all log densities are normalised.
+    """Prior density of (mu1, sigma_p, gamma, q0), and the priors of what other models have; all log densities are normalised.
 
     Parameters
     ----------
-    mu1_mean, mu1_sd : float
-        Mean and standard deviation of mu1, natural-log intensity.
-    sigma_p_scale : float
-        Scale of the half-normal of sigma_p, natural-log intensity.
+    mu1_mean, mu1_sd : float or "stimuli"
+        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for mean and range of the stimuli presented, here and
+        below, and becomes a number where the prior meets a study (:func:`bayes_toe.model.study_prior.prior_for`).
+    sigma_p_scale : float or "stimuli"
+        Scale of the half-normal of sigma_p, natural-log intensity; the root mean square step between different stimuli.
+    gamma_a, gamma_b : float
+        Of the beta distribution of gamma.
+    offset_sd : float, optional
+        Standard deviation of a normal constant error, natural-log intensity, in the place of the prior that mu1 and gamma imply.
+    noise_slope_sd : float or "stimuli"
+        Of the normal about Weber's law, per natural-log intensity; one over the range.
+    lapse_rate_a, lapse_rate_b, icc_a, icc_b : float
+        Of the beta distributions of the share of answers given without regard to the stimuli and of the intra-class correlation.
+    exponent_median, exponent_sd : float
+        Of the lognormal of the curve's exponent; the standard deviation is that of its logarithm.
+    reference_interval : float, optional
+        Seconds over which sigma_p, gamma and rho have their prior, in a study with intervals.
 
     Raises
     ------
@@ -54,17 +78,24 @@ class Prior(PriorFields):
     families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
         "mu1": Normal,
         "sigma_p": HalfNormal,
-        "gamma": Uniform,
+        "gamma": share,
         "q0": Uniform,
+        "noise_slope": partial(Normal, 0.0),
+        "lapse_rate": share,
+        "exponent": LogNormal,
+        "icc": share,
     }
 
     @cached_property
     def distributions(self) -> Mapping[str, Distribution]:
-        """Distribution of mu1, sigma_p, gamma and q0, in this order."""
-        numbers: dict[str, list[float]] = {name: [] for name in self.families}
+        """Distribution of every parameter that has one of its own: mu1, sigma_p, gamma and q0 first, in this order."""
+        numbers: dict[str, list[float]] = {one.parameter: [] for one in self.declared()}
         for one in self.declared():
-            numbers[one.parameter].append(getattr(self, one.name))
-        return {name: family(*numbers[name]) for name, family in self.families.items()}
+            value = getattr(self, one.name)
+            if value == STIMULI:
+                raise InputError(f"prior: {one.name} is that of the stimuli; bt.prior_for(study, prior) puts in the number")
+            numbers[one.parameter].append(value)
+        return {name: family(*numbers.get(name, ())) for name, family in self.families.items()}
 
     def distribution(self, parameter: str) -> Distribution:
         """Distribution of one parameter.
@@ -98,8 +129,14 @@ class Prior(PriorFields):
         return found
 
     def describe(self) -> str:
-        """One line for tables, files and Methods sections."""
-        return ", ".join(f"{name} ~ {one.describe()}" for name, one in self.distributions.items())
+        """H1's in one line for tables, files and Methods sections."""
+        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1) + self.remark
+
+    @property
+    def remark(self) -> str:
+        """What else to know of its numbers, to be put behind a description: where they came from, and their unit of time."""
+        time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
+        return "".join(f"; {part}" for part in (self.origin, time) if part)
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
@@ -129,22 +166,22 @@ class Prior(PriorFields):
         a, b = x[..., 1], x[..., 2]
         p = MAX_PULL * expit(a)
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
-            values = {"mu1": sbar + reach(x), "sigma_p": np.exp(b) * (1.0 - p) ** 1.5, "gamma": _noise_ratio(a)}
+            values = {"mu1": sbar + reach(x), "sigma_p": np.exp(b) * (1.0 - p) ** 1.5}
             of_values = sum(self.distributions[name].log_density(value) for name, value in values.items())
-            return np.asarray(of_values + log_jacobian_of_pull(a) + b)
+            return np.asarray(of_values + log_density_of_noise_ratio(self.distributions["gamma"], a) + log_jacobian_of_pull(a) + b)
 
     def _log_densities(self, theta: Natural, gamma: FloatArray) -> FloatArray:
         values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}
-        return np.asarray(sum(one.log_density(values[name]) for name, one in self.distributions.items()))
+        return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()))
 
     def derivatives(self, x: npt.ArrayLike, sbar: float) -> tuple[FloatArray, FloatArray]:
         """Gradient (..., 4) and Hessian (..., 4, 4) of :meth:`log_density_unconstrained`."""
         points = np.asarray(x, np.float64)
         gradient, hessian = jacobian_derivatives(points)
         with np.errstate(over="ignore"):  # 1/p^2 is beyond the largest float where p < 1e-154: infinite is right there
-            for name, one in self.distributions.items():
-                here = _BENDS[name](points, sbar)
-                first, second = here.pulled_back(one)
+            for name, bend in _BENDS.items():
+                here = bend(points, sbar)
+                first, second = here.pulled_back(self.distributions[name])
                 gradient[..., here.on] += first
                 hessian[..., here.on, here.on] += second
         return gradient, hessian
@@ -157,7 +194,7 @@ class Prior(PriorFields):
         >>> Prior().sample(np.random.default_rng(1), 3).q0.shape
         (3,)
         """
-        drawn = {name: one.sample(rng, size) for name, one in self.distributions.items()}
+        drawn = {name: self.distributions[name].sample(rng, size) for name in OF_H1}
         return Natural(drawn["mu1"], drawn["sigma_p"], drawn["sigma_p"] * np.sqrt(drawn["gamma"]), drawn["q0"])
 
     def sample_unconstrained(self, rng: Random, size: int, sbar: float) -> FloatArray:
@@ -169,15 +206,25 @@ class Prior(PriorFields):
 
 
 class _Bend(NamedTuple):
-    """A parameter t near points x: its value (...), and its derivatives (..., k), (..., k, k) in the coordinates it depends on."""
+    """A parameter t near points x: its value (...), and its derivatives (..., k), (..., k, k) in the coordinates it depends on.
+
+    A share of one coordinate has in `logs` the derivatives of log t and of log(1 - t), first and second, (2, 2, ...).
+    """
 
     on: slice
     value: FloatArray
     first: FloatArray
     second: FloatArray
+    logs: FloatArray | None = None
 
     def pulled_back(self, distribution: Distribution) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of f(t(x)), f the log density of t: f' t_i and f'' t_i t_j + f' t_ij; t_i^2 may be huge, |f''| t_i^2 is not."""
+        """Derivatives of f(t(x)), f the log density of t: f' t_i and f'' t_i t_j + f' t_ij; t_i^2 may be huge, |f''| t_i^2 is not.
+
+        A beta is linear in log t and log(1 - t): near an edge f' is huge, these are not.
+        """
+        if self.logs is not None and isinstance(distribution, Beta):
+            first, second = np.tensordot([distribution.a - 1.0, distribution.b - 1.0], self.logs, axes=(0, 1))
+            return first[..., None], second[..., None, None]
         slope, curve = (part[..., None] for part in distribution.derivatives(self.value))
         steep = np.sqrt(np.abs(curve)) * self.first
         square = np.sign(curve)[..., None] * steep[..., :, None] * steep[..., None, :]
@@ -200,17 +247,26 @@ def _sigma_p_bend(x: FloatArray, sbar: float) -> _Bend:
 
 
 def _gamma_bend(x: FloatArray, sbar: float) -> _Bend:
-    """Noise ratio p/(1 - p)^2, with d gamma/dp = (1 + p)/(1 - p)^3 and its derivative (4 + 2 p)/(1 - p)^4."""
-    p, p1, p2 = pull_derivatives(x[..., 1])
+    """Noise ratio p/(1 - p)^2, with d gamma/dp = (1 + p)/(1 - p)^3 and its derivative (4 + 2 p)/(1 - p)^4.
+
+    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
+    """
+    a, (p, p1, p2) = x[..., 1], pull_derivatives(x[..., 1])
     slope, bend = (1.0 + p) / (1.0 - p) ** 3, (4.0 + 2.0 * p) / (1.0 - p) ** 4
-    return _Bend(slice(1, 2), _noise_ratio(x[..., 1]), (slope * p1)[..., None], (bend * p1**2 + slope * p2)[..., None, None])
+    up, down, far = expit(a), expit(-a), 1.0 / MAX_PULL - p
+    of_log, of_rest = down * (1.0 + p) / (1.0 - p), -up * (1.0 + p) / ((1.0 - p) * far)
+    log_bend = of_log * up * (2.0 * MAX_PULL * down / (1.0 - p * p) - 1.0)
+    rest_bend = of_rest * down * (1.0 + p * (2.0 / (1.0 - p * p) + 1.0 / far))
+    logs = np.array([[of_log, of_rest], [log_bend, rest_bend]])
+    return _Bend(slice(1, 2), _noise_ratio(a), (slope * p1)[..., None], (bend * p1**2 + slope * p2)[..., None, None], logs)
 
 
 def _q0_bend(x: FloatArray, sbar: float) -> _Bend:
     """q0 = expit(l)."""
-    q0 = expit(x[..., 3])
-    first = q0 * expit(-x[..., 3])
-    return _Bend(slice(3, 4), q0, first[..., None], (first * -np.tanh(0.5 * x[..., 3]))[..., None, None])
+    q0, rest = expit(x[..., 3]), expit(-x[..., 3])
+    first = q0 * rest
+    logs = np.array([[rest, -q0], [-first, -first]])
+    return _Bend(slice(3, 4), q0, first[..., None], (first * -np.tanh(0.5 * x[..., 3]))[..., None, None], logs)
 
 
 _BENDS: Mapping[str, Callable[[FloatArray, float], _Bend]] = {
@@ -225,6 +281,15 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
     """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
     p = MAX_PULL * expit(a)
     return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
+
+
+def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
+    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
+    return (
+        distribution.log_density_of_logs(*log_noise_ratio(a))
+        if isinstance(distribution, Beta)
+        else distribution.log_density(_noise_ratio(a))
+    )
 
 
 def _symmetric(first: FloatArray, across: FloatArray, second: FloatArray) -> FloatArray:

@@ -6,9 +6,10 @@ numbers are apart from what is computed with them (:mod:`bayes_toe.model.prior`)
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Literal
+from typing import Any, Final, Literal
 
 from bayes_toe.errors import InputError
 
@@ -17,6 +18,10 @@ Kind = Literal["location", "scale", "shape"]
 #: Beyond these a square would leave the range of floats.
 SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
+#: What may stand for a number that a study's stimuli can give.
+STIMULI: Final = "stimuli"
+#: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
+OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,8 @@ class PriorField:
     ----------
     name : str
         Of the field, the key in a prior file.
-    default : float
+    default : float or None
+        None where leaving the number out means something of its own, which `words` say.
     parameter : str
         To whose distribution it belongs.
     kind : {"location", "scale", "shape"}
@@ -37,16 +43,19 @@ class PriorField:
         Empty for a pure number.
     smallest, largest : float
         What a prior file may say.
+    stimuli : str
+        Which property of the stimuli "stimuli" stands for, see :class:`bayes_toe.model.study_prior.Stimuli`; empty where it may not.
     """
 
     name: str
-    default: float
+    default: float | None
     parameter: str
     kind: Kind
     words: str
     unit: str
     smallest: float
     largest: float
+    stimuli: str = ""
 
     @property
     def positive(self) -> bool:
@@ -61,28 +70,36 @@ class PriorField:
     @property
     def about(self) -> str:
         """Words, unit and sign in one line."""
-        return ", ".join(part for part in (self.words, self.unit) if part) + ("; positive" if self.positive else "")
+        ending = ("; positive" if self.positive else "") + (
+            f'; or "{STIMULI}", their {self.stimuli.replace("_", " ")}' if self.stimuli else ""
+        )
+        return ", ".join(part for part in (self.words, self.unit) if part) + ending
 
     @property
     def allowed(self) -> str:
         """The range in words."""
-        return f"a number from {self.smallest:g} to {self.largest:g}"
+        return f"a number from {self.smallest:g} to {self.largest:g}" + (f" or '{STIMULI}'" if self.stimuli else "")
 
 
 def prior_field(
-    default: float,
+    default: float | None,
     *,
     parameter: str,
     kind: Kind,
     words: str,
     unit: str = "",
-    smallest: float | None = None,
-    largest: float = LARGEST,
-) -> float:
+    limits: tuple[float, float] | None = None,
+    stimuli: str = "",
+) -> Any:
     """Declare one number of a prior, as the default of a dataclass field; see :class:`PriorField` for the arguments."""
-    least = (-largest if kind == "location" else SMALLEST) if smallest is None else smallest
-    said = {"parameter": parameter, "kind": kind, "words": words, "unit": unit, "smallest": least, "largest": largest}
+    least, most = (-LARGEST if kind == "location" else SMALLEST, LARGEST) if limits is None else limits
+    said = {"parameter": parameter, "kind": kind, "words": words, "unit": unit, "smallest": least, "largest": most, "stimuli": stimuli}
     return field(default=default, metadata={"default": default, **said})
+
+
+def _of_beta(default: float, parameter: str, words: str) -> Any:
+    """A number of a beta; beyond these limits it is all but an atom, at an edge or at one value."""
+    return prior_field(default, parameter=parameter, kind="shape", words=words, limits=(0.05, 1000.0))
 
 
 @dataclass(frozen=True)
@@ -96,27 +113,67 @@ class PriorFields:
 
     Examples
     --------
-    >>> [(field.name, field.label) for field in PriorFields.declared()]
-    [('mu1_mean', 'mean of mu1'), ('mu1_sd', 'sd of mu1'), ('sigma_p_scale', 'scale of sigma_p')]
+    >>> [field.name for field in PriorFields.varied()]
+    ['mu1_sd', 'sigma_p_scale', 'gamma_a', 'gamma_b', 'mu1_mean']
+    >>> PriorFields.declared_as("gamma_a").label
+    'a of gamma'
     """
 
-    mu1_mean: float = prior_field(0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY)
-    mu1_sd: float = prior_field(10.0, parameter="mu1", kind="scale", words="its standard deviation", unit=LOG_INTENSITY)
-    sigma_p_scale: float = prior_field(
-        1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY
+    mu1_mean: float | Literal["stimuli"] = prior_field(
+        0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY, stimuli="mean"
     )
+    mu1_sd: float | Literal["stimuli"] = prior_field(
+        10.0, parameter="mu1", kind="scale", words="its standard deviation", unit=LOG_INTENSITY, stimuli="range"
+    )
+    sigma_p_scale: float | Literal["stimuli"] = prior_field(
+        1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY, stimuli="step"
+    )
+    gamma_a: float = _of_beta(1.0, "gamma", "a of the beta prior of gamma; 1 and 1 are uniform")
+    gamma_b: float = _of_beta(1.0, "gamma", "its b")
+    offset_sd: float | None = prior_field(
+        None,
+        parameter="offset",
+        kind="scale",
+        words="sd of a normal prior of the constant error; left out: the one that mu1 and gamma imply",
+        unit=LOG_INTENSITY,
+    )
+    noise_slope_sd: float | Literal["stimuli"] = prior_field(
+        1.0,
+        parameter="noise_slope",
+        kind="scale",
+        words="sd of the normal prior of the noise's slope about 0, Weber's law",
+        stimuli="inverse_range",
+    )
+    lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
+    lapse_rate_b: float = _of_beta(1.0, "lapse_rate", "its b")
+    exponent_median: float = prior_field(2.0, parameter="exponent", kind="scale", words="median of the lognormal prior of the exponent")
+    exponent_sd: float = prior_field(0.5, parameter="exponent", kind="scale", words="sd of its logarithm")
+    icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
+    icc_b: float = _of_beta(9.0, "icc", "its b")
+
+    reference_interval: float | None = prior_field(
+        None,
+        parameter="interval",
+        kind="scale",
+        words="interval that the priors of sigma_p, gamma and rho refer to; left out: the geometric mean of the study's",
+        unit="s",
+    )
+    #: Which numbers came from where, in words.
+    origin: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         for one in self.declared():
             value = getattr(self, one.name)
-            if not isfinite(value) or (one.positive and value <= 0):
-                allowed = "a positive finite number" if one.positive else "a finite number"
-                raise InputError(f"prior: {one.name}={value:g}, allowed: {allowed}")
+            if (value is None and one.default is None) or (value == STIMULI and one.stimuli):
+                continue
+            if isinstance(value, str) or not isfinite(value) or (one.positive and value <= 0):
+                allowed = ("a positive finite number" if one.positive else "a finite number") + (f" or {STIMULI!r}" if one.stimuli else "")
+                raise InputError(f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}")
 
     @classmethod
     def declared(cls) -> tuple[PriorField, ...]:
         """Its numbers in the order of their declaration."""
-        return tuple(PriorField(one.name, **one.metadata) for one in fields(cls))
+        return tuple(PriorField(one.name, **one.metadata) for one in fields(cls) if one.metadata)
 
     @classmethod
     def declared_as(cls, name: str) -> PriorField:
@@ -133,6 +190,7 @@ class PriorFields:
         raise InputError(f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}")
 
     @classmethod
-    def varied(cls) -> tuple[PriorField, ...]:
-        """Its numbers in the order of a sensitivity scan: scales and shapes first, then locations."""
-        return tuple(sorted(cls.declared(), key=lambda one: not one.positive))
+    def varied(cls, parameters: Collection[str] = OF_H1) -> tuple[PriorField, ...]:
+        """The numbers of some parameters in the order of a sensitivity scan: scales and shapes first, then locations."""
+        found = (one for one in cls.declared() if one.parameter in parameters)
+        return tuple(sorted(found, key=lambda one: not one.positive))

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from bayes_toe.data.cells import bare, quoted
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_fields import PriorField
+from bayes_toe.model.prior_fields import STIMULI, PriorField
+from bayes_toe.model.study_prior import PAPER, PRESETS
 
 AnyPrior = TypeVar("AnyPrior", bound=Prior)
 
@@ -37,39 +38,38 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "prior.toml")
     ...     _ = file.write_text("mu1_sd = 2.5  # prior sd of mu1", encoding="utf-8")
-    ...     read_prior(file)
-    Prior(mu1_mean=0.0, mu1_sd=2.5, sigma_p_scale=1.0)
+    ...     read_prior(file) == Prior(mu1_sd=2.5)
+    True
     """
     keys = {one.name: one for one in kind.declared()}
     found = _table(path, keys)
     problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(keys, key, value)]
     if problems:
         raise InputError(problems)
-    return kind(**{key: float(value) for key, value in found.items()})
+    numbers: dict[str, Any] = {key: value if value == STIMULI else float(value) for key, value in found.items()}
+    return kind(**numbers)
 
 
-def prior_or_default(path: str | Path | None) -> Prior:
-    """The prior in a file, the default one where there is none."""
-    return Prior() if path is None else read_prior(path)
+def preset_or_file(given: str | None) -> Prior:
+    """The preset of this name, or the prior in the file of this path; the default one where there is nothing."""
+    return PRESETS[PAPER] if given is None else PRESETS[given] if given in PRESETS else read_prior(given)
 
 
 def example_file(kind: type[Prior] = Prior) -> str:
-    """A complete prior file with the defaults and what they mean.
+    """A complete prior file with the defaults and what they mean; what has none is a comment.
 
     Examples
     --------
-    >>> print(example_file(), end="")
-    mu1_mean = 0.0       # mean of the normal prior of mu1, natural-log intensity
-    mu1_sd = 10.0        # its standard deviation, natural-log intensity; positive
-    sigma_p_scale = 1.0  # scale of the half-normal prior of sigma_p, natural-log intensity; positive
+    >>> print(example_file().splitlines()[0])
+    mu1_mean = 0.0              # mean of the normal prior of mu1, natural-log intensity; or "stimuli", their mean
     """
-    lines = {f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
+    lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
     width = max(map(len, lines))
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 
 
 def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
-    lines = ", ".join(f"{key} = NUMBER" for key in keys)
+    lines = f"NAME = NUMBER, as in {next(iter(keys))} = 0"
     try:
         return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
     except OSError as error:
@@ -87,6 +87,8 @@ def _problem(keys: Mapping[str, PriorField], key: str, value: object) -> list[st
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
     one = keys[key]
     # bool is an int for Python, not for a reader; a NaN is in no range
+    if value == STIMULI and one.stimuli:
+        return []
     good = isinstance(value, int | float) and not isinstance(value, bool) and one.smallest <= value <= one.largest
     return [] if good else [f"key {key}: found {_shown(value)}, allowed: {one.allowed}"]
 

@@ -1,12 +1,13 @@
 """How pull and width depend on the inter-stimulus interval: one propagator, one pair of scales.
 
-A model's coordinates (offset c, pull p, width w) refer to one second. The prior mean mu1 is the same at every interval and the offset at
-t seconds is p_t (mu1 - sbar), so with r = p_t/p_1 and v = w_t/w_1
+A model's coordinates (offset c, pull p, width w) and their prior refer to a reference interval, by default the geometric mean of the
+study's, in which time is counted here: t = 1 is the reference. The prior mean mu1 is the same at every interval and the offset at t is
+p_t (mu1 - sbar), so with r = p_t/p_1 and v = w_t/w_1
 
     z = ((s2 - s1) + r [p_1 (s1 - sbar) - c]) / (w_1 v).
 
-Both scales are 1 at one second. They follow from the same filtering equations as the model at one interval: a stimulus is measured, the
-belief evolves for t seconds, the next stimulus meets it.
+Both scales are 1 at the reference, so a study with one interval is one without. They follow from the same filtering equations as the model
+at one interval: a stimulus is measured, the belief evolves for t, the next stimulus meets it.
 
 **Random walk** (predictive update). The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and
 v = sqrt(t) (G_t/G_1)^(3/2): the longer the interval, the nearer the weight of the first stimulus comes to 1, and the width grows without
@@ -14,7 +15,7 @@ end. Assumed is a self-consistent prior of each interval; see :mod:`bayes_toe.mo
 
 **Mean-reverting memory** (Ornstein-Uhlenbeck). Drift -(s - mu1)/tau and diffusion 2 sigma1^2/tau have the prior as their stationary state,
 as at one interval, where the record ties both to (mu1, sigma1). Two such steps make one, rho_(t+u) = rho_t rho_u with rho_t = exp(-t/tau),
-so with rho = rho_1 the memory kept over t seconds is rho^t. The measurement does not know how long the pause will be: its gain
+so with rho = rho_1 the memory kept over t is rho^t. The measurement does not know how long the pause will be: its gain
 K = sigma1^2/(sigma1^2 + sigma_l^2) has no interval. Therefore
 
     mu_2 = mu1 + rho^t K (s1 - mu1),    sigma_2^2 = sigma1^2 (1 - rho^(2t) K),
@@ -39,12 +40,13 @@ import numpy as np
 from scipy.special import expit, exprel
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, softplus_jet
 
 
 class Scales(NamedTuple):
-    """Pull and width at an interval over those at one second, r and v, each of shape (points, intervals)."""
+    """Pull and width at an interval over those at the reference, r and v, each of shape (points, intervals)."""
 
     pull: FloatArray
     width: FloatArray
@@ -53,8 +55,8 @@ class Scales(NamedTuple):
         """The scales of pairs, shape (points, pairs), given the place of each pair's interval."""
         return Scales(self.pull[:, which], self.width[:, which])
 
-    def to_one_second(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
-        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at one second."""
+    def to_reference(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
+        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at t = 1."""
         moved = points.copy()
         moved[:, offset] /= self.pull[:, 0]
         moved[:, log_width] -= np.log(self.width[:, 0])
@@ -88,8 +90,21 @@ def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
     return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
 
 
-def random_walk_scales(logit_pull: FloatArray, seconds: FloatArray) -> Scales:
-    """Scales of a memory that diffuses by sigma_p^2 a second, shapes (points,) and (intervals,).
+def reference_interval(subject: Subject, given: float | None) -> float:
+    """The interval given, or the geometric mean of the subject's own, seconds; 1 where it has none.
+
+    Examples
+    --------
+    >>> reference_interval(Subject("S", [0.0, 0.0], [0.0, 0.0], [4, 4], [5, 5], [1.0, 4.0]), None)
+    2.0
+    """
+    if subject.isi is None or given is not None:
+        return 1.0 if given is None else given
+    return subject.intervals[0] if len(subject.intervals) == 1 else float(typical_interval(subject.isi, subject.n_trials)[0])
+
+
+def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
+    """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
 
     As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
 
@@ -99,17 +114,17 @@ def random_walk_scales(logit_pull: FloatArray, seconds: FloatArray) -> Scales:
     [[[1.0, 0.25]], [[1.0, 2.0]]]
     """
     gamma = noise_ratio_at(logit_pull)
-    ratio = variance_ratio(gamma / seconds) / variance_ratio(gamma)  # one second by the same formula: exactly 1
-    return Scales(1.0 / (np.square(ratio) * seconds), np.sqrt(seconds) * ratio**1.5)
+    ratio = variance_ratio(gamma / intervals) / variance_ratio(gamma)  # t = 1 by the same formula: exactly 1
+    return Scales(1.0 / (np.square(ratio) * intervals), np.sqrt(intervals) * ratio**1.5)
 
 
 def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
-    """Noise ratio at one second, gamma = p/(1 - p)^2 with p = p_max expit(logit_pull), shape (points,) -> (points, 1)."""
+    """Noise ratio at the reference interval, gamma = p/(1 - p)^2 with p = p_max expit(logit_pull), shape (points,) -> (points, 1)."""
     p = MAX_PULL * expit(logit_pull[:, None])
     return np.asarray(p / np.square(1.0 - p))
 
 
-def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, seconds: FloatArray) -> Scales:
+def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Scales:
     """Scales of a memory that decays to the prior by rho^t, shapes (points,), (points,) and (intervals,).
 
     With l = -ln g_1 and rho = g_1^s, 0 < s < 1, the exponents are linear in the interval: g_t = exp(-l m) and g_t rho^t = exp(-l n) with
@@ -133,7 +148,7 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, secon
         m, n = kept + decayed * t, kept + 2.0 * decayed * t
         return Scales(m * exprel(-lost * m), m * exprel(-2.0 * lost * m) / np.sqrt(n * exprel(-lost * n)))
 
-    at, one = forms(seconds), forms(np.ones(1))  # one second by the same formula: exactly 1
+    at, one = forms(intervals), forms(np.ones(1))  # t = 1 by the same formula: exactly 1
     return Scales(at.pull / one.pull, at.width / one.width)
 
 
@@ -153,14 +168,14 @@ class Growth(NamedTuple):
         return Growth(*(part[..., which] for part in self))
 
 
-def random_walk_growth(logit_pull: FloatArray, seconds: FloatArray) -> Growth:
+def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:
     """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
 
     With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1), its slope that of p (1 - p)/(1 + p)^3, and
     du/da = expit(-a) (1 + p_1)/(1 - p_1).
     """
     gamma, fall = noise_ratio_at(logit_pull), expit(-logit_pull[:, None])
-    p1, pt = pull(gamma), pull(gamma / seconds)
+    p1, pt = pull(gamma), pull(gamma / intervals)
     u1 = fall * (1.0 + p1) / (1.0 - p1)
     u2 = 2.0 * p1 * np.square(fall / (1.0 - p1)) - (1.0 - fall) * u1
     steep = pt / (1.0 + pt) - p1 / (1.0 + p1)
@@ -169,10 +184,10 @@ def random_walk_growth(logit_pull: FloatArray, seconds: FloatArray) -> Growth:
     return Growth(-2.0 * slope, -2.0 * bend, 1.5 * slope, 1.5 * bend)
 
 
-def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, seconds: FloatArray) -> Growth:
+def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Growth:
     """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split).
 
-    Both are differences, at t less at one second, of logs of what was lost: see :func:`bayes_toe.model.decay.log_lost_growth`.
+    Both are differences, at t less at the reference, of logs of what was lost: see :func:`bayes_toe.model.decay.log_lost_growth`.
     """
     lost, split, kept = softplus_jet(logit_pull[:, None]), expit_jet(logit_split[:, None]), expit(-logit_split[:, None])
 
@@ -186,7 +201,7 @@ def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, secon
         whole, twice, mixed = (log_lost_growth(lost, *which) for which in ((m, 1.0), (m, 2.0), (n, 1.0)))
         return Growth(*whole, *(one - 0.5 * other for one, other in zip(twice, mixed, strict=True)))
 
-    return Growth(*(at - one for at, one in zip(forms(seconds), forms(np.ones(1)), strict=True)))
+    return Growth(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -200,11 +215,11 @@ class Propagator:
     coordinates : tuple of str
         Unconstrained coordinates that the scales depend on.
     scales : callable
-        From these coordinates, each of shape (points,), and the seconds, shape (intervals,), to :class:`Scales`.
+        From these coordinates, each of shape (points,), and the intervals over the reference, shape (intervals,), to :class:`Scales`.
     growth : callable
         From the same to the logarithmic derivatives of the scales, :class:`Growth`.
     units : tuple of (name, unit)
-        Of quantities that are those at one second.
+        Of quantities that are those at the reference interval, {} in them.
     """
 
     about: str
@@ -214,16 +229,16 @@ class Propagator:
     units: tuple[tuple[str, str], ...]
 
 
-_SHARE, _INTENSITY = "1, at 1 s", "ln intensity, at 1 s"
+_SHARE, _INTENSITY = "1, at {}", "ln intensity, at {}"
 RANDOM_WALK = Propagator(
-    "memory's variance grows by sigma_p^2 a second, with a self-consistent prior for each interval",
+    "memory's variance grows by sigma_p^2 over the reference interval, with a self-consistent prior for each interval",
     ("logit_pull",),
     random_walk_scales,
     random_walk_growth,
-    (("sigma_p", "ln intensity / s^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+    (("sigma_p", "ln intensity / ({})^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
 )
 MEAN_REVERSION = Propagator(
-    "memory keeps rho over one second, rho^t over t",
+    "memory keeps rho over the reference interval, rho^t over t of them",
     ("logit_pull", "logit_split"),
     mean_reverting_scales,
     mean_reverting_growth,

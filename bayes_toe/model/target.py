@@ -19,7 +19,10 @@ from bayes_toe.model.distributions import Random
 from bayes_toe.model.prior import Prior
 
 #: The order in which tables and figures name quantities.
-ORDER = ("mu1", "sigma_p", "sigma_l", "rho", "q0", "gamma", "sigma1", "gain", "width", "offset", "pull")
+ORDER = (
+    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "lapse_rate", "exponent", "icc"),
+    *("gamma", "sigma1", "gain", "width", "offset", "pull"),
+)
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
 
 def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
-    of_equal, of_different = (_given(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
+    of_equal, of_different = (times_counts(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
     return of_equal + of_different
 
 
@@ -105,10 +108,11 @@ def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
     return subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
 
 
-def _given(counts: FloatArray, log_answer: FloatArray) -> FloatArray:
-    """Counts times log probabilities; an answer never given contributes 0, also where its probability is 0."""
+def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
+    """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
     given = counts > 0.0
-    return counts * log_answer if given.all() else np.where(given, counts * np.where(given, log_answer, 0.0), 0.0)
+    with np.errstate(over="ignore"):  # a product beyond the largest float is infinite to all digits
+        return counts * values if given.all() else np.where(given, counts * np.where(given, values, 0.0), 0.0)
 
 
 class Levels(Protocol):
@@ -141,9 +145,8 @@ class Described(Protocol):
         """What it says of inter-stimulus intervals, in a few words."""
         ...
 
-    @property
-    def units_at_intervals(self) -> Mapping[str, str]:
-        """Units of quantities that are those at one second where there are several intervals."""
+    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
+        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
         ...
 
     def describe(self, prior: Prior) -> str:
@@ -192,6 +195,14 @@ class Answering(Protocol):
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
+        ...
+
+    def answers_given_the_rest(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same of one answer given all others to its pair; the same where answers are independent."""
+        ...
+
+    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The same of a session drawn for each point, whose answers are independent; the same where they are anyway."""
         ...
 
     @property

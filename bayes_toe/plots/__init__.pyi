@@ -1,5 +1,6 @@
 from .asymmetry import asymmetry_axes as asymmetry_axes
 from .asymmetry import order_axes as order_axes
+from .average import plot_average as plot_average
 from .beliefs import filter_axes as filter_axes
 from .beliefs import noticed_axes as noticed_axes
 from .comparison import comparison_axes as comparison_axes
@@ -8,6 +9,7 @@ from .comparison import model_frequency_axes as model_frequency_axes
 from .corner import corner as corner
 from .curves import curves as curves
 from .evidence import evidence_figure as evidence_figure
+from .evidence import order_effect_axes as order_effect_axes
 from .figure_files import save_figure as save_figure
 from .geometry import gamma_axes as gamma_axes
 from .geometry import plane_axes as plane_axes
@@ -17,6 +19,11 @@ from .intervals import interval_gain_axes as interval_gain_axes
 from .map import map_axes as map_axes
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
+from .parts import best_axes as best_axes
+from .parts import part_axes as part_axes
+from .parts_sensitivity import parts_sensitivity_figure as parts_sensitivity_figure
+from .prior_predictive import prior_predictive_axes as prior_predictive_axes
+from .prior_predictive import prior_predictive_figure as prior_predictive_figure
 from .sensitivity import sensitivity_axes as sensitivity_axes
 from .sensitivity import sensitivity_figure as sensitivity_figure
 from .subject import answers_axes as answers_axes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,16 +30,7 @@ _TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 def ranks_figure(table: CalibrationTable) -> Figure:
     """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
-    figure = new_figure(PAGE, 3.7)
-    panels = figure.subplots(2, 4, sharex=True, sharey=True)
-    for ax, quantity in zip(panels.ravel(), RANKED, strict=True):
-        ranks_axes(table, quantity, ax)
-    for ax in panels[1]:
-        ax.set_xlabel("rank of the true value", fontsize=LETTERS)
-    for ax in panels[:, 0]:
-        ax.set_ylabel("ECDF difference", fontsize=LETTERS)
-    _legend(figure, panels[0, 0])
-    return figure
+    return _two_rows(3.7, RANKED, partial(ranks_axes, table), "rank of the true value", "ECDF difference")
 
 
 def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
@@ -65,16 +58,7 @@ def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
 
 def reliability_figure(table: CalibrationTable) -> Figure:
     """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
-    figure = new_figure(PAGE, 5.7)
-    panels = figure.subplots(2, 3, sharex=True, sharey=True)
-    for ax, estimator in zip(panels.ravel(), ESTIMATORS, strict=True):
-        reliability_axes(table, estimator, ax)
-    for ax in panels[1]:
-        ax.set_xlabel("stated P(H1 | data)", fontsize=LETTERS)
-    for ax in panels[:, 0]:
-        ax.set_ylabel("share that came from H1", fontsize=LETTERS)
-    _legend(figure, panels[0, 0])
-    return figure
+    return _two_rows(5.7, list(ESTIMATORS), partial(reliability_axes, table), "stated P(H1 | data)", "share that came from H1")
 
 
 def reliability_axes(table: CalibrationTable, estimator: str, ax: Axes) -> Axes:
@@ -119,6 +103,20 @@ def differences_figure(table: CalibrationTable) -> Figure:
     dress(ax)
     ax.tick_params(axis="y", labelsize=LETTERS)
     _legend(figure, ax)
+    return figure
+
+
+def _two_rows(high: float, kinds: Sequence[str], draw: Callable[[str, Axes], Axes], across: str, up: str) -> Figure:
+    """One panel a kind, half of them above the others, with words at the outer axes only."""
+    figure = new_figure(PAGE, high)
+    panels = figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True)
+    for ax, kind in zip(panels.ravel(), kinds, strict=True):
+        draw(kind, ax)
+    for ax in panels[1]:
+        ax.set_xlabel(across, fontsize=LETTERS)
+    for ax in panels[:, 0]:
+        ax.set_ylabel(up, fontsize=LETTERS)
+    _legend(figure, panels[0, 0])
     return figure
 
 

@@ -1,8 +1,10 @@
-"""Figures of a comparison of models: log evidence of every subject and model, and model frequencies over the subjects."""
+"""Figures of a comparison of models: its parts, log evidence of every subject and model, model frequencies over the subjects."""
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from bayes_toe.comparison.exact_random_effects import ExactFrequencies
 from bayes_toe.comparison.ladder_table import ModelComparison
 from bayes_toe.comparison.random_effects import ModelFrequencies
 from bayes_toe.plots.figure_files import save_figure
+from bayes_toe.plots.parts import BETWEEN, ROW, WORDS, best_axes, heads_height, part_axes, part_width, rows_height
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain
 
 if TYPE_CHECKING:
@@ -30,9 +33,11 @@ CLASSES = (
 )
 _GRID = "#C8C8C8"
 _TITLE = "log evidence below the subject's best model (nats)"
+_HEADING = ("parts: probability of each level (%), whatever the other parts are", "comparison of models")
 _WITHHELD = "withheld: subject not counted"
-_COLUMN, _ROW, _BETWEEN = 0.66, 0.17, 0.45  # inches of a cell; rows between the subjects and their sum
-_LABELS, _ABOVE, _STUDY = 0.95, 1.0, 2.4  # inches left of the cells, above them, and of the panel below
+_COLUMN = 0.66  # inches of a cell
+_LABELS, _AROUND, _STUDY = 0.95, 0.6, 2.05  # inches left of the cells, around them but for their heads, and of the panel below likewise
+_LINE = 0.115  # inches of a line of a model's name
 _MOST_ROWS = 600  # beyond, rows get narrower and lose their numbers
 _CELL = 6.5  # points of a number
 _SHIFT = 0.24  # between marks of one model
@@ -52,7 +57,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
         Drawn into, where given; its own Axes have a legend.
     """
     own = ax is None
-    ax = panel(ax, wide=_width(table), high=_height(table) + _ABOVE)
+    ax = panel(ax, wide=_width(table), high=_height(table) + _AROUND + _heads(table))
     evidence = table.log_evidence
     counted = np.asarray(~np.isnan(evidence).any(axis=1))
     for i, row in enumerate(evidence):
@@ -60,7 +65,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     labels = [plain(name, 16) for name in table.subjects]
     places = [float(i) for i in range(len(labels))]
     if _has_sum(table):
-        places.append(len(labels) + _BETWEEN)
+        places.append(len(labels) + BETWEEN)
         labels.append(f"sum of {counted.sum()}")
         _draw_row(ax, places[-1], evidence[counted].sum(axis=0))
     ax.set(xlim=(-0.5, len(table.models) - 0.5), ylim=(places[-1] + 0.5, -0.5))
@@ -72,8 +77,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     for label, known in zip(ax.get_yticklabels(), counted, strict=False):
         label.set_color("black" if known else EQUAL)
     if own:
-        style = _legend_style() | {"title": _TITLE, "title_fontsize": LETTERS}
-        ax.legend(handles=_class_handles(table), loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, **style)
+        _name_classes(ax, table)
     return ax
 
 
@@ -91,7 +95,7 @@ def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes
         Drawn into, where given; its own Axes have a legend.
     """
     own = ax is None
-    ax = panel(ax, wide=_width(table), high=_STUDY)
+    ax = panel(ax, wide=_width(table), high=_STUDY + _heads(table))
     exact, variational = table.exact_frequencies(), table.frequencies()
     if len(table.subjects) == 1:
         _draw_probabilities(ax, table)
@@ -113,16 +117,26 @@ def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes
 
 
 def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Figure:
-    """:func:`comparison_axes` above :func:`model_frequency_axes`, model under model."""
-    cells = _height(table)
-    figure = new_figure(_width(table), _ABOVE + cells + _STUDY)
-    upper, lower = figure.subplots(2, 1, height_ratios=[cells, 1.25])
-    comparison_axes(table, upper)
-    model_frequency_axes(table, lower)
-    handles = _class_handles(table)
-    style = _legend_style() | {"title": _TITLE + (", synthetic data" if synthetic else ""), "title_fontsize": LETTERS}
-    columns = len(handles) if len(table.models) > 6 else 3
-    figure.legend(handles=handles, loc="outside upper center", ncols=columns, **style)
+    """Parts and best compositions, then :func:`comparison_axes` above :func:`model_frequency_axes`, model under model.
+
+    Where no part varies among the models compared, without the first.
+    """
+    cells, parts = _height(table), table.parts
+    bars = [rows_height(table) + heads_height(table)] if parts else []
+    wide = max(_width(table), _LABELS + sum(map(part_width, parts)) + WORDS + 0.2 if parts else 0.0)
+    heights = [*bars, _AROUND + _heads(table) + cells, _STUDY + _heads(table)]
+    figure = new_figure(wide, sum(heights))
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=[*bars, cells, 1.25])
+    if parts:
+        inner = grid[0].subgridspec(1, len(parts) + 1, width_ratios=[*map(part_width, parts), WORDS])
+        for i, part in enumerate(parts):
+            ax = part_axes(table, part.part, figure.add_subplot(inner[i]))
+            ax.tick_params(labelleft=i == 0)
+        best_axes(table, figure.add_subplot(inner[-1]))
+    figure.suptitle(_HEADING[not parts] + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS + 1.0)
+    upper = comparison_axes(table, figure.add_subplot(grid[-2]))
+    lower = model_frequency_axes(table, figure.add_subplot(grid[-1]))
+    _name_classes(upper, table)
     marks, labels = lower.get_legend_handles_labels()
     if marks:
         figure.legend(marks, labels, loc="outside lower center", ncols=_columns_below(table), **_legend_style())
@@ -162,6 +176,14 @@ def _cell_style(below: float) -> dict[str, Any]:
     if np.isnan(below):
         return {"facecolor": "white", "edgecolor": EQUAL, "hatch": "//////", "linewidth": 0.4}
     return {"facecolor": _class_of(below)[2], "edgecolor": _GRID, "linewidth": 0.4}
+
+
+def _name_classes(ax: Axes, table: ModelComparison) -> None:
+    """Keys of the cells, below them."""
+    handles = _class_handles(table)
+    style = _legend_style() | {"title": _TITLE, "title_fontsize": LETTERS}
+    columns = len(handles) if len(table.models) > 6 else 3
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns, **style)
 
 
 def _class_handles(table: ModelComparison) -> list[Any]:
@@ -235,7 +257,12 @@ def _width(table: ModelComparison) -> float:
 
 def _height(table: ModelComparison) -> float:
     """Of the cells, inches."""
-    return _ROW * (min(len(table.subjects), _MOST_ROWS) + (1.0 + _BETWEEN if _has_sum(table) else 0.0))
+    return ROW * (min(len(table.subjects), _MOST_ROWS) + (1.0 + BETWEEN if _has_sum(table) else 0.0))
+
+
+def _heads(table: ModelComparison) -> float:
+    """Of the longest name of a model, inches."""
+    return _LINE * max(_broken(name).count("\n") + 1 for name in table.models)
 
 
 def _columns_below(table: ModelComparison) -> int:
@@ -245,7 +272,8 @@ def _columns_below(table: ModelComparison) -> int:
 
 def _broken(name: str) -> str:
     """A model's name as a narrow column heads it."""
-    return name.replace("-", "-\n").replace(" ", "\n")
+    first, *others = name.split(" + ")
+    return "\n".join(chain.from_iterable(wrap(part, 11, break_long_words=False) for part in (first, *(f"+ {one}" for one in others))))
 
 
 def _legend_style() -> dict[str, Any]:

@@ -7,7 +7,7 @@ panels leave no room beside them: the key then stands above.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +43,10 @@ LABELS = {
     "offset": r"offset $c$",
     "pull": r"pull $p$",
     "rho": r"$\rho$",
+    "noise_slope": r"noise slope $b$",
+    "lapse_rate": r"lapse rate $\lambda$",
+    "exponent": r"exponent $\nu$",
+    "icc": "intra-class\ncorrelation",
 }
 COORDINATES = ("natural", "identified")
 _PRIOR_DRAWS = 100_000
@@ -123,9 +127,9 @@ def _support(target: Answering, name: str) -> tuple[float, float]:
         return -np.inf, np.inf
     if name in ("gamma", "rho") or name.startswith("q"):
         return 0.0, 1.0
-    if name in ("gain", "pull"):  # as far as the model's prior reaches
-        return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
-    return 0.0, np.inf
+    if name.startswith("sigma") or name == "width":
+        return 0.0, np.inf
+    return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
 
 
 def _span(values: FloatArray, support: tuple[float, float]) -> tuple[float, float]:
@@ -331,12 +335,8 @@ def _lay_out(figure: Figure, axes: npt.NDArray[Any], lines: Sequence[_Line]) -> 
         axes[-1, i].xaxis.set_label_coords(0.5, -0.62 / down)
         axes[i, 0].yaxis.set_label_coords(-0.68 / across, 0.5)
     x, room = (0.15, wide - 0.3) if header else (wide - _RIGHT, beside)
-    for y, line in _descending(lines, high - _TOP):
+    y = high - _TOP
+    for line in lines:
         style: dict[str, Any] = {"ha": "left" if header else "right", "va": "top", "weight": line.weight, "color": line.colour}
         figure.text(x / wide, y / high, line.text, fontsize=line.size_within(room), **style)
-
-
-def _descending(lines: Sequence[_Line], y: float) -> Iterator[tuple[float, _Line]]:
-    for line in lines:
-        yield y, line
         y -= line.height

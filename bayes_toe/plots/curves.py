@@ -37,22 +37,28 @@ def curves(draws: Draws, subject: str) -> Figure:
     connects no pairs has no curve: its answers stand alone.
     """
     counts = draws.subject(subject)
-    weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
+    title = f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "")
+    return answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), title)
+
+
+def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], Axes], title: str) -> Figure:
+    """One panel per weaker stimulus with curves, or a single one, which `many` draws, where a design has more than six of those."""
+    weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
     if not 1 <= len(weaker) <= _MAX_PANELS:
         figure = new_figure(6.0, 3.8)
-        distance_panel(figure.subplots(), counts, fitted)
+        many(figure.subplots())
     else:
         across = min(2, len(weaker))
         down = -(-len(weaker) // across)
         figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
         panels = first_panels(figure.add_gridspec(down, across), len(weaker), sharey=True)
         for ax, stimulus in zip(panels, weaker, strict=True):
-            order_panel(ax, counts, None if fitted is None else fitted.equal, float(stimulus), title=len(weaker) > 1)
+            order_panel(ax, counts, equal, float(stimulus), title=len(weaker) > 1)
         figure.supylabel("P('equal')", fontsize=10)
     legend_below(figure)
-    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=12)
+    figure.suptitle(title, fontsize=12)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Figures of the evidence: log Bayes factor of every subject, and H1 against H0 as in Appendix C."""
+"""Figures of the evidence: which order effect every subject has, its log Bayes factor, and H1 against H0 as in Appendix C."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.comparison.words import KINDS
 from bayes_toe.plots.style import COLUMN, EQUAL, POSTERIOR, SMALL, WEAKER_FIRST, dress, legend_above, legend_below, new_figure, panel, plain
+
+_OF_KINDS = ("#BDBDBD", "#E69F00", POSTERIOR)  # told apart by their lightness too
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Log Bayes factor of every subject: the default estimate with twice its standard error, and Laplace's.
+    """Which order effect every subject has, with misfits marked; beside it the log Bayes factor of H1 against H0.
 
     Parameters
     ----------
@@ -25,16 +28,43 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     synthetic : bool
         Whether to say that the data are synthetic.
     """
-    figure = new_figure(7.2, 1.7 + 0.27 * len(table.rows))
-    axes = evidence_axes(figure.subplots(), table)
+    figure = new_figure(9.6, 2.2 + 0.27 * len(table.rows))
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 0.8))
+    order_effect_axes(table, left)
+    evidence_axes(right, table)
+    right.tick_params(labelleft=False)
+    left.set_title("order effect", fontsize=10, loc="left")
+    right.set_title("Appendix C: one smooth curve?", fontsize=10, loc="left")
     if synthetic:
-        axes.set_title("synthetic data", fontsize=10, loc="right")
+        left.set_title("synthetic data", fontsize=10, loc="right")
     legend_below(figure)
     return figure
 
 
+def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
+    """Probabilities of the three kinds of order effect, one bar a subject; a cross beside the bar where H1 does not describe the answers.
+
+    A subject of whom an evidence is withheld has words in the place of the bar.
+    """
+    ax = panel(ax, high=1.2 + 0.2 * len(table.rows))
+    y = np.arange(len(table.rows))
+    share = np.array([row.order_probabilities for row in table], np.float64).reshape(-1, len(KINDS))  # None becomes NaN: no bar
+    start = np.zeros(len(y))
+    for kind, colour, values in zip(KINDS, _OF_KINDS, share.T, strict=True):
+        ax.barh(y, values, left=start, height=0.62, color=colour, label=kind)
+        start = start + values
+    wrong = np.array([row.misfit for row in table], bool)
+    if wrong.any():
+        ax.plot(np.full(wrong.sum(), 1.035), y[wrong], "x", color="#C00000", ms=6, mew=1.8, label="misfit of H1", clip_on=False)
+    for i in np.flatnonzero(np.isnan(start)).tolist():
+        ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
+    ax.set_yticks(y, [plain(row.subject, 24) for row in table])
+    ax.set(xlim=(0.0, 1.07), ylim=(len(y) - 0.5, -0.5), xlabel="probability", xticks=np.linspace(0.0, 1.0, 6))
+    return ax
+
+
 def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
-    """The panel of :func:`evidence_figure`."""
+    """Log Bayes factor of H1 against H0 of every subject: the default estimate with twice its standard error, and Laplace's."""
     rows = table.rows
     y = list(range(len(rows)))
     value = np.array([np.nan if row.log_bayes_factor is None else row.log_bayes_factor for row in rows])
@@ -56,14 +86,15 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
 def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     """Log evidence of H1 (upward) against H0 (to the right), one point a subject, as the paper's figure in Appendix C.
 
-    Per trial, so that studies and subjects of any length share one scale; above the diagonal the predictive update is favoured.
+    Per trial, so that studies and subjects of any length share one scale; above the diagonal one smooth curve does better than free
+    frequencies.
     Subjects without a reliable estimate are left out and counted in the panel.
     """
     ax = panel(ax, high=COLUMN)
     known = [(row.log_evidence_h0, row.log_evidence_h1, row.n_trials) for row in table.rows if row.log_evidence_h1 is not None]
     points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(-1, 2)
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
-    for favoured, colour, marker, label in ((True, POSTERIOR, "o", "H1 favoured"), (False, WEAKER_FIRST, "s", "H0 favoured")):
+    for favoured, colour, marker, label in ((True, POSTERIOR, "o", "one curve (H1)"), (False, WEAKER_FIRST, "s", "free frequencies (H0)")):
         at = (points[:, 1] > points[:, 0]) == favoured
         if at.any():
             ax.plot(*points[at].T, marker, ms=4.5, mfc="none", mew=1.1, color=colour, label=label)

@@ -71,15 +71,7 @@ def picture_beside(table: Path) -> Path:
 
 
 def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse now what :func:`save_figure` would refuse after long work; leaves nothing behind.
-
-    Raises
-    ------
-    OutputError
-        If the file exists and may not be replaced, or cannot be written.
-    InputError
-        If matplotlib knows no such format.
-    """
+    """Refuse now what :func:`save_figure` would refuse after long work, with its errors; leaves nothing behind."""
     _require_suffix(path)
     require_writable(path, overwrite=overwrite)
 

@@ -84,12 +84,7 @@ def interval_answers_axes(
     pair : tuple of float, optional
         The two stimuli, natural-log intensity; by default the pair met at most intervals whose answers are nearest to half 'equal'.
     isi : array_like, optional
-        As in :func:`interval_gain_axes`.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject, draws without intervals, or an interval that is not positive and finite.
+        As in :func:`interval_gain_axes`, and so are the errors.
     """
     counts, tested = draws.subject(subject), _tested(draws, subject)
     ax, x, fitted = panel(ax), _range(tested, isi), _fitted(draws, subject)
@@ -144,7 +139,7 @@ def interval_curves(draws: Draws, subject: str) -> Figure:
 def _draw_interval(ax: Axes, counts: Subject, fitted: Predictor, isi: float, weaker: float | None) -> None:
     """One panel of both orders at one interval."""
     here = counts.at_isi(isi)
-    low = main_weaker(here) if weaker is None or not _has(here, weaker) else weaker
+    low = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
     if low is None:
         low = float(here.s1.min())
     order_panel(ax, here, lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi)), low, size=_SIZE)
@@ -153,10 +148,6 @@ def _draw_interval(ax: Axes, counts: Subject, fitted: Predictor, isi: float, wea
 
 def _fitted(draws: Draws, subject: str) -> Predictor:
     return Predictor.of(draws, subject, most=CURVE_DRAWS)
-
-
-def _has(counts: Subject, weaker: float) -> bool:
-    return bool((np.minimum(counts.s1, counts.s2) == weaker).any())
 
 
 def _tested(draws: Draws, subject: str) -> tuple[float, ...]:

@@ -164,43 +164,15 @@ def _pair_of(counts: Subject) -> tuple[float, float]:
 # --- all figures --------------------------------------------------------------------------------------------------------------------
 
 
-def _asymmetry(material: Material) -> Figure:
-    return asymmetry_figure(material.asymmetry, synthetic=material.draws.synthetic)
-
-
-def _filter(material: Material) -> Figure:
-    return filter_figure(material.draws, material.subjects[0])
-
-
-def _examples(material: Material) -> Figure:
-    return examples_figure(material.draws, material.subjects)
-
-
-def _map(material: Material) -> Figure:
-    return map_figure(material.draws)
-
-
-def _plane(material: Material) -> Figure:
-    return plane_figure(material.draws, material.subjects)
-
-
-def _gamma(material: Material) -> Figure:
-    return gamma_figure(material.draws)
-
-
-def _evidence(material: Material) -> Figure:
-    return evidence_pair_figure(material.evidence, synthetic=material.draws.synthetic)
-
-
 #: Figures by file name, without suffix, in the paper's order.
 FIGURES: Mapping[str, Callable[[Material], Figure]] = {
-    "figure_1c_asymmetry": _asymmetry,
-    "figure_2_filter": _filter,
-    "figure_3_examples": _examples,
-    "figure_4_map": _map,
-    "figure_5_plane": _plane,
-    "figure_6_gamma": _gamma,
-    "appendix_c_evidence": _evidence,
+    "figure_1c_asymmetry": lambda of: asymmetry_figure(of.asymmetry, synthetic=of.draws.synthetic),
+    "figure_2_filter": lambda of: filter_figure(of.draws, of.subjects[0]),
+    "figure_3_examples": lambda of: examples_figure(of.draws, of.subjects),
+    "figure_4_map": lambda of: map_figure(of.draws),
+    "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
+    "figure_6_gamma": lambda of: gamma_figure(of.draws),
+    "appendix_c_evidence": lambda of: evidence_pair_figure(of.evidence, synthetic=of.draws.synthetic),
 }
 
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.comparison.prior_sensitivity import CLEAR, REWEIGHTED, SensitivityRow, SensitivityTable
+from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable
+from bayes_toe.comparison.reweighting import REWEIGHTED
+from bayes_toe.comparison.words import STRONG
 from bayes_toe.plots.figure_files import save_figure
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, legend_above, new_figure, panel, plain
 
@@ -27,7 +29,7 @@ def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = No
     """Log Bayes factor (nats) of one subject against the factor on each scale of the prior, the other values as given.
 
     Bands: two standard errors. Filled marks: re-weighted draws; open ones: draws made anew under that prior. Dotted line: the prior given.
-    Grey: less than 3 nats, not clear. A cross marks where the sign turns, with the value of the prior there.
+    Grey: less than 3 nats, not strong. A cross marks where the sign turns, with the value of the prior there.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = No
     """
     own = ax is None
     ax = panel(ax, high=2.6)
-    ax.axhspan(-CLEAR, CLEAR, color="#EEEEEE", lw=0, zorder=0)
+    ax.axhspan(-STRONG, STRONG, color="#EEEEEE", lw=0, zorder=0)
     ax.axhline(0.0, color="black", lw=0.8, zorder=1)
     ax.axvline(1.0, color=EQUAL, lw=0.8, ls=":", zorder=1)
     ax.set_xscale("log")
@@ -114,7 +116,7 @@ def _dress_factors(ax: Axes, low: float, high: float) -> None:
 def _set_limits(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
     """Room around the values; with 0 where they come near it, so that the reader sees how near."""
     known = [row.log_bayes_factor for row in rows if row.log_bayes_factor is not None]
-    low, high = (min(known), max(known)) if known else (-CLEAR, CLEAR)
+    low, high = (min(known), max(known)) if known else (-STRONG, STRONG)
     if min(abs(low), abs(high)) < _NEAR:
         low, high = min(low, -1.0), max(high, 1.0)
     pad = max(0.08 * (high - low), 0.5)

@@ -119,8 +119,8 @@ def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> Non
     figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=size, **style)
 
 
-def legend_above(ax: Axes, *, columns: int = 1) -> None:
-    """One legend for a panel, above it, in small letters; estimates with error bars come first."""
+def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
+    """One legend for a panel, above it, in small letters, perhaps with words over it; estimates with error bars come first."""
     pairs = _main_first(ax)
     ax.legend(
         [handle for handle, _ in pairs],
@@ -130,6 +130,8 @@ def legend_above(ax: Axes, *, columns: int = 1) -> None:
         ncols=columns,
         frameon=False,
         fontsize=SMALL,
+        title=title,
+        title_fontsize=SMALL,
         handletextpad=0.3,
         columnspacing=1.0,
         borderaxespad=0.2,

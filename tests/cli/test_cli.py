@@ -3,9 +3,11 @@
 Every command, and every exit code, is seen in a process of its own once; what a process would not change runs inside this one.
 """
 
+import itertools
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,16 +15,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, inside
+from conftest import grouped_csv
 
 import bayes_toe as bt
+from bayes_toe.classical.fit_table import subject_fit
 from bayes_toe.cli.app import COMMANDS
 from bayes_toe.cli.results_folder import corner_files
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, small_study):
-    from conftest import grouped_csv
-
     folder = tmp_path_factory.mktemp("cli")
     grouped_csv(folder / "study.csv", small_study.select(["A", "B"]))
     return folder
@@ -30,7 +32,7 @@ def folder(tmp_path_factory, small_study):
 
 @pytest.fixture(scope="module")
 def results(folder):
-    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", cwd=folder)
+    done = call("run", "study.csv", "-o", "out", "--seed", "1", "--draws", "1000", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder / "out", done.stdout
@@ -54,10 +56,16 @@ def test_run_writes_everything(results):
 
 def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
-    assert text.index("Model evidence") < text.index('id="subject-1"')
+    order = [
+        text.index(said) for said in ("Order effect, and fit of the model", "Order effect without a model", "Appendix C:", 'id="subject-1"')
+    ]
+    assert order == sorted(order)
+    assert 'class="misfit"' not in text
+    assert "H1 describes the answers of every subject" in " ".join(text.split())
+    assert "this asks whether the answers follow one smooth curve, not whether there is an order effect" in text
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 3 + 2 * 2
-    assert "Order effect without a model, and fit of the model" in text
+    assert text.count("data:image/png;base64,") == 4 + 2 * 2
+    assert text.index('id="subject-2"') < text.index("What the prior expects") < text.index('id="method"')
     assert "largest asymmetry is positive for" in " ".join(text.split())
     assert text.count("predictive p, worst pair") == 2
     assert "synthetic data" not in text
@@ -99,10 +107,72 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     assert not (folder / "two").exists()
 
 
+@pytest.fixture(scope="module")
+def bent(folder, small_study):
+    """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
+    from conftest import grouped_csv
+
+    subject = small_study["A"]
+    equal = subject.n_equal.copy()
+    equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
+    study = bt.Study([bt.Subject("bent", subject.s1, subject.s2, equal, subject.n_trials), small_study["B"]])
+    grouped_csv(folder / "bent.csv", study)
+    return "bent.csv"
+
+
+def test_a_misfit_is_loud_in_terminal_and_report(folder, bent):
+    done = inside("run", bent, "-o", "bent", "--seed", "1", "--draws", "300", "--workers", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "H1 does not describe the answers of 1 of 2 subjects" in done.stdout
+    [line] = [line for line in done.stdout.splitlines() if line.startswith("misfit ")]
+    assert line.startswith("misfit bent: predictive p < 0.001, deviance ")
+    assert "called equal" in line
+    assert done.stdout.index("order effect: ") < done.stdout.index("misfit bent") < done.stdout.index("next: bayes-toe compare")
+    assert done.stdout.index("next: bayes-toe compare") < done.stdout.index("Appendix C: one smooth curve")
+    text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
+    assert text.count('<div class="misfit">') == 2
+    assert text.count('<span class="badge wrong">misfit</span>') == 1
+    assert "Next: bayes-toe compare" in text
+
+
+def test_evidence_leads_with_the_order_effect_and_says_approximations_last(folder):
+    done = inside("evidence", "study.csv", "-o", "lead.csv", "--seed", "1", "--workers", "1", cwd=folder)
+    rows = pd.read_csv(folder / "lead.csv")
+    out = done.stdout
+    assert out.index("order effect, and fit of the model") < out.index(
+        "Appendix C: one smooth curve (H1) against a free frequency per pair (H0)"
+    )
+    for row in rows.itertuples():
+        best = max(row.p_none, row.p_constant_error, row.p_update)
+        assert re.search(rf"│ {row.subject} +│ .*\(P (= {best:.2f}|> 0.99)\)", out)
+    assert "Kass and Raftery 1995" in out
+    assert "\nmisfit " not in out
+    assert "favour" not in out
+
+
+def test_one_subject_has_no_random_effects(folder, small_study):
+    from conftest import grouped_csv
+
+    grouped_csv(folder / "alone.csv", small_study.select(["A"]))
+    args = ("--model", "symmetric", "--model", "constant bias", "--draws", "200", "--seed", "1", "--workers", "1")
+    done = inside("compare", "alone.csv", "-o", "alone_compare.csv", *args, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "LOO by trial" in done.stdout
+    for word in ("random effects", "exceedance", "frequency", "equally frequent"):
+        assert word not in done.stdout
+
+
+def _same_but_for_the_fit(one, other):
+    """The same lines but for the last column, predictive_p, which `run` has from its own draws."""
+    lines = [[line.rpartition(",") for line in path.read_text().splitlines()] for path in (one, other)]
+    assert [found[0] for found in lines[0]] == [found[0] for found in lines[1]]
+    assert np.allclose(*([float(found[-1]) for found in some[1:]] for some in lines), rtol=0, atol=0.08)
+
+
 def test_evidence_alone_gives_the_table_of_run(folder, results):
     done = inside("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert (folder / "evidence.csv").read_text() == (results[0] / "evidence.csv").read_text()
+    _same_but_for_the_fit(folder / "evidence.csv", results[0] / "evidence.csv")
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
@@ -150,7 +220,7 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
 
 
 def test_figures_of_chosen_subjects_in_one_format(folder):
-    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300"]
+    args = ["figures", "study.csv", "-o", "pictures", "--seed", "1", "--draws", "300", "--workers", "1"]
     done = call(*args, "--subject", "B", "--format", "svg", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}
@@ -176,10 +246,10 @@ def test_figures_refuse_before_the_work(folder, option, said):
 
 
 def test_simulate_then_check_then_quiet(tmp_path):
-    made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", "3", "--batches", "4", "--seed", "1", cwd=tmp_path)
+    made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", "2", "--batches", "4", "--seed", "1", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert list(pd.read_csv(tmp_path / "t.csv").columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0"]
-    assert len(pd.read_csv(tmp_path / "s.csv")) == 3 * 4 * 13
+    assert len(pd.read_csv(tmp_path / "s.csv")) == 2 * 4 * 13
     checked = call("check", "s.csv", cwd=tmp_path)
     assert checked.returncode == 0
     assert "synthetic" in checked.stdout
@@ -192,6 +262,44 @@ def test_check_names_what_cannot_be_learnt(tmp_path):
     done = inside("check", "s.csv", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stdout.count("warning") >= 2
+
+
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """A folder with a study of trials, in which one block was answered with the buttons swapped; its columns have names of their own."""
+    rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
+    for block in range(1, 6):
+        for s1, s2 in list(itertools.product((0.0, 0.2, 0.5), repeat=2)) * 12:
+            equal = (rng.random() < 0.9 * np.exp(-(((s2 - s1 - 0.05) / 0.2) ** 2))) ^ (block == 2)
+            rows.append(f"[i]x,{s1},{s2},{int(equal)},<{block}>,1,0.5")
+    folder = tmp_path_factory.mktemp("swapped")
+    (folder / "s.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_check_looks_at_blocks_and_columns(swapped):
+    done = call("check", "s.csv", "--columns", "block=[b]Run", cwd=swapped)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert (
+        sum("warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = " in line for line in lines) == 1
+    )
+    said = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): turn these answers, or leave them out."
+    assert said in lines
+    assert "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored." in lines
+    assert "note Columns ignored: ISI, rt." in lines
+    unread = inside("check", "s.csv", cwd=swapped).stdout
+    assert "Blocks differ" not in unread
+    assert "note Columns ignored: [b]Run, ISI, rt." in unread
+
+
+def test_the_report_says_what_speaks_against_pooling(results, swapped):
+    assert "Before pooling" not in (results[0] / "report.html").read_text(encoding="utf-8")
+    done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "500", "--columns", "block=[b]Run", cwd=swapped)
+    assert done.returncode == 0, done.stderr
+    report = (swapped / "out" / "report.html").read_text(encoding="utf-8")
+    section = report[report.index('<h2 id="pooling">') : report.index('id="subject-1"')]
+    assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
 
 
 def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
@@ -223,7 +331,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
     # One pass and an R-hat that chance alone exceeds, set from outside for this test only.
     code = (
         "import sys, bayes_toe.inference.sampling as s, bayes_toe.cli.app as c;"
-        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-2], 1.000001, 1);"
+        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-3], 1.000001, 1, 0.05);"
         "sys.argv = ['bayes-toe', *sys.argv[1:]]; c.main()"
     )
     counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])
@@ -236,8 +344,9 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path):
-    names = ["../../etc", "<script>alert(1)</script>", "a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch):
+    names = ["../../etc", "<script>alert(1)</script> a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
+    monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     rows = [f'"{n}",{a},{b},{k},20' for n in names for a, b, k in [(0, 0, 18), (0, 0.4, 6), (0.4, 0, 11), (0.4, 0.4, 17)]]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
     done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "300", "--workers", "1", cwd=tmp_path)
@@ -280,27 +389,34 @@ def test_help_and_check_load_no_sampler(tmp_path):
     assert loaded_by("import bayes_toe.cli.app", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder):
+def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
+    grouped_csv(folder / "one.csv", small_study.select(["B"]))
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
     said = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
-    done = inside(
-        "run", "study.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--workers", "1", "--prior", "narrow.toml", cwd=folder
-    )
+    done = inside("run", "one.csv", "-o", "narrow", "--seed", "1", "--draws", "500", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert f"prior: {said}" in done.stdout
     assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
     prior = bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5)
     assert bt.load(folder / "narrow" / "posterior.nc").prior == prior
     table = pd.read_csv(folder / "narrow" / "evidence.csv")
-    assert table.columns[-1] == "prior"
+    assert table.columns[13] == "prior"
     assert table.prior.str.startswith(said).all()
-    done = inside("evidence", "study.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
+    done = inside("evidence", "one.csv", "-o", "narrow.csv", "--seed", "1", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert (folder / "narrow.csv").read_text() == (folder / "narrow" / "evidence.csv").read_text()
-    assert said in inside("check", "study.csv", "--prior", "narrow.toml", cwd=folder).stdout
-    done = inside("fit", "study.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
+    _same_but_for_the_fit(folder / "narrow.csv", folder / "narrow" / "evidence.csv")
+    assert said in inside("check", "one.csv", "--prior", "narrow.toml", cwd=folder).stdout
+    done = inside("fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", "20", "--workers", "1", "--prior", "narrow.toml", cwd=folder)
     assert "penalty: mu1 ~ Normal(0, 2)" in done.stdout
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
+
+
+def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
+    (folder / "stimuli").write_text("mu1_sd = 7.0\n", encoding="utf-8")
+    said = [inside("check", "study.csv", "--prior", given, cwd=folder).stdout for given in ("paper", "stimuli", "./stimuli")]
+    assert "mu1 ~ Normal(0, 10)" in said[0]
+    assert "mu1_mean, mu1_sd, sigma_p_scale, noise_slope_sd from the stimuli" in " ".join(said[1].split())
+    assert "mu1 ~ Normal(0, 7)" in said[2]
 
 
 def test_a_bad_prior_file_is_one_line_for_every_command(folder):
@@ -311,7 +427,7 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder):
         out = () if command == "check" else ("-o", f"bad_{command}.csv")
         done = inside(command, *study, *out, "--prior", "bad.toml", cwd=folder)
         assert done.returncode == 2, command
-        assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100\n", command
+        assert done.stderr == "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n", command
         assert not (folder / f"bad_{command}.csv").exists()
 
 
@@ -331,7 +447,7 @@ def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(fol
     done = call("sensitivity", "study.csv", "-o", "sensitivity.csv", *args, cwd=folder)
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
-    assert len(table) == 2 * 3 * 3
+    assert len(table) == 2 * 5 * 3
     assert sorted(set(table[table.varied == "mu1_sd"].value)) == [5.0, 10.0, 20.0]
     assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
     assert "0 of 2 conclusions turn within this range" in done.stdout

@@ -16,7 +16,7 @@ from bayes_toe.cli.terminal import new_console
 from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without
+from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, with_differences
 from bayes_toe.errors import InputError
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
@@ -59,6 +59,37 @@ def test_a_model_that_misses_an_order_effect_is_seen_by_its_checks(table):
     assert table["A", "symmetric"].checks.elpd_loo_trial < table["A", "predictive update"].checks.elpd_loo_trial - 10
 
 
+@pytest.mark.parametrize("unit", ["pair", "trial"])
+def test_differences_to_the_best_model_have_paired_errors(table, unit):
+    elpd, difference, error = f"elpd_loo_{unit}", f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
+    frame, study = table.frame(), table.study_frame()
+    units = []
+    for name, rows in frame.groupby("subject"):
+        best = rows.loc[rows[elpd].idxmax()]
+        assert (best[difference], best[error]) == (0.0, 0.0)
+        assert rows[difference].to_numpy() == pytest.approx((rows[elpd] - best[elpd]).to_numpy(), abs=1e-9)
+        kept = [table[name, model].left_out[unit] for model in FEW]
+        units.append([np.repeat(one.values[one.counts > 0], one.counts[one.counts > 0]) for one in kept])
+        apart = np.array(units[-1]) - units[-1][FEW.index(best["model"])]
+        assert rows[error].to_numpy() == pytest.approx(np.sqrt(apart.shape[1]) * apart.std(axis=1, ddof=1), abs=1e-9)
+    total = [np.concatenate(each) for each in zip(*units, strict=True)]
+    best = int(np.argmax([each.sum() for each in total]))
+    for i, each in enumerate(total):
+        apart = each - total[best]
+        assert study[difference][i] == pytest.approx(apart.sum(), abs=1e-9)
+        assert study[error][i] == pytest.approx(np.sqrt(len(apart)) * apart.std(ddof=1), abs=1e-9)
+        assert study[difference][i] == pytest.approx(study[elpd][i] - study[elpd].max(), abs=1e-9)
+
+
+def test_what_is_withheld_has_no_difference(table):
+    first, second, third = table.rows[:3]
+    none = first.left_out["pair"].filled({0: np.nan})
+    rows = with_differences([replace(first, left_out={**first.left_out, "pair": none}), second, replace(third, left_out={})])
+    assert [[row.cell(f"elpd_loo_pair_{name}") for name in ("diff", "diff_se")] for row in rows] == [[None] * 2, [0.0] * 2, [None] * 2]
+    assert rows[0].cell("elpd_loo_trial_diff") == 0.0
+    assert ModelComparison(tuple(rows), ("A",), FEW, 1, bt.Prior()).study_frame()["elpd_loo_trial_diff"].isna().all()
+
+
 def test_study_table(table):
     frame = table.study_frame()
     assert frame["model"].tolist() == list(FEW)
@@ -73,6 +104,7 @@ MODEL_COLUMNS = [
     *("group_log_evidence", "elpd_loo_trial", "elpd_loo_pair"),
     *("expected_exact", "exceedance_exact", "protected_exact", "omnibus_risk_exact"),
     *("elpd_loo_trial_subjects", "elpd_loo_pair_subjects"),
+    *("elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se"),
 ]
 
 
@@ -168,7 +200,7 @@ def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
 
 
 def test_refusals(small_study):
-    with pytest.raises(InputError, match="'H9'; allowed: free frequencies"):
+    with pytest.raises(InputError, match=r"'H9'; allowed, joined by .*; or: free frequencies"):
         compare(small_study, ["H9"], seed=1)
     with pytest.raises(InputError, match="draws=0"):
         compare(small_study, FEW, seed=1, draws=0)
@@ -192,13 +224,15 @@ def test_command(study_csv, tmp_path, monkeypatch):
     ]
     done = CliRunner().invoke(app, call)
     assert done.exit_code == 0, done.output
-    assert "out.csv, out_models.csv, out.png" in done.output
+    assert "out.csv, out_models.csv, out_parts.csv, out.png" in done.output
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
     frame = pd.read_csv(tmp_path / "out.csv")
     assert tuple(frame.columns) == COMPARE_COLUMNS
     assert len(frame) == 6
     assert set(frame.prior) == {"every frequency ~ Uniform(0, 1)", "width ~ HalfNormal(1), q0 ~ Uniform(0, 1)"}
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
+    assert frame.parts.dropna().unique().tolist() == ["order: none; noise: Weber; lapses: misses; curve: bell; spread: binomial"]
+    assert pd.read_csv(tmp_path / "out_parts.csv").empty  # one composition: no part varies
     (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
     other = CliRunner().invoke(app, [*call[:2], "-o", "other.csv", *call[4:], "--prior", "prior.toml"])
     assert other.exit_code == 0, other.output
@@ -210,6 +244,10 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert "exists" in again.output
     (tmp_path / "out.csv").unlink()
     (tmp_path / "out_models.csv").unlink()
+    parts = CliRunner().invoke(app, call)  # refused before any work
+    assert "out_parts.csv" in parts.output
+    assert not (tmp_path / "out.csv").exists()
+    (tmp_path / "out_parts.csv").unlink()
     picture = CliRunner().invoke(app, call)  # refused before any work
     assert picture.exit_code == 2
     assert "out.png" in picture.output
@@ -220,4 +258,4 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert "name of the figure" in named.output
     wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
     assert wrong.exit_code == 2
-    assert "allowed: free frequencies" in wrong.output
+    assert "'H9'; allowed, joined by +: order: update" in wrong.output

@@ -1,12 +1,15 @@
 """Leave-one-out values against refits without the unit (evidence ratios), against Beta integrals, and where importance sampling fails."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.special import betaln, logit
+from scipy.special import betaln, logit, logsumexp
 
 import bayes_toe as bt
-from bayes_toe.comparison.leave_one_out import leave_one_out, leave_one_out_frequencies
+from bayes_toe.comparison.leave_one_out import LeaveOneOut, below_best, leave_one_out, leave_one_out_frequencies
+from bayes_toe.comparison.model_row import compare_one
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
@@ -14,6 +17,7 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.parts import composition
 
 K, N = np.array([9, 0, 25, 13]), np.array([20, 15, 25, 40])
 
@@ -34,6 +38,36 @@ def evidence(subject):
     value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not
     return np.array([value, error])
+
+
+def log_evidence_by_grid(subject, n_equal, n_trials):
+    """Of the symmetric model with beta-binomial counts by a sum over a grid, without draws."""
+    some = n_trials > 0
+    counts = bt.Subject("S", subject.s1[some], subject.s2[some], n_equal[some], n_trials[some])
+    axes = np.linspace(-7.0, 2.5, 48), np.linspace(-9.0, 9.0, 46), np.linspace(-13.0, 6.0, 48)
+    target = composition("none + beta-binomial").posterior(counts)
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
+    return logsumexp(target.log_density(points)) + np.log([axis[1] - axis[0] for axis in axes]).sum()
+
+
+@pytest.fixture(scope="module")
+def beta_binomial():
+    """Three pairs that scatter more than answers given alone would, the row of their comparison, and the log evidence of all answers."""
+    subject = bt.Subject("S", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [9, 1, 8], [10, 12, 10])
+    row = compare_one(subject, composition("none + beta-binomial"), draws=8000, seed=3, prior=bt.Prior())
+    return subject, row, log_evidence_by_grid(subject, subject.n_equal, subject.n_trials)
+
+
+def test_answers_that_go_together_are_left_out_given_the_others_to_their_pair(beta_binomial):
+    subject, row, full = beta_binomial
+    assert row.log_evidence == pytest.approx(full, abs=0.02)
+    for pair in range(3):
+        one = (np.arange(3) == pair).astype(int)
+        for answer in (0, 1):  # one 'equal', one 'different'
+            less = log_evidence_by_grid(subject, subject.n_equal - one * (answer == 0), subject.n_trials - one)
+            assert row.left_out["trial"].values[answer, pair] == pytest.approx(full - less, abs=0.03)
+        rest = log_evidence_by_grid(subject, subject.n_equal * (1 - one), subject.n_trials * (1 - one))
+        assert row.left_out["pair"].values[0, pair] == pytest.approx(full - rest, abs=0.06)
 
 
 def monte_carlo_error(log_p):
@@ -169,6 +203,33 @@ LOG_P = np.full((200, 2), -0.7)
 def test_bad_input_is_refused(arguments, options, message):
     with pytest.raises(InputError, match=message):
         leave_one_out(*arguments, **options)
+
+
+def test_differences_to_the_best_are_paired_over_trials(observed):
+    s, equal, different, _ = observed
+    first = leave_one_out(equal, different, s.n_equal, s.n_trials)
+    second = leave_one_out(np.full_like(equal, np.log(0.5)), np.full_like(equal, np.log(0.5)), s.n_equal, s.n_trials)
+    free = leave_one_out_frequencies(s.n_equal, s.n_trials)
+    withheld = replace(free, elpd=np.nan, values=free.values * np.nan)
+    found = below_best([second, first, withheld, free])
+    assert found[1] == (0.0, 0.0)
+    assert np.isnan(found[2]).all()
+    answers = [s.n_equal, s.n_trials - s.n_equal]
+    each = {one: np.concatenate([np.repeat(one.values[a], answers[a]) for a in (0, 1)]) for one in (first, second, free)}
+    for one, (difference, error) in ((second, found[0]), (free, found[3])):
+        apart = each[one] - each[first]
+        assert difference == pytest.approx(apart.sum(), rel=1e-9)
+        assert difference < 0
+        assert error == pytest.approx(np.sqrt(len(apart)) * apart.std(ddof=1), rel=1e-9)
+    assert np.isnan(below_best([withheld, withheld])).all()
+
+
+def test_joined_subjects_are_all_their_units():
+    parts = [leave_one_out_frequencies(K, N, unit="pair"), leave_one_out_frequencies(K[:2], N[:2], unit="pair")]
+    joined = LeaveOneOut.joined(parts)
+    each = np.concatenate([one.values[0] for one in parts])
+    assert joined.elpd == pytest.approx(sum(one.elpd for one in parts))
+    assert joined.se == pytest.approx(np.sqrt(6) * each.std(ddof=1))
 
 
 def test_different_units_are_not_compared():

@@ -7,22 +7,22 @@ import pandas as pd
 import pytest
 from reference.hard_cases import hard_cases
 from scipy.integrate import quad
+from scipy.special import beta
 
 import bayes_toe as bt
 from bayes_toe.comparison.prior_sensitivity import (
-    REWEIGHTED,
     SENSITIVITY_COLUMNS,
     SensitivityRow,
     SensitivityTable,
-    conclusion,
     weighted_quantiles,
 )
+from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.free_frequencies import frequency_evidence
 
 CASES = hard_cases()
-HARD = ["funnel", "all equal", "single pair", "perfect observer", "one batch"]
+HARD = ["funnel", "single pair", "perfect observer", "one batch"]  # "all equal" is known by hand, below
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +71,7 @@ def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
 def test_hard_cases_agree_with_fresh_fits(hard):
     rows = [row for row in distinct(hard) if row.log_bayes_factor is not None]
     assert len(rows) >= 0.9 * len(distinct(hard))
+    rows = [row for row in rows if row.prior != bt.Prior()]
     z = z_scores(rows, lambda name: CASES[name])
     worst = rows[int(np.abs(z).argmax())]
     assert np.abs(z).max() < 5.0, (worst.subject, worst.varied, worst.value, worst.method, z)
@@ -115,7 +116,9 @@ def exact_all_equal(prior, s, n):
 
     def over_gamma(t):
         sigma_p = prior.sigma_p_scale * t
-        return quad(lambda root: 2 * root * given(root**2, sigma_p), 0, 1, epsabs=1e-12)[0] * np.sqrt(2 / np.pi) * np.exp(-(t**2) / 2)
+        a, b = prior.gamma_a, prior.gamma_b
+        of_gamma = quad(given, 0, 1, (sigma_p,), epsabs=1e-12, weight="alg", wvar=(a - 1, b - 1))[0] / beta(a, b)
+        return of_gamma * np.sqrt(2 / np.pi) * np.exp(-(t**2) / 2)
 
     return np.log(quad(over_gamma, 0, 10, epsabs=1e-10, limit=200)[0])
 
@@ -151,8 +154,8 @@ def test_slopes_of_the_evidence_are_moments_of_the_posterior(small_study):
 def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
     assert tuple(frame.columns) == SENSITIVITY_COLUMNS
-    assert len(frame) == 3 * 3 * 5
-    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "mu1_mean"}
+    assert len(frame) == 3 * 5 * 5
+    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()
     scales = frame[frame["varied"].isin(table.scales)]
     assert np.allclose(sorted(set(scales["factor"].round(9))), [0.25, 0.5, 1.0, 2.0, 4.0])
@@ -194,13 +197,8 @@ def test_weighted_quantiles_are_those_of_repeated_values():
     assert np.allclose(found, np.quantile(np.repeat(values, repeats), [0.05, 0.5, 0.95]), atol=0.03)
 
 
-def test_conclusions():
-    assert [conclusion(v) for v in (None, 3.0, -5.0, 2.9)] == ["no estimate", "clear for H1", "clear for H0", "not clear, toward H1"]
-
-
-def test_same_seed_same_numbers_whatever_the_workers(small_study):
-    one, two = (bt.sensitivity(small_study, steps=3, seed=2, workers=w).frame() for w in (1, 2))
-    pd.testing.assert_frame_equal(one, two)
+def test_same_seed_same_numbers_whatever_the_workers(table, small_study):
+    pd.testing.assert_frame_equal(bt.sensitivity(small_study, steps=5, seed=5, workers=2).frame(), table.frame())
 
 
 @pytest.mark.parametrize("bad", [{"reach": 1.0}, {"reach": np.nan}, {"reach": 1e7}, {"steps": 4}, {"steps": 1}, {"steps": 1001}])

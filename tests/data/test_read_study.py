@@ -152,6 +152,54 @@ def test_extra_and_blank_columns_rows_and_repeated_extra_columns_are_ignored() -
     assert content(study) == {"a": [(0.0, 1.0, 1, 1)], "b": [(0.0, 1.0, 0, 1)]}
 
 
+ORDERED = "subject,s1,s2,response,block,trial\n"
+
+
+def test_blocks_and_trials_are_kept_in_order_beside_the_counts() -> None:
+    study = read(ORDERED + "a,0,1,equal,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n")
+    assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
+    answers = study.reading.answers["a"]
+    assert answers.blocks == ("10", "9"), "one block is no number: in order of appearance"
+    assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0]]
+    assert (answers.n_equal.tolist(), answers.block.tolist(), answers.trials) == ([1, 1, 0], [0, 0, 1], True)
+    assert study.reading.ignored == ()
+    numbered = read(ORDERED + "a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n").reading.answers["a"]
+    assert (numbered.blocks, numbered.n_equal.tolist()) == (("9", "10"), [0, 1, 1])
+    running = read(ORDERED + "a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n").reading.answers["a"]
+    assert (running.n_equal.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
+
+
+def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted() -> None:
+    study = read(ORDERED + "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n")
+    assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
+    assert study.reading.answers["a"].n_equal.tolist() == [1, 0]
+    assert len(read(TRIALS + "a,0,1,equal\n").notes) == 1
+
+
+def test_counts_have_answers_where_they_have_blocks() -> None:
+    study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", ReadOptions(columns={"block": "Run"}))
+    assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
+    answers = study.reading.answers["a"]
+    assert (answers.n_equal.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == ([1, 2], [5, 5], ("1", "2"), False)
+    assert read(COUNTS + "a,0,1,1,5\n").reading.answers == {}
+
+
+def test_columns_that_nobody_reads_are_told_by_name() -> None:
+    study = read("rt,subject,s1,s2,i1,,response,rt,Block\n1,a,0,1,5,,1,2,3\n")
+    assert study.reading.ignored == ("rt", "i1", "Block")
+    assert study.reading.read == ("subject", "s1", "s2", "response")
+    twice = read("subject,s1,s2,response,block,block\na,0,1,1,1,2\n")
+    assert twice.reading.ignored == ("block",), "which of two is meant cannot be told, and no result depends on it"
+    assert read("block,s1,s2,response\na,0,1,1\n", ReadOptions(columns={"subject": "block"})).names == ("a",)
+
+
+def test_a_missing_column_is_told_with_the_spelling_that_the_file_has() -> None:
+    (problem,) = refused("Subject,s1,s2,response\na,0,1,1\n")
+    assert problem.endswith("allowed: a column of this name, or --columns subject=Subject")
+    (problem,) = refused("subject,s1,s2,Answer\na,0,1,1\n")
+    assert "or --columns response=Answer;" in problem
+
+
 def test_header_may_follow_blank_lines_and_rows_keep_their_physical_number() -> None:
     (problem,) = refused(f"\n \n{TRIALS}\na,0,x,equal\n")
     assert problem == "study.csv: row 5, column s2: found 'x', allowed: a finite number"
@@ -308,7 +356,7 @@ def test_parse_columns_refuses(text: str, found: str) -> None:
         parse_columns(text)
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
-    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_trials, isi")
+    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_trials, isi, block, trial")
 
 
 # --- Dialects -----------------------------------------------------------------------------------------

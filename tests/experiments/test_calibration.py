@@ -22,7 +22,7 @@ from bayes_toe.experiments.calibration import (
 from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, judge, rank_rows
 from bayes_toe.model.coordinates import natural
 
-STUDIES, FEWER = 20, 10  # the fewer are enough for errors as large as these
+STUDIES, FEWER = 20, 6  # the fewer are enough for errors as large as these
 
 
 class WrongJacobian(bt.Prior):
@@ -55,7 +55,7 @@ def test_a_right_density_passes_and_wrong_ones_are_caught():
 
 @pytest.fixture(scope="module")
 def table():
-    return bt.calibrate(studies=3, data_sets=4, seed=3, workers=1)
+    return bt.calibrate(studies=2, data_sets=3, seed=3, workers=1)
 
 
 def test_everything_planned_is_there(table):
@@ -63,11 +63,11 @@ def test_everything_planned_is_there(table):
     names = [name for job in jobs_of(plan, calibration_settings(3)) for name in job.names]
     assert len(names) == len(set(names)) == plan.total
     assert [row.quantity for row in table.ranks] == [*RANKED, *RANKED]
-    assert all(row.studies == 3 for row in table.ranks)
+    assert all(row.studies == 2 for row in table.ranks)
     assert [(row.design, row.estimator) for row in table.evidence] == [(d, e) for d in DESIGNS for e in ESTIMATORS]
     for design in DESIGNS:
         origins = [one.from_h1 for one in table.outcome.evidence if one.design == design]
-        assert len(origins) == 4
+        assert len(origins) == 3
         assert sum(origins) == plan.from_h1(design)
 
 
@@ -101,10 +101,10 @@ def test_the_folder_and_its_words(table, tmp_path):
     frame = pd.read_csv(tmp_path / "calibration.csv")
     assert set(frame.verdict) == {"inside"}
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
-    assert len(sets) == 8
+    assert len(sets) == 6
     assert sets[DEFAULT].notna().all()
     text = (tmp_path / "calibration.md").read_text(encoding="utf-8")
-    assert "--studies 3 --data-sets 4 --seed 3" in text
+    assert "--studies 2 --data-sets 3 --seed 3" in text
     with pytest.raises(bt.OutputError):
         write_calibration(table, tmp_path)
 
@@ -129,6 +129,7 @@ def test_an_empty_plan_is_refused():
 def test_the_command(table, tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
+    from bayes_toe.cli import calibration_folder
     from bayes_toe.cli.app import app
     from bayes_toe.experiments import calibration, calibration_table
 
@@ -140,7 +141,10 @@ def test_the_command(table, tmp_path, monkeypatch):
     assert not (out / "evidence_calibration.csv").exists()
     monkeypatch.setattr(calibration_table.CalibrationTable, "failures", ("made to fail",))
     monkeypatch.setattr(calibration, "simulate_and_analyse", lambda *_, **__: table.outcome)  # no need to do the work again
+    written = []
+    monkeypatch.setattr(calibration_folder, "write_calibration", lambda *_, overwrite: written.append(overwrite))  # nor to draw it again
     again = ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1", "--overwrite"]
     failed = CliRunner().invoke(app, again)
     assert failed.exit_code == 3
+    assert written == [True]
     assert "made to fail" in failed.output

@@ -111,12 +111,16 @@ def test_log_posterior_is_the_density_of_the_draws(analysis):
 def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
     assert tuple(frame.columns) == SUMMARY_COLUMNS
-    assert ",".join(SUMMARY_COLUMNS) == "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
+    before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
+    assert ",".join(SUMMARY_COLUMNS) == before + ",mcse_mean,mcse_q05,mcse_q50,mcse_q95"
     assert len(frame) == 3 * len(PARAMETERS)
     row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
     values = analysis.draws.values("B", "sigma_p")
     assert row["mean"] == pytest.approx(values.mean())
     assert row["q95"] == pytest.approx(np.quantile(values, 0.95))
+    assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
+    natural = frame[frame.parameter.isin(("mu1", "sigma_p", "sigma_l", "q0"))]
+    assert (natural[["mcse_q05", "mcse_q95"]].max(axis=1) < 0.05 * (natural.q95 - natural.q05)).all()
 
 
 def test_offset_and_pull_are_the_identified_ones(analysis):

@@ -11,8 +11,6 @@ from bayes_toe.inference.moves import GlobalMove, moves
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
-CASES = hard_cases()
-
 
 class Target:
     """A known density in the place of a posterior: normal, or the log of a product of gammas (skewed, with known mean)."""
@@ -66,10 +64,10 @@ def _worst_moment(move, target, index, runs=24):
     means, variances = [], []
     for k in range(runs):
         random = np.random.RandomState(np.random.MT19937(stream(11, "moments", index, k)))
-        sampler = emcee.EnsembleSampler(64, 4, target.log_density, vectorize=True, moves=[(move, 1.0)])
+        sampler = emcee.EnsembleSampler(192, 4, target.log_density, vectorize=True, moves=[(move, 1.0)])
         sampler.random_state = random.get_state()
-        state = sampler.run_mcmc(target.sample(random, 64), 100, store=False)
-        sampler.run_mcmc(state, 250)
+        state = sampler.run_mcmc(target.sample(random, 192), 60, store=False)
+        sampler.run_mcmc(state, 80)
         x = sampler.get_chain(flat=True)
         means.append(x.mean(axis=0))
         variances.append(np.square(x - mean).mean(axis=0))
@@ -102,18 +100,21 @@ def test_the_moment_test_catches_wrong_moves(wrong):
 
         move.get_proposal = a_little_wrong
     if wrong == "global" or emcee.__version__ == "3.1.6":
-        assert _worst_moment(move, target, 9, runs=6) > 8.0
+        assert _worst_moment(move, target, 9, runs=4) > 8.0
 
 
-def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor():
-    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
+@pytest.fixture(scope="module")
+def fitted():
+    return fit_proposal(posterior_of(hard_cases()["funnel"]), generator(1, "move", "proposal"))
+
+
+def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitted):
     assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
     assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
 
 
-def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since():
-    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "move", "proposal"))
+def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since(fitted):
     prior, sbar = fitted.proposal.posterior.prior, fitted.proposal.posterior.sbar
 
     def log_density(x):

@@ -62,7 +62,7 @@ def test_the_fit_at_a_maximum(small_study):
     assert (np.sign(fit.residual) == np.sign(subject.n_equal / subject.n_trials - fit.q)).all()
     assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
-    assert fit.p_value == pytest.approx(stats.chi2.sf(fit.deviance, 9))
+    assert fit.p_value > 0.999
     assert np.isnan(gof.fit_at(bt.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
 
 
@@ -127,6 +127,44 @@ def test_p_values_are_uniform_when_the_truth_is_known():
 def test_bad_draws_are_refused(small_study, bad):
     with pytest.raises(NumericalError, match="draws must have shape"):
         gof.predictive_check(bt.posterior_of(small_study["A"]), bad, seed=1)
+
+
+@pytest.mark.parametrize(("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)])
+def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
+    # No parameter is fitted: as many degrees of freedom as pairs. P(p < 0.01) is 0.01; 4 s.e. of 20,000 sessions and 0.005 of the shape.
+    log_q, log_rest = np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
+    again = np.random.default_rng(3).binomial(n, q, (20_000, pairs))
+    values = gof.binomial_deviance(again, n, log_q, log_rest).sum(axis=1)
+    beyond = np.mean([gof.deviance_p_value(value, pairs, np.full(pairs, n), log_q, log_rest) < 0.01 for value in values[:2000]])
+    assert beyond == pytest.approx(0.01, abs=0.005 + 4 * np.sqrt(0.01 * 0.99 / 2000))
+    mean, variance = (part.sum() for part in gof._moments(np.full(pairs, float(n)), log_q, log_rest))
+    assert mean == pytest.approx(values.mean(), abs=4 * values.std() / np.sqrt(len(values)) + 0.01 * pairs * (n * q > 20))
+    assert variance == pytest.approx(values.var(), rel=0.1)
+
+
+def test_impossible_answers_have_no_chance():
+    log_q, log_rest = np.array([-np.inf, -np.inf]), np.zeros(2)
+    assert gof.deviance_p_value(np.inf, 1, [10, 10], log_q, log_rest) == 0.0
+    assert gof.deviance_p_value(0.0, 1, [10, 10], log_q, log_rest) == 1.0
+    assert np.isnan(gof.deviance_p_value(3.0, 0, [10, 10], log_q, log_rest))
+
+
+def test_a_misfit_names_its_worst_pairs(small_study):
+    subject = small_study["A"]
+    odd = subject.n_equal.copy()
+    odd[[2, 5]] = subject.n_trials[[2, 5]] - odd[[2, 5]]
+    bent = bt.Subject("bent", subject.s1, subject.s2, odd, subject.n_trials)
+    for one, misfit in ((subject, False), (bent, True)):
+        posterior = bt.posterior_of(one)
+        best = find_maxima(posterior).x[:1]
+        found = gof.summarise_fit(posterior, np.repeat(best, 500, axis=0), seed=1)
+        assert found.misfit == misfit
+        assert 1 <= len(found.worst) <= 3
+        assert found.p_deviance == gof.fit_at(posterior, best[0]).p_value
+        worst = found.worst[0]
+        at = int(np.flatnonzero((one.s1 == worst.s1) & (one.s2 == worst.s2))[0])
+        assert worst.observed == one.n_equal[at] / one.n_trials[at]
+        assert at == np.argmax(gof.deviance(posterior, best)[0])
 
 
 @pytest.mark.slow

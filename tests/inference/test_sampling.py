@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.inference.subject import Settings, Wanted, infer
@@ -83,10 +83,16 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     assert (np.bincount(walker) == sampler.kept_steps).all()
 
 
-def test_claimed_effective_sizes_hold_over_independent_runs():
+@pytest.fixture(scope="module")
+def replications():
+    """Forty independent runs of one subject, with its posterior."""
     posterior = posterior_of(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
-    runs = [sample_chains(fitted, QUICK, seed) for seed in range(40)]
+    return posterior, [sample_chains(fitted, QUICK, seed) for seed in range(40)]
+
+
+def test_claimed_effective_sizes_hold_over_independent_runs(replications):
+    posterior, runs = replications
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
         values = [posterior.judged(run.x)[key] for run in runs]
         spread = np.var([v.mean() for v in values], ddof=1)
@@ -123,6 +129,47 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     assert list(draws.not_converged) == ["guessing at 0.5"]
 
 
+def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
+    posterior = posterior_of(CASES["funnel"])
+    fitted = fit_proposal(posterior, generator(1, "funnel"))
+    natural = posterior.names.natural
+
+    def worst(chains):
+        found = [(errors(values), np.quantile(values, TAIL)) for key, values in posterior.quantities(chains.x).items() if key in natural]
+        return max(max(one.q05, one.q95) / (high - low) for one, (low, high) in found)
+
+    once = sample_chains(fitted, SamplerSettings(max_thin=1, max_quantile_error=np.inf), 1)
+    alone = sample_chains(fitted, SamplerSettings(draws=1000, max_quantile_error=np.inf), 1)
+    assert once.converged
+    assert alone.log_posterior.size < 10_000 <= once.log_posterior.size
+    limit = 0.95 * worst(once)  # just missed by a single pass, within reach of independent draws
+    longer = sample_chains(fitted, SamplerSettings(max_quantile_error=limit), 1)
+    assert longer.converged
+    assert longer.thin > 1
+    assert worst(longer) <= limit
+    # Beyond the reach of so many draws it says so at once; with one pass allowed, that it was not reached.
+    hopeless = sample_chains(fitted, SamplerSettings(max_quantile_error=limit / 3), 1)
+    assert (hopeless.converged, hopeless.thin) == (False, 1)
+    assert hopeless.reason.startswith("a 5 or 95 % quantile of ")
+    assert hopeless.reason.endswith("; more draws are needed")
+    cut = sample_chains(fitted, SamplerSettings(max_quantile_error=limit, max_thin=1), 1)
+    assert not cut.converged
+    assert cut.reason.endswith("required")
+
+
+def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replications):
+    posterior, runs = replications
+    ratios = []
+    for key in ("mu1", "sigma_p", "q0"):
+        values = [posterior.quantities(run.x)[key] for run in runs]
+        stated = np.sqrt(np.mean(np.square([errors(one)[1:] for one in values]), axis=0))
+        spread = np.std([np.quantile(one, [0.05, 0.5, 0.95]) for one in values], axis=0, ddof=1)
+        ratios.extend(np.log(stated / spread))
+    # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean of nine, which hang together little.
+    assert np.abs(ratios).max() < 0.45
+    assert abs(np.mean(ratios)) < 0.17  # draws in random order, that is, taken to be independent: -0.22
+
+
 def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
     from bayes_toe import analysis as module
 
@@ -131,15 +178,14 @@ def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
         bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
 
 
-def test_same_numbers_for_any_order_and_any_number_of_workers(small_study):
-    forward = bt.run(small_study, draws=300, seed=9, workers=1)
-    backward = bt.run(small_study.select(["C", "B", "A"]), draws=300, seed=9, workers=2)
-    alone = bt.run(small_study.select(["B"]), draws=300, seed=9, workers=1)
-    for one, other, names in ((forward, backward, "ABC"), (forward, alone, "B")):
-        for name in names:
-            assert np.array_equal(one.draws.points(name), other.draws.points(name))
-            assert one.evidence[name] == other.evidence[name]
-    changed = bt.run(small_study.select(["B"]), draws=300, seed=10, workers=1)
+def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
+    backward = bt.run(small_study.select(["C", "A"]), draws=2000, seed=5, workers=2)
+    alone = bt.run(small_study.select(["B"]), draws=2000, seed=5, workers=1)
+    for other in (backward, alone):
+        for name in other.study.names:
+            assert np.array_equal(analysis.draws.points(name), other.draws.points(name))
+            assert analysis.evidence[name] == other.evidence[name]
+    changed = bt.run(small_study.select(["B"]), draws=2000, seed=6, workers=1)
     assert not np.array_equal(changed.draws.points("B"), alone.draws.points("B"))
 
 
@@ -166,7 +212,13 @@ def test_streams_do_not_run_together():
 
 @pytest.mark.parametrize(
     ("wrong", "named"),
-    [({"draws": 0}, "draws"), ({"ensembles": 3}, "ensembles"), ({"walkers": 9}, "walkers"), ({"max_r_hat": 1.0}, "max_r_hat")],
+    [
+        ({"draws": 0}, "draws"),
+        ({"ensembles": 3}, "ensembles"),
+        ({"walkers": 9}, "walkers"),
+        ({"max_r_hat": 1.0}, "max_r_hat"),
+        ({"max_quantile_error": 0.0}, "max_quantile_error"),
+    ],
 )
 def test_settings_out_of_range_are_refused(wrong, named):
     with pytest.raises(InputError, match=named):

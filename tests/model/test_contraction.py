@@ -46,7 +46,7 @@ def test_the_summary_says_what_the_prior_rules(small_study):
     few = bt.Subject("few", s1, s2, np.ones(len(s1), int), np.ones(len(s1), int))
     many = bt.Subject("many", s1, s2, 1000 * small_study["A"].n_equal, 1000 * small_study["A"].n_trials)
     summary = bt.sample(bt.Study([few, many]), draws=500, seed=1, workers=1).summary()
-    assert summary.columns[-1] == "contraction"
+    assert "contraction" in summary.columns
     of = summary.set_index(["subject", "parameter"])["contraction"]
     assert (of["many"] > 0.99).all()
     assert of["few"]["gamma"] < 0.3

@@ -1,4 +1,4 @@
-"""Every rung, with and without intervals: value, gradient and Hessian against second-order forward differentiation with hundreds of digits.
+"""Every rung and compositions with every part: value, gradient and Hessian against forward differentiation with hundreds of digits.
 
 The reference (`jets.py`) is written from the definitions, with no stable form: parameters from coordinates, probabilities by subtraction,
 scales of an interval from the filter's own quantities.
@@ -18,10 +18,19 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 
 RUNGS = [model.name for model in MODELS if isinstance(model, Model)]
-PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
+COMPOSED = [
+    "none + sloped + both ways",
+    "constant error + sloped + both ways + exponent",
+    "constant error + both ways + differencing",
+    "update + sloped + both ways",
+    "update + no lapses + exponent + beta-binomial",
+    "free weighting + both ways + beta-binomial",
+    "mean-reverting + sloped + exponent + beta-binomial",
+]
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, offset_sd=1.0, reference_interval=1.0)
 DIGITS = 120
 #: Where q0 is near 1, the curvature of a criterion in the logit of its peak is a small difference: it keeps eleven digits, the rest twelve.
-TOLERANCE = {"differencing": 5e-11}
+TOLERANCE = {"differencing": 5e-11, "constant error + both ways + differencing": 5e-11}
 
 
 def variance_ratio(gamma):
@@ -30,12 +39,12 @@ def variance_ratio(gamma):
 
 def scales(name, at, t):
     """Pull and width at t seconds over those at one second."""
-    if name in ("predictive update", "no lapses"):
+    if name == "update":
         p = mpmath.mpf(MAX_PULL) * at["logit_pull"].expit()
         gamma = p / (1 - p) ** 2
         ratio = variance_ratio(gamma / t) / variance_ratio(gamma)
         return 1 / (ratio**2 * t), mpmath.sqrt(t) * ratio ** mpmath.mpf("1.5")
-    if name == "mean-reverting memory":
+    if name == "mean-reverting":
         kept, split = 1 - at["logit_pull"].expit(), at["logit_split"].expit()
         rho, gain = (split * kept.log()).exp(), ((1 - split) * kept.log()).exp()
 
@@ -53,14 +62,33 @@ def pull_of(name, at):
     return 1 - 2 * at["logit_gain"].expit() if "logit_gain" in at else None
 
 
-def log_answers(name, z, peak):
-    """Log P(equal) and log P(different)."""
-    if name == "differencing":
+def answers(levels, z, at):
+    """P(equal) and P(different)."""
+    peak = at["logit_q0"].expit() if "logit_q0" in at else 1
+    if levels["curve"] == "differencing":
         k, z = peak.criterion(), -z if z.value < 0 else z
-        inside = (k - z).ndtr() - (-k - z).ndtr()
-        return inside.log(), (1 - inside).log()
-    log_q = -mpmath.log(2) * z * z if peak is None else peak.log() - mpmath.log(2) * z * z
-    return log_q, (1 - log_q.exp()).log()
+        equal = (k - z).ndtr() - (-k - z).ndtr()
+    elif levels["curve"] == "exponent":
+        size = -z if z.value < 0 else z
+        equal = peak * (-mpmath.log(2) * (at["log_exponent"].exp() * size.log()).exp()).exp() if size.value else peak * (1 + 0 * z)
+    else:
+        equal = peak * (-mpmath.log(2) * z * z).exp()
+    if "logit_lapse_rate" in at:
+        rate = at["logit_lapse_rate"].expit()
+        equal = rate * peak + (1 - rate) * equal
+    return equal, 1 - equal
+
+
+def log_likelihood(levels, z, at, k, n):
+    """Terms of one pair."""
+    equal, different = answers(levels, z, at)
+    if levels["spread"] == "binomial":
+        yield from ([k * equal.log()] if k else []) + ([(n - k) * different.log()] if n > k else [])
+    else:
+        eps = at["logit_icc"].exp()
+        yield from ((equal + j * eps).log() for j in range(k))
+        yield from ((different + j * eps).log() for j in range(n - k))
+        yield from (-(1 + j * eps).log() for j in range(n))
 
 
 def half_normal(value, scale):
@@ -73,14 +101,14 @@ def normal(value, mean, sd):
 
 def prior_terms(name, at, sbar):
     prior = PRIOR
-    if name in ("predictive update", "no lapses"):
+    if name == "update":
         most = mpmath.mpf(MAX_PULL)
         p = most * at["logit_pull"].expit()
         gain, width = 1 - p, at["log_width"].exp()
         yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
         yield half_normal(width * gain ** mpmath.mpf("1.5"), prior.sigma_p_scale)
         yield ((1 + p) / gain ** mpmath.mpf("1.5") * (1 - p / most) * width).log()
-    elif name == "mean-reverting memory":
+    elif name == "mean-reverting":
         p, split = at["logit_pull"].expit(), at["logit_split"].expit()
         lost = -(1 - p).log()
         rho, gain = (-split * lost).exp(), ((split - 1) * lost).exp()
@@ -92,31 +120,40 @@ def prior_terms(name, at, sbar):
         yield (sigma1 * weight * lost * split * (1 - split)).log()
     else:
         yield half_normal(at["log_width"].exp(), prior.sigma_p_scale) + at["log_width"]
-        if "offset" in at:
-            yield normal(at["offset"], 0, 1)
+        if "offset_score" in at:
+            yield normal(at["offset_score"], 0, 1)
         if "logit_gain" in at:
             yield (at["logit_gain"].expit() * (1 - at["logit_gain"].expit())).log()
-    if "logit_q0" in at:
-        yield (at["logit_q0"].expit() * (1 - at["logit_q0"].expit())).log()
+    yield from prior_terms_of_other_parts(at)
+
+
+def prior_terms_of_other_parts(at):
+    for key in ("logit_q0", "logit_lapse_rate"):
+        if key in at:
+            yield (at[key].expit() * (1 - at[key].expit())).log()
+    if "noise_slope" in at:
+        yield normal(at["noise_slope"], 0, PRIOR.noise_slope_sd)
+    if "log_exponent" in at:
+        yield normal(at["log_exponent"], mpmath.log(PRIOR.exponent_median), PRIOR.exponent_sd)
+    if "logit_icc" in at:  # Beta(1, 9)
+        icc = at["logit_icc"].expit()
+        yield (9 * icc * (1 - icc) ** 9).log()
 
 
 def terms(target, x):
     """Every term of the log posterior as a jet."""
-    name, s, sbar = target.model.name, target.subject, mpmath.mpf(target.sbar)
+    levels, s, sbar = dict(target.model.levels), target.subject, mpmath.mpf(target.sbar)
     at = dict(zip(target.coordinates, Jet.coordinates([mpmath.mpf(float(v)) for v in x]), strict=True))
-    pull, peak = pull_of(name, at), at["logit_q0"].expit() if "logit_q0" in at else None
+    pull, offset = pull_of(levels["order"], at), at.get("offset", at.get("offset_score"))
     seconds = np.ones(s.n_pairs) if s.isi is None else s.isi
     for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_equal, s.n_trials, seconds, strict=True):
         first, second = mpmath.mpf(float(s1)), mpmath.mpf(float(s2))
-        r, v = scales(name, at, mpmath.mpf(float(t)))
-        shift = (second - first) - (r * at["offset"] if "offset" in at else 0)
-        z = (shift + (0 if pull is None else r * pull * (first - sbar))) * (-at["log_width"]).exp() / v
-        log_equal, log_different = log_answers(name, z, peak)
-        if k:
-            yield int(k) * log_equal
-        if n > k:
-            yield int(n - k) * log_different
-    yield from prior_terms(name, at, sbar)
+        r, v = scales(levels["order"], at, mpmath.mpf(float(t)))
+        shift = (second - first) - (0 if offset is None else r * offset)
+        log_width = at["log_width"] + (at["noise_slope"] * ((first + second) / 2 - sbar) if "noise_slope" in at else 0)
+        z = (shift + (0 if pull is None else r * pull * (first - sbar))) * (-log_width).exp() / v
+        yield from log_likelihood(levels, z, at, int(k), int(n))
+    yield from prior_terms(levels["order"], at, sbar)
 
 
 def assert_agrees(target, x, tolerance, digits=DIGITS):
@@ -138,12 +175,13 @@ def subject(isi, scale=1):
 
 
 @pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
-@pytest.mark.parametrize("name", RUNGS)
+@pytest.mark.parametrize("name", RUNGS + COMPOSED)
 @settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_derivatives_of_every_rung(name, isi, data):
     target = posterior_of(subject(isi), PRIOR, model=name)
-    ranges = {"offset": (-0.6, 0.6), "log_width": (-2.0, 1.5), "logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12)}
+    ranges = {"offset": (-0.6, 0.6), "offset_score": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
+    ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
     x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0))), label=key) for key in target.coordinates]
     z = target.distance(np.array([x]))[0]
     # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
@@ -152,13 +190,16 @@ def test_derivatives_of_every_rung(name, isi, data):
 
 
 FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0], "logit_gain": [-30.0, 30.0]}
+FAR |= {"noise_slope": [-40.0, 40.0], "logit_lapse_rate": [-60.0, 30.0], "log_exponent": [-1.6, 3.0], "logit_icc": [-60.0, 30.0]}
 
 
 @pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
-@pytest.mark.parametrize("name", RUNGS)
+@pytest.mark.parametrize("name", RUNGS + COMPOSED)
 def test_derivatives_far_out(name, isi):
-    target = posterior_of(subject(isi, scale=1000), Prior(0.4, 1e30, 0.7), model=name)
-    middle = {"offset": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2, "logit_gain": 0.4}
+    scale = 1 if "beta-binomial" in name else 1000
+    target = posterior_of(subject(isi, scale=scale), Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0), model=name)
+    middle = {"offset": 0.31, "offset_score": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
+    middle |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
     for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
         for value in values if key in target.coordinates else ():
             x = [value if other == key else middle[other] for other in target.coordinates]

@@ -13,6 +13,7 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
+SECOND = Prior(reference_interval=1.0)
 UNEVEN = Subject(
     "uneven",
     [0.0, 0.0, 0.0, 0.3, 0.3, 0.5, 0.5, 0.0],
@@ -37,7 +38,7 @@ def test_one_second_everywhere_is_the_posterior_without_intervals(name):
 
 
 def test_likelihood_is_that_of_the_filter_equations_pair_by_pair():
-    posterior = posterior_of(UNEVEN)
+    posterior = posterior_of(UNEVEN, SECOND)
     x = np.random.default_rng(2).normal(size=(30, 4)) * [0.3, 1.5, 0.4, 1.0] + [0.0, 0.0, -1.0, 2.0]
     theta = posterior.natural(x)
     total = np.zeros(len(x))
@@ -76,7 +77,7 @@ def precise(posterior, x):
 @settings(max_examples=25, deadline=None)
 @given(x=st.tuples(st.floats(-1, 1), st.floats(-600, 20), st.floats(-2, 3), st.floats(-10, 20)))
 def test_value_agrees_with_hundreds_of_digits(x):
-    posterior = posterior_of(UNEVEN, Prior(mu1_sd=1e300))  # flat, so that a tiny pull is not outside the floats
+    posterior = posterior_of(UNEVEN, Prior(mu1_sd=1e300, reference_interval=1.0))  # flat, so that a tiny pull is not outside the floats
     with mpmath.workdps(900):
         truth = float(precise(posterior, x))
     # Rounding of each displacement, times the slope of both logs there.
@@ -90,7 +91,7 @@ def test_value_agrees_with_hundreds_of_digits(x):
 @settings(max_examples=8, deadline=None)
 @given(x=st.tuples(st.floats(-0.5, 0.5), st.floats(-6, 6), st.floats(-2, 2), st.floats(-5, 8)))
 def test_derivatives_agree_with_fifty_digits(x):
-    posterior = posterior_of(UNEVEN)
+    posterior = posterior_of(UNEVEN, SECOND)
     gradient, hessian = (part[0] for part in posterior.derivatives([x]))
     with mpmath.workdps(50):
         h = mpmath.mpf(10) ** -12
@@ -108,7 +109,7 @@ def test_derivatives_agree_with_fifty_digits(x):
 
 def test_slopes_hold_where_the_pull_is_tiny_and_the_interval_extreme():
     subject = Subject("far", [0.0, 0.1, 0.4], [0.2, 0.1, 0.1], [10, 20, 12], [30, 30, 30], isi=[1e-6, 1.0, 1e6])
-    posterior = posterior_of(subject)
+    posterior = posterior_of(subject, SECOND)
     x = np.array([[1e-5, -40.0, -0.5, 1.0], [0.02, 3.0, 0.5, 1.0], [0.02, 12.0, 6.0, 1.0]])
     gradient, hessian = posterior.derivatives(x)
     for i in range(4):

@@ -48,6 +48,7 @@ def made_by(model, x, intervals=(0.25, 1.0, 4.0), trials=50, seed=5):
 
 
 OF_MEMORY = made_by(MEAN_REVERTING, [-0.14, 0.5, np.log(0.28), 0.0, 2.0])
+SECOND = bt.Prior(reference_interval=1.0)
 OF_WALK = made_by(PREDICTIVE_UPDATE, [-0.14, 1.5, np.log(0.28), 1.5])
 
 
@@ -82,12 +83,12 @@ def test_models_without_a_memory_pool_the_answers_over_intervals(model):
 
 def test_which_models_know_intervals():
     assert [model.name for model in MODELS if model.knows_intervals] == ["no lapses", "predictive update", "mean-reverting memory"]
-    assert "sigma_p^2 a second" in PREDICTIVE_UPDATE.of_intervals
+    assert "sigma_p^2 over the reference interval" in PREDICTIVE_UPDATE.of_intervals
     assert "rho^t" in MEAN_REVERTING.of_intervals
 
 
 def test_no_lapses_is_the_closed_form_of_h1_at_each_interval():
-    target = posterior_of(OF_WALK, model=NO_LAPSES)
+    target = posterior_of(OF_WALK, SECOND, model=NO_LAPSES)
     x = np.random.default_rng(2).normal(size=(200, 3)) * [0.2, 2.0, 0.4] + [0.0, 0.0, -1.0]
     named = target.judged(x)
     theta = Natural(*(named[key][:, None] for key in ("mu1", "sigma_p", "sigma_l")), np.ones(1))
@@ -96,7 +97,7 @@ def test_no_lapses_is_the_closed_form_of_h1_at_each_interval():
 
 
 def test_mean_reverting_memory_is_its_filter_at_each_interval():
-    target = posterior_of(OF_MEMORY, model=MEAN_REVERTING)
+    target = posterior_of(OF_MEMORY, SECOND, model=MEAN_REVERTING)
     x = target.sample_prior(np.random.default_rng(3), 500)
     x = x[np.abs(x[:, 1]) < 12]
     named = target.judged(x)
@@ -125,7 +126,7 @@ def test_without_the_column_nothing_of_this_runs(monkeypatch):
 
 def test_evidence_without_lapses_agrees_with_brute_force():
     # A tensor of Gauss-Legendre nodes in (mu1, sigma_p, gamma), the filter's equations one after the other.
-    prior = bt.Prior(mu1_sd=1.0)
+    prior = bt.Prior(mu1_sd=1.0, reference_interval=1.0)
 
     def brute_force(orders):
         (u, wu), (v, wv), (g, wg) = (roots_legendre(n) for n in orders)
@@ -147,7 +148,7 @@ def test_evidence_without_lapses_agrees_with_brute_force():
 
 
 def test_evidence_of_the_mean_reverting_memory_is_the_prior_average_of_its_filter():
-    rng, size, prior = np.random.default_rng(9), 1_000_000, bt.Prior(mu1_sd=1.0)
+    rng, size, prior = np.random.default_rng(9), 1_000_000, bt.Prior(mu1_sd=1.0, reference_interval=1.0)
     mu1, sigma1 = rng.normal(size=size), np.abs(rng.normal(size=size))
     gain, rho, q0 = rng.uniform(size=(3, size))
     noise = sigma1 * np.sqrt(1 / gain - 1)
@@ -216,7 +217,9 @@ def timed_csv(tmp_path_factory):
 
 
 def test_command(timed_csv, tmp_path):
-    done = CliRunner().invoke(app, ["compare", str(timed_csv), "-o", str(tmp_path / "out.csv"), "--seed", "1", "--workers", "1"])
+    done = CliRunner().invoke(
+        app, ["compare", str(timed_csv), "-o", str(tmp_path / "out.csv"), "--seed", "1", "--workers", "1", "--space", "ladder"]
+    )
     assert done.exit_code == 0, done.output
     assert "3 intervals in column isi: 0.5, 1, 2 s" in done.output
     ignoring = "symmetric, constant bias, differencing, free weighting"

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bayes_toe.model.closed_form import log_different, log_equal
-from bayes_toe.model.links import criterion, differencing_answers, lapse_answers
+from bayes_toe.model.differencing import DIFFERENCING, criterion, differencing_answers
+from bayes_toe.model.links import BELL, EXPONENT, Lapsing, bell_answers
 
 DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
 LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]
@@ -64,9 +65,70 @@ def test_criterion_is_half_normal_where_the_peak_is_uniform():
 
 def test_the_lapse_link_is_the_papers():
     z, logit = np.array([[0.0, 0.3, 2.0, 40.0]]), np.array([[-2.0], [3.0]])
-    equal, different = lapse_answers(z, logit)
+    equal, different = bell_answers(z, logit)
     assert np.array_equal(equal, log_equal(z, -np.logaddexp(0.0, -logit)))
     assert np.array_equal(different, log_different(z, logit))
-    without = lapse_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
+    without = bell_answers(np.array([0.0, 1.0, 3.0]), np.array(np.inf))
     assert without[0] == pytest.approx(-np.log(2) * np.array([0, 1, 9]))
     assert without[1] == pytest.approx([-np.inf, np.log(0.5), np.log1p(-(2.0**-9))])
+
+
+def _of_curve(z, logit, exponent, logit_rate):
+    """Log P(equal) and log P(different) of a curve q0 2^(-z^nu), with lapses both ways if there is a rate."""
+    with mp.workdps(50 + int(max(abs(logit), abs(logit_rate or 0.0)) / 2.2)):
+        q0, miss = (1 / (1 + mp.exp(sign * mp.mpf(logit))) for sign in (-1, 1))
+        t = mp.log(2) * mp.mpf(z) ** exponent if z else mp.mpf(0)
+        if t > 5000:  # no part of any sum
+            q, rest = mp.mpf(0), mp.mpf(1)
+        else:
+            q, rest = q0 * mp.exp(-t), miss + q0 * (-mp.expm1(-t) if t > mp.mpf(10) ** -3 else _lost(t))
+        if logit_rate is None:
+            return mp.log(q0) - t, mp.log1p(-q) if 2 * q < 1 else mp.log(rest)
+        lapse, attend = (1 / (1 + mp.exp(sign * mp.mpf(logit_rate))) for sign in (-1, 1))
+        equal, different = lapse * q0 + attend * q, lapse * miss + attend * rest
+        return [mp.log(one) if 2 * one < 1 else mp.log1p(-other) for one, other in ((equal, different), (different, equal))]
+
+
+def _lost(t):
+    """1 - e^-t of a small t by its series, which keeps its digits however small t is."""
+    return t * mp.fsum((-t) ** k / mp.factorial(k + 1) for k in range(25))
+
+
+#: Floors f = lambda q0 from 1e-300 to within 1e-261 of q0, q0 from 1e-304 to within 1e-300 of 1.
+RATES, PEAKS = [None, -690.0, -40.0, -2.0, 37.0, 600.0], [-700.0, -3.0, 10.0, 690.0]
+AWAY = [0.0, 1e-200, 1e-8, 0.3, 1.0, 1.01, 9.0, 1e4, 1e200]
+
+
+@pytest.mark.parametrize("exponent", [None, 0.2, 1.0, 1.7, 20.0])
+def test_curves_with_and_without_a_floor_at_their_ends(exponent):
+    curve = BELL if exponent is None else EXPONENT
+    shape = [] if exponent is None else [np.array([[np.log(exponent)]])]
+    exact = 2 if exponent is None else mp.exp(mp.mpf(float(np.log(exponent))))
+    for rate in RATES:
+        link, floor = (curve, []) if rate is None else (Lapsing(curve), [np.array([[rate]])])
+        for peak in PEAKS:
+            found = link.log_answers(np.array([AWAY]), np.array([[peak]]), *shape, *floor)
+            for i, z in enumerate(AWAY):
+                for log_answer, truth in zip(found, _of_curve(z, peak, exact, rate), strict=True):
+                    assert float(log_answer[0, i]) == pytest.approx(float(truth), rel=1e-13, abs=1e-300), (exponent, rate, peak, z)
+
+
+@pytest.mark.parametrize("curve", [BELL, EXPONENT, DIFFERENCING], ids=["bell", "exponent", "differencing"])
+def test_slopes_are_finite_where_only_the_floor_is_left(curve):
+    # There the curve has the log -inf with infinite slopes, and the observer answers by lapses alone.
+    z, own = np.array([[1e20, 1e100, 1e180, -1e180]]), [np.array([[2.0]])]
+    own += [np.array([[2.9]])] if curve is EXPONENT else []
+    with np.errstate(all="raise", under="ignore"):
+        for slopes in Lapsing(curve).slopes(z, *own, np.array([[-2.0]])):
+            rows = [*slopes[:3], *slopes.own[1:-1], *slopes.z_own, *slopes.own_own[0][1:]]
+            assert all((np.asarray(row) == 0.0).all() for row in rows)
+            assert all(np.isfinite(part).all() for part in (*slopes.own, *(part for row in slopes.own_own for part in row)))
+
+
+def test_slopes_exist_where_a_steep_curve_has_fallen_beyond_the_largest_float():
+    """An optimiser gets there: z = 40 to the power of 230. 'Equal' then comes from lapses alone, 'different' is certain without them."""
+    z, own = np.array([[40.0]]), (np.array([[1.3]]), np.log([[230.0]]))
+    equal, different = Lapsing(EXPONENT).slopes(z, *own, np.array([[-0.2]]))
+    for one in (equal, different, EXPONENT.slopes(z, *own)[1]):
+        assert [float(part[0, 0]) for part in (one.z, one.zz, one.stretch, one.own[1], one.z_own[0], one.z_own[1])] == 6 * [0.0]
+        assert np.isfinite([part[0, 0] for row in (one.own, *one.own_own) for part in row]).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jets import Jet
 from scipy import stats
-from scipy.special import betaln, gammainc, gammaincinv, gammaln
+from scipy.special import betaln, expit, gammainc, gammaincc, gammaincinv, gammaln
 
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_subject
@@ -18,9 +18,9 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.contraction import contraction, prior_quantile
 from bayes_toe.model.coordinates import natural, quantities
-from bayes_toe.model.distributions import HalfNormal, Normal, Uniform
+from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform, log_density_of_logit, slopes_of_logit
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import Prior, _gamma_bend, log_density_of_noise_ratio
 from bayes_toe.model.prior_fields import PriorFields, prior_field
 from bayes_toe.model.prior_file import example_file, read_prior
 
@@ -49,6 +49,9 @@ class Chi:
     def cdf(self, x):
         return gammainc(self.shape / 2, (x / self.scale) ** 2 / 2)
 
+    def sf(self, x):
+        return gammaincc(self.shape / 2, (x / self.scale) ** 2 / 2)
+
     def quantile(self, p):
         return self.scale * np.sqrt(2 * gammaincinv(self.shape / 2, p))
 
@@ -63,13 +66,11 @@ class Chi:
 class ChiPrior(Prior):
     """The one place: a number, and the family that takes it."""
 
-    sigma_p_shape: float = prior_field(
-        2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", smallest=0.5, largest=20.0
-    )
+    sigma_p_shape: float = prior_field(2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", limits=(0.5, 20.0))
     families: ClassVar = {**Prior.families, "sigma_p": Chi}
 
 
-CHI = ChiPrior(0.4, 2.5, 0.3, 3.0)
+CHI = ChiPrior(0.4, 2.5, 0.3, sigma_p_shape=3.0)
 PRIORS = [Prior(0.4, 2.5, 0.3), CHI]
 
 
@@ -81,11 +82,20 @@ def points(n=12, seed=1):
 
 
 def test_the_declaration_is_all_that_lists_the_numbers():
-    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior)]
-    assert [one.default for one in ChiPrior.declared()] == [0.0, 10.0, 1.0, 2.0]
+    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior) if one.name != "origin"]
+    assert [one.default for one in ChiPrior.declared()][:5] == [0.0, 10.0, 1.0, 1.0, 1.0]
     assert Prior.declared() == PriorFields.declared() == ChiPrior.declared()[:-1]
     assert CHI.distribution("sigma_p") == Chi(0.3, 3.0)
-    assert tuple(CHI.distributions) == ("mu1", "sigma_p", "gamma", "q0")
+    assert tuple(CHI.distributions) == ("mu1", "sigma_p", "gamma", "q0", "noise_slope", "lapse_rate", "exponent", "icc")
+    assert {one.parameter for one in Prior.declared()} | {"q0"} == {*CHI.distributions, "offset", "interval"}
+
+
+def test_what_other_models_have():
+    found = Prior(noise_slope_sd=0.5, lapse_rate_b=4.0, exponent_sd=0.2)
+    words = {name: found.distribution(name).describe() for name in ("noise_slope", "lapse_rate", "exponent", "icc")}
+    assert words == {"noise_slope": "Normal(0, 0.5)", "lapse_rate": "Beta(1, 4)", "exponent": "LogNormal(2, 0.2)", "icc": "Beta(1, 9)"}
+    assert Prior().distribution("lapse_rate") == Prior().distribution("gamma") == Uniform()
+    assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
 
 
 def test_it_is_in_the_description():
@@ -93,7 +103,7 @@ def test_it_is_in_the_description():
 
 
 def test_with_one_degree_of_freedom_it_is_the_default_prior():
-    one, x = ChiPrior(0.4, 2.5, 0.3, 1.0), points()
+    one, x = ChiPrior(0.4, 2.5, 0.3, sigma_p_shape=1.0), points()
     assert one.log_density_unconstrained(x, SBAR) == pytest.approx(PRIORS[0].log_density_unconstrained(x, SBAR), rel=1e-12)
     for found, expected in zip(one.derivatives(x, SBAR), PRIORS[0].derivatives(x, SBAR), strict=True):
         assert found == pytest.approx(expected, rel=1e-10, abs=1e-12)
@@ -126,7 +136,7 @@ def test_it_is_in_draws_quantiles_and_contraction(parameter):
 def test_it_is_in_the_prior_file(tmp_path):
     file = tmp_path / "prior.toml"
     file.write_text(example_file(ChiPrior), encoding="utf-8")
-    assert "\nsigma_p_shape = 2.0  # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
+    assert "\nsigma_p_shape = 2.0         # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
     assert read_prior(file, ChiPrior) == ChiPrior()
     file.write_text("sigma_p_shape = 7", encoding="utf-8")
     assert read_prior(file, ChiPrior) == ChiPrior(sigma_p_shape=7.0)
@@ -142,13 +152,13 @@ def test_it_is_in_the_prior_file(tmp_path):
 
 
 def test_it_is_in_the_help_text():
-    assert prior_help(ChiPrior) == "Prior: any of mu1_mean, mu1_sd, sigma_p_scale, sigma_p_shape; see check --prior."
+    assert prior_help(ChiPrior).endswith("icc_a, icc_b, reference_interval, sigma_p_shape; see check --prior.")
 
 
 def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     subject = small_study["B"]
     table = bt.sensitivity(bt.Study([subject]), prior=CHI, steps=3, reach=2.0, seed=3, workers=1)
-    assert table.varied == ("mu1_sd", "sigma_p_scale", "sigma_p_shape", "mu1_mean")
+    assert table.varied == ("mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "sigma_p_shape", "mu1_mean")
     rows = table.of("B", "sigma_p_shape")
     assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
     assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
@@ -178,10 +188,10 @@ def test_what_it_may_not_be():
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(bt.InputError, match=r"prior: sigma_p_shape=.*, allowed: a positive finite number"):
             ChiPrior(sigma_p_shape=bad)
-    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number"):
+    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"):
         Prior(mu1_mean=np.nan)
     assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
-    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, gamma, q0"):
+    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, gamma, q0, "):
         CHI.distribution("sigma_l")
     with pytest.raises(bt.InputError, match="no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"):
         Prior.declared_as("mu1_scale")
@@ -209,7 +219,7 @@ class Logistic:
 
 
 @dataclass(frozen=True)
-class Beta:
+class Skewed:
     """A skewed share, bent upward at its lower end."""
 
     a: float = 0.7
@@ -227,10 +237,10 @@ class Beta:
 class SkewedPrior(ChiPrior):
     """No family is the default's."""
 
-    families: ClassVar = {"mu1": Logistic, "sigma_p": Chi, "gamma": Beta, "q0": lambda: Beta(3.0, 1.6)}
+    families: ClassVar = {**Prior.families, "mu1": Logistic, "sigma_p": Chi, "gamma": lambda *_: Skewed(), "q0": lambda: Skewed(3.0, 1.6)}
 
 
-SKEWED = SkewedPrior(0.4, 0.8, 0.3, 3.0)
+SKEWED = SkewedPrior(0.4, 0.8, 0.3, sigma_p_shape=3.0)
 
 
 def expected_jet(x):
@@ -262,6 +272,41 @@ def test_derivatives_under_any_family_are_exact():
     assert np.diff(values) == pytest.approx(np.diff([float(jet.value) for jet in jets]), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize(("a", "b"), [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
+def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
+    prior, logits = Prior(gamma_a=a, gamma_b=b), [-700.0, -80.0, -9.0, -0.6, -1e-3, 0.0, 0.4, 3.0, 36.0, 80.0, 700.0]
+    x = np.array([[0.0, logit, -1.0, 0.5] for logit in logits])
+    uniform, found = Prior(), (prior.log_density_unconstrained(x, SBAR), *prior.derivatives(x, SBAR))
+    plain = (uniform.log_density_unconstrained(x, SBAR), *uniform.derivatives(x, SBAR))
+    part = (log_density_of_noise_ratio(prior.distribution("gamma"), x[:, 1]), *_gamma_bend(x, SBAR).pulled_back(Beta(a, b)))
+    for row, logit in enumerate(logits):
+        with mpmath.workdps(700):
+            most = (3 - mpmath.sqrt(5)) / 2
+            (at,) = Jet.coordinates([mpmath.mpf(logit)])
+            p = most / (1 + (-at).exp())
+            gamma = p / (1 - p) ** 2
+            jet = mpmath.mpf(a - 1) * gamma.log() + mpmath.mpf(b - 1) * (1 - gamma).log() - mpmath.log(mpmath.beta(a, b))
+            truth = [float(v) for v in (jet.value, jet.slope[0], np.ravel(jet.bend)[0])]
+        assert [float(one[row].squeeze()) for one in part] == pytest.approx(truth, rel=1e-12, abs=1e-300), logit
+        more = (found[0][row] - plain[0][row], found[1][row, 1] - plain[1][row, 1], found[2][row, 1, 1] - plain[2][row, 1, 1])
+        assert more == pytest.approx(truth, rel=1e-9, abs=1e-9), logit
+
+
+@pytest.mark.parametrize("distribution", [Beta(1.0, 9.0), Beta(0.3, 4.0)])
+def test_a_share_keeps_its_digits_at_both_ends(distribution):
+    a, b, logits = distribution.a, distribution.b, np.array([-700.0, -2.0, 0.3, 40.0, 700.0])
+    expected = -a * np.logaddexp(0, -logits) - b * np.logaddexp(0, logits) - betaln(a, b)
+    assert log_density_of_logit(distribution, logits) == pytest.approx(expected, rel=1e-13)
+    plain = stats.beta.logpdf(expit(logits[1:3]), a, b) + np.log(expit(logits[1:3]) * expit(-logits[1:3]))
+    assert expected[1:3] == pytest.approx(plain, rel=1e-12)
+    first, second = slopes_of_logit(distribution, logits)
+    near = [slopes_of_logit(distribution, logits[1:3] + step)[0] for step in (-1e-5, 1e-5)]
+    assert second[1:3] == pytest.approx((near[1] - near[0]) / 2e-5, rel=1e-7)
+    values = [log_density_of_logit(distribution, logits[1:3] + step) for step in (-1e-5, 1e-5)]
+    assert first[1:3] == pytest.approx((values[1] - values[0]) / 2e-5, rel=1e-7)
+    assert first[[0, -1]] == pytest.approx([a, -b])
+
+
 def test_a_small_pull_keeps_its_derivatives():
     gradient, hessian = Prior().derivatives([[1e-150, -345.0, -1.0, 2.0]], SBAR)
     assert np.isfinite(gradient).all()
@@ -276,7 +321,7 @@ def test_the_limit_of_gamma_is_inside_the_support():
 def test_quantiles_of_a_gamma_that_is_not_uniform():
     @dataclass(frozen=True)
     class Narrow(Prior):
-        families: ClassVar = {**Prior.families, "gamma": lambda: Uniform(0.5)}
+        families: ClassVar = {**Prior.families, "gamma": lambda *_: Uniform(0.5)}
 
     n = 200_000
     drawn = quantities(Narrow().sample(np.random.default_rng(4), n), SBAR)
@@ -301,6 +346,9 @@ FAMILIES = [
     (Uniform(), stats.uniform()),
     (Uniform(2.5), stats.uniform(scale=2.5)),
     (Chi(0.3, 3.0), stats.chi(3.0, scale=0.3)),
+    (Beta(1.0, 9.0), stats.beta(1.0, 9.0)),
+    (Beta(1.7, 2.5), stats.beta(1.7, 2.5)),
+    (LogNormal(2.0, 0.5), stats.lognorm(0.5, scale=2.0)),
 ]
 
 
@@ -310,6 +358,8 @@ def test_families_are_scipys(ours, theirs):
     x = theirs.ppf(p)
     assert ours.log_density(x) == pytest.approx(theirs.logpdf(x), rel=1e-12, abs=1e-12)
     assert ours.cdf(x) == pytest.approx(p, rel=1e-9)
+    far = theirs.isf([0.3, 1e-9, 1e-14])  # where 1 - cdf has few digits or none
+    assert ours.sf(far) == pytest.approx(theirs.sf(far), rel=1e-9)
     assert ours.quantile(p) == pytest.approx(x, rel=1e-9)
     assert ours.spread == pytest.approx(theirs.std(), rel=1e-9)
     first, second = ours.derivatives(x[1:-1])
@@ -332,5 +382,9 @@ def test_edges_and_what_lies_beyond():
     assert Uniform(2.0).log_density([-0.1, 0.0, 2.0, 2.1]).tolist() == [-np.inf, -np.log(2.0), -np.log(2.0), -np.inf]
     assert [one.log_density(1e300).item() for one in (Normal(0.0, 1.0), HalfNormal(1.0))] == [-np.inf, -np.inf]
     assert all(np.isnan(one.log_density(np.nan)) for one in (Normal(0.0, 1.0), HalfNormal(1.0), Uniform()))
-    assert HalfNormal(1.0).cdf(-1.0) == Uniform().cdf(-1.0) == 0.0
+    for one in (HalfNormal(1.0), Uniform(), Beta(2.0, 0.5), LogNormal(1.0, 2.0)):
+        assert (one.cdf(-1.0), one.sf(-1.0), one.log_density(-1.0)) == (0.0, 1.0, -np.inf)
+    assert (Uniform().sf(2.0), Beta(2.0, 0.5).sf(2.0), Beta(2.0, 3.0).log_density(1.0)) == (0.0, 0.0, -np.inf)
+    assert Beta(1.0, 2.0).log_density([0.0, 1.5]).tolist() == [np.log(2.0), -np.inf]
+    assert LogNormal(1.0, 2.0).log_density([0.0, np.inf]).tolist() == [-np.inf, -np.inf]
     assert Normal(0.0, 1e300).log_density(1e10) == pytest.approx(-0.5 * np.log(2 * np.pi) - 300 * np.log(10))

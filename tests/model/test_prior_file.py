@@ -20,6 +20,7 @@ def written(tmp_path, text, name="prior.toml"):
         ("", bt.Prior()),
         ("# nothing\n", bt.Prior()),
         ("mu1_sd = 2", bt.Prior(mu1_sd=2.0)),
+        ("offset_sd = 2\ngamma_a = 3", bt.Prior(offset_sd=2.0, gamma_a=3.0)),
         ("mu1_mean = -0.5\r\nmu1_sd = 1e1\r\nsigma_p_scale = 0.3\r\n", bt.Prior(-0.5, 10.0, 0.3)),
         (b"\xef\xbb\xbfmu1_sd = 3.0", bt.Prior(mu1_sd=3.0)),
     ],
@@ -27,7 +28,7 @@ def written(tmp_path, text, name="prior.toml"):
 def test_what_is_read(tmp_path, text, expected):
     found = bt.read_prior(written(tmp_path, text))
     assert found == expected
-    assert all(type(value) is float for value in asdict(found).values())
+    assert {type(value) for value in asdict(found).values() if value} == {float}
 
 
 def test_the_example_is_the_default(tmp_path):
@@ -40,6 +41,8 @@ def test_the_example_is_the_default(tmp_path):
         ("mu_sd = 2", "key 'mu_sd': unknown, allowed: mu1_mean, mu1_sd, sigma_p_scale"),
         ("[prior]\nmu1_sd = 2", "key 'prior': unknown"),
         ("mu1_sd = '2'", "key mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100"),
+        ("offset_sd = 0", "key offset_sd: found 0, allowed"),
+        ("icc_b = 0.01", "key icc_b: found 0.01, allowed: a number from 0.05 to 1000"),
         ("mu1_sd = true", "key mu1_sd: found true"),
         ("mu1_sd = [1, 2]", "key mu1_sd: found a list"),
         ("mu1_sd = 0", "key mu1_sd: found 0, allowed"),
@@ -71,7 +74,7 @@ def test_all_problems_at_once(tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(bt.InputError, match="no such file; allowed: a TOML file with mu1_mean = NUMBER"):
+    with pytest.raises(bt.InputError, match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0"):
         bt.read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
         bt.read_prior(tmp_path)

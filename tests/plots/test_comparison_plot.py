@@ -1,5 +1,6 @@
 """The figures of a comparison say what its tables say; what is withheld is shown as withheld."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +11,9 @@ from matplotlib.patches import Rectangle
 import bayes_toe as bt
 from bayes_toe.comparison.ladder_table import ModelComparison
 from bayes_toe.comparison.model_row import Checks, ModelRow
-from bayes_toe.model.ladder import NAMES
+from bayes_toe.model.ladder import COMPOSED, NAMES
 from bayes_toe.plots.comparison import CLASSES, save_comparison
+from bayes_toe.plots.parts import ORDER_COLOURS, OTHER_COLOURS
 
 
 def made(evidence, models=NAMES, probability=None):
@@ -106,7 +108,7 @@ def test_beyond_the_exact_sum_the_study_panel_is_variational_and_says_so():
 
 def test_one_subject_has_probabilities_and_no_sum():
     table = made(np.zeros((1, 8)), probability=0.125)
-    upper, lower = bt.plots.comparison_figure(table).axes
+    *_, upper, lower = bt.plots.comparison_figure(table).axes
     assert [label.get_text() for label in upper.get_yticklabels()] == ["P1"]
     assert lines(lower)["model probability, equal prior odds"].tolist() == [0.125] * 8
 
@@ -126,19 +128,66 @@ def test_without_frequencies_the_panel_says_why(evidence, models, words):
     bt.plots.comparison_figure(made(evidence, models)).draw_without_rendering()
 
 
-@pytest.mark.parametrize("shape", [(1, 8), (2, 2), (16, 8), (40, 8)])
+SPACE = tuple(model.name for model in COMPOSED)
+
+
+def test_bars_and_words_are_those_of_the_table():
+    evidence = np.random.default_rng(5).normal(size=(3, 13)) * 2
+    evidence[1, 4] = np.nan
+    table = made(evidence, SPACE)
+    ax = bt.plots.part_axes(table, "order")
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["P1", "P2", "P3", "*"]
+    bars = {at: [one.get_width() for one in ax.patches if round(one.get_y() + 0.41, 6) == at] for at in (0, 1, 2, 3.45)}
+    order = table.parts[0]
+    assert bars[0] == pytest.approx(order.probability[0].tolist())
+    assert bars[3.45] == pytest.approx(order.study.tolist())
+    assert bars[1] == [1.0]
+    assert [one.get_hatch() is not None for one in ax.patches].count(True) == 1
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == list(order.levels)
+    words = [text.get_text() for text in bt.plots.best_axes(table).texts]
+    for name, (row, against) in table.best_compositions().items():
+        assert words[3 * table.subjects.index(name)] == row.model
+        assert words[3 * table.subjects.index(name) + 1] == f"{against:+.1f}".replace("-", "−")
+    assert "a new subject, random effects over 2" in words
+    with pytest.raises(bt.InputError, match="'curve': allowed are"):
+        bt.plots.part_axes(table, "curve")
+
+
+@pytest.mark.parametrize("colours", [ORDER_COLOURS, OTHER_COLOURS])
+def test_levels_are_told_apart_without_colour(colours):
+    grey = np.array([np.dot(to_rgb(colour), [0.299, 0.587, 0.114]) for colour, _ in colours])
+    assert np.diff(np.sort(grey)).min() > 0.1
+    assert min(abs(value - np.dot(to_rgb(letters), [0.299, 0.587, 0.114])) for value, (_, letters) in zip(grey, colours, strict=True)) > 0.4
+
+
+def test_a_misfit_is_bold_and_says_so():
+    table = made([[0.0, 2.0]], SPACE[:2])
+    table = replace(table, rows=tuple(replace(row, checks=Checks(p_predictive=0.002)) for row in table.rows))
+    bold = [text.get_text() for text in bt.plots.best_axes(table).texts if text.get_weight() == "bold"]
+    assert bold == ["misfit 0.002"]
+
+
+@pytest.mark.parametrize("shape", [(1, 13), (2, 2), (11, 13), (16, 8), (40, 13)])
 def test_nothing_leaves_the_figure_or_meets(shape):
     evidence = np.random.default_rng(4).normal(size=shape) * 20
     if shape[0] > 2:
         evidence[1, 1] = np.nan
-    table = made(evidence, NAMES[: shape[1]], 1 / shape[1])
+    table = made(evidence, SPACE if shape[1] == 13 else NAMES[: shape[1]], 1 / shape[1])
     figure = bt.plots.comparison_figure(table, synthetic=True)
     figure.draw_without_rendering()
-    assert "synthetic data" in figure.legends[0].get_title().get_text()
+    assert "synthetic data" in figure.get_suptitle()
     width, height = figure.bbox.size
-    upper, lower = figure.axes
-    texts = [*upper.texts, *upper.get_xticklabels(), *upper.get_yticklabels(), *lower.get_xticklabels(), lower.yaxis.label]
-    boxes = [text.get_window_extent() for text in texts] + [legend.get_window_extent() for legend in figure.legends]
+    *parts, upper, lower = figure.axes
+    texts = [
+        *(text for ax in parts for text in ax.texts),
+        *upper.texts,
+        *upper.get_xticklabels(),
+        *upper.get_yticklabels(),
+        *lower.get_xticklabels(),
+        lower.yaxis.label,
+    ]
+    legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
+    boxes = [text.get_window_extent() for text in texts] + [legend.get_window_extent() for legend in legends]
     for box in boxes:
         assert box.x0 > -1
         assert box.y0 > -1
@@ -149,6 +198,12 @@ def test_nothing_leaves_the_figure_or_meets(shape):
     assert lower._left_title.get_window_extent().y1 < upper.patches[-1].get_window_extent().y0
     heads = [label.get_window_extent() for label in upper.get_xticklabels()]
     assert all(one.x1 < two.x0 for one, two in pairwise(heads))
+    names = [ax.get_legend().get_window_extent() for ax in parts if ax.get_legend()]
+    assert all(one.x1 < two.x0 for one, two in pairwise(names))
+    if parts:
+        assert max(box.y1 for box in heads) < min(patch.get_window_extent().y0 for ax in parts for patch in ax.patches)
+        rows = [text.get_window_extent() for text in parts[-1].texts]
+        assert not any(one.overlaps(two) for one, two in pairwise(rows))
 
 
 def test_given_axes_are_used_and_the_file_is_the_same_each_time(tmp_path):

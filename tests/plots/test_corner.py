@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.corner import LABELS, TRUTH
+from bayes_toe.plots.corner import LABELS, TRUTH, _support
 from bayes_toe.plots.figure_files import png
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
@@ -112,3 +112,18 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
 def test_what_cannot_be_a_true_value_is_refused(analysis, truths, named):
     with pytest.raises(InputError, match=named):
         bt.plots.corner(analysis.draws, "A", truths=truths)
+
+
+def test_a_composition_with_every_part():
+    model = "constant error + sloped + both ways + exponent + beta-binomial"
+    draws = bt.sample(bt.example_study().select(["S05"]), model=model, draws=300, seed=1, workers=1)
+    figure = bt.plots.corner(draws, "S05", prior=draws.prior)
+    labels = {ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()}
+    assert labels >= {r"noise slope $b$", r"lapse rate $\lambda$", r"exponent $\nu$", "intra-class\ncorrelation"}
+    assert len(labels) == len(draws.posterior("S05").names.natural) == 7
+
+
+def test_a_noise_slope_may_be_negative_and_a_lapse_rate_is_a_share(small_study):
+    target = posterior_of(small_study["A"], model="none + sloped + both ways")
+    assert _support(target, "noise_slope") == (-np.inf, np.inf)
+    assert _support(target, "lapse_rate") == (0.0, 1.0)

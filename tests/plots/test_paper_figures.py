@@ -1,5 +1,6 @@
 """The paper's figures: what is drawn in them, that words stay apart, that files are the same each time."""
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +14,7 @@ import bayes_toe as bt
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.collapse import collapse
+from bayes_toe.classical.fit_table import subject_fit
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain
@@ -166,8 +168,7 @@ def test_functions_of_gamma_end_at_the_golden_ratio():
         bt.plots.gamma_axes("G")
 
 
-@pytest.mark.parametrize("quantity", ["slope", "prefactor"])
-def test_panels_are_drawn_on_axes_that_are_given(analysis, table, quantity):
+def test_panels_are_drawn_on_axes_that_are_given(analysis, table):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
     draw = (
         lambda ax: bt.plots.asymmetry_axes(table, ax),
@@ -178,7 +179,8 @@ def test_panels_are_drawn_on_axes_that_are_given(analysis, table, quantity):
         lambda ax: bt.plots.collapse_axes(counts, theta, ax),
         lambda ax: bt.plots.map_axes(posterior_clouds(analysis.draws), ax),
         lambda ax: bt.plots.plane_axes(counts, theta, ax),
-        lambda ax: bt.plots.gamma_axes(quantity, ax),
+        lambda ax: bt.plots.gamma_axes("slope", ax),
+        lambda ax: bt.plots.gamma_axes("prefactor", ax),
     )
     for one in draw:
         ax = Figure().subplots()
@@ -231,7 +233,10 @@ def require_legible(figure):
 
 
 def run(study):
-    return bt.run(study, draws=300, seed=1, workers=1)
+    """An analysis with few bootstrap replicates, which no figure shows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))
+        return bt.run(study, draws=300, seed=1, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -267,11 +272,12 @@ def test_figures_of_real_studies_are_legible(real_data, file):
 
 def test_any_subjects_can_be_chosen(bundled):
     names = ("S16", "S02", "S09", "S01")
-    drawn = bt.plots.figures(bundled, names)
-    titles = [ax.get_title() for ax in drawn["figure_3_examples"].axes]
-    assert [title for title in titles if title.startswith("S")] == [f"{name} (synthetic)" for name in ("S16", "S02", "S09", "S01")]
-    require_legible(drawn["figure_3_examples"])
-    require_legible(drawn["figure_5_plane"])
+    material = material_of(bundled, names)
+    examples, plane = (FIGURES[name](material) for name in ("figure_3_examples", "figure_5_plane"))
+    titles = [ax.get_title() for ax in examples.axes]
+    assert [title for title in titles if title.startswith("S")] == [f"{name} (synthetic)" for name in names]
+    require_legible(examples)
+    require_legible(plane)
     for wrong in (["S99"], [], ["S01", "S01"]):
         with pytest.raises(InputError):
             bt.plots.figures(bundled, wrong)
@@ -288,10 +294,16 @@ def test_names_of_any_kind_are_drawn(small_study):
 # --- files ------------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def twice(analysis):
+    """Two figures, each drawn twice."""
+    return [[FIGURES[name](material_of(analysis)) for _ in range(2)] for name in ("figure_2_filter", "figure_5_plane")]
+
+
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
-def test_a_figure_gives_the_same_bytes_each_time(analysis, suffix):
-    for name in ("figure_2_filter", "figure_5_plane"):
-        one, again = (picture(FIGURES[name](material_of(analysis)), suffix) for _ in range(2))
+def test_a_figure_gives_the_same_bytes_each_time(twice, suffix):
+    for pair in twice:
+        one, again = (picture(figure, suffix, dpi=100) for figure in pair)
         assert one == again
         assert b"CreationDate" not in one
         assert b"<dc:date>" not in one

@@ -59,24 +59,19 @@ def test_the_draws_are_those_of_the_study(folder):
     assert draws.attrs["seed"] == 1
 
 
-def test_evidence_table_and_figure(folder):
-    arguments = ("evidence_table.py", "study.csv", "-o", "e.csv", "--figure", "e.png")
-    done = call(*arguments, cwd=folder)
+def test_evidence_table_and_figure(folder, tmp_path):
+    done = call("evidence_table.py", "study.csv", "-o", "e.csv", "--figure", "e.png", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert is_drawn(folder / "e.png")
     table = pd.read_csv(folder / "e.csv")
     assert list(table.subject) == ["A", "b/2"]
 
     seed = done.stdout.split("seed ")[1].split(";")[0]  # fresh, and printed: the table can be made again
-    again = inside(*arguments, "--seed", seed, "--overwrite", cwd=folder)
+    (tmp_path / "evidence.csv").write_text("of yesterday")
+    again = inside("evidence_table.py", folder / "study.csv", "--seed", seed, "--overwrite", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
-    pd.testing.assert_frame_equal(pd.read_csv(folder / "e.csv"), table, check_exact=True)
-
-
-def test_without_a_figure_only_the_table_is_written(folder, tmp_path):
-    done = inside("evidence_table.py", folder / "study.csv", "--seed", "1", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["evidence.csv"]
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "evidence.csv"), table, check_exact=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["evidence.csv"]  # without a figure only the table is written
 
 
 @pytest.mark.parametrize("coordinates", ["natural", "identified", "gain, mu1"])

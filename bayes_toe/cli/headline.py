@@ -1,0 +1,69 @@
+"""What terminal and report say first of a subject: where the model does not describe the answers, and what to do about it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
+from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit
+
+#: What to do about a misfit, where no composition is known that describes the answers.
+NEXT = "next: bayes-toe compare, which finds the noise and the lapses that these answers need, and the order effect under them"
+#: What the comparison of Appendix C tests, and what it does not.
+APPENDIX_C = "H0 has a free frequency per pair: this asks whether the answers follow one smooth curve, not whether there is an order effect"
+#: When a misfit is said, and what follows from it.
+FIT = (
+    f"A misfit is a predictive p or a p-value of the deviance below {MISFIT:g}; the three models of the order effect share noise and "
+    "lapses with H1, so that their probabilities mean little there"
+)
+
+
+def tally(table: EvidenceTable) -> str:
+    """How many subjects have which order effect, in the order of the kinds; for a single subject, which one."""
+    if len(table) == 1:
+        return order_effect_and_probability(table.rows[0].log_evidence_orders)
+    found = Counter(order_effect(row.log_evidence_orders) for row in table)
+    words = [word for word in (*KINDS, "some order effect", "undecided", "no estimate") if found[word]]
+    return ", ".join(f"{word} for {found[word]}" for word in words) + f" of {len(table)} subjects"
+
+
+def misfits(table: EvidenceTable) -> str:
+    """Of how many subjects the model does not describe the answers; empty where it does for all."""
+    found = sum(row.misfit for row in table)
+    return f"H1 does not describe the answers{f' of {found} of {len(table)} subjects' if len(table) > 1 else ''}" if found else ""
+
+
+def p_value(value: float) -> str:
+    """A p-value for a table.
+
+    Examples
+    --------
+    >>> p_value(0.0), p_value(0.0123), p_value(0.5)
+    ('< 0.001', '0.012', '0.50')
+    """
+    return "< 0.001" if value < 0.001 else f"{value:.2g}" if value < 0.095 else f"{value:.2f}"
+
+
+def deviance(fit: FitSummary) -> str:
+    """A deviance with its degrees of freedom."""
+    return f"{fit.deviance:.1f} ({fit.degrees_of_freedom})"
+
+
+def misfit(fit: FitSummary, described_by: str = "") -> str:
+    """A misfit in one line: how bad, the worst pairs and, where one is known, the composition that describes the answers."""
+    p = p_value(fit.p_overall)
+    size = f"predictive p {p if p.startswith('<') else f'= {p}'}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
+    return "; ".join([size, *map(_pair, fit.worst), *([f"described by {described_by}"] if described_by else [])])
+
+
+def _pair(pair: PairFit) -> str:
+    """A pair with both shares of 'equal'.
+
+    Examples
+    --------
+    >>> _pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
+    '(3.69, 3.3) called equal 95 %, expected 70 %'
+    """
+    interval = "" if pair.isi is None else f" at {pair.isi:g} s"
+    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval} called equal {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"

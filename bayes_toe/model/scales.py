@@ -1,0 +1,113 @@
+"""Scales on which single quantities are unconstrained: as they are, by their logarithm, by the logit of their share of a top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from scipy.special import expit, logit
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.model.distributions import Distribution, log_density_of_logit, slopes_of_logit
+
+Slopes = tuple[FloatArray, FloatArray]
+
+
+class Scale(Protocol):
+    """A bijection between a quantity and its coordinate, with the density that a distribution of the quantity has on it; any shape."""
+
+    @property
+    def prefix(self) -> str:
+        """What the name of the coordinate begins with."""
+        ...
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """The quantity at coordinates."""
+        ...
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """The coordinate of quantities."""
+        ...
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """Log density with respect to the coordinate."""
+        ...
+
+    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
+        """Its first and second derivative."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plain:
+    """As it is."""
+
+    prefix: ClassVar[str] = ""
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """The same."""
+        return x
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """The same."""
+        return np.asarray(t)
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """That of the quantity."""
+        return distribution.log_density(x)
+
+    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
+        """Those of the quantity."""
+        return distribution.derivatives(x)
+
+
+@dataclass(frozen=True)
+class Log:
+    """By the logarithm."""
+
+    prefix: ClassVar[str] = "log_"
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """Its exponential."""
+        return np.exp(x)
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """Its logarithm."""
+        return np.log(t)
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With log dt/dx = x."""
+        with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
+            return np.asarray(distribution.log_density(np.exp(x)) + x)
+
+    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
+        """First t f' + 1, then t^2 f'' + t f'."""
+        with np.errstate(over="ignore"):
+            t = np.exp(x)
+            slope, bend = distribution.derivatives(t)
+            return t * slope + 1.0, np.square(t) * bend + t * slope
+
+
+@dataclass(frozen=True)
+class Logit:
+    """By the logit of the share of the top."""
+
+    top: float = 1.0
+    prefix: ClassVar[str] = "logit_"
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """The share of the top."""
+        return np.asarray(self.top * expit(x))
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """The logit."""
+        return np.asarray(logit(t / self.top))
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With dt/dx = top expit(x) expit(-x)."""
+        return log_density_of_logit(distribution, x, self.top)
+
+    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
+        """By dt/dx and its slope, -dt/dx tanh(x/2)."""
+        return slopes_of_logit(distribution, x, self.top)

@@ -1,0 +1,88 @@
+"""Averages over models: weights, exact zeros, mixtures of answers; what is withheld."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from one_subject import sample_model
+from scipy.special import softmax
+
+import bayes_toe as bt
+from bayes_toe.comparison.average import AVERAGED, Averages, _averaged, _Drawn
+from bayes_toe.inference.prediction import Predictor
+
+MODELS = ("symmetric", "constant error + sloped", "predictive update", "free weighting")
+DRAWS = 800
+
+
+@pytest.fixture(scope="module")
+def drawn(small_study):
+    """Draws of one subject under four models, with evidences that give them probabilities of 0.4, 0.3, 0.2 and 0.1."""
+    made = [sample_model(small_study["A"], name, draws=DRAWS, seed=2) for name in MODELS]
+    logs = np.log([0.4, 0.3, 0.2, 0.1]) - 700
+    return [
+        _Drawn(one.target, float(log), one.chains.x.reshape(-1, len(one.target.coordinates)), "")
+        for one, log in zip(made, logs, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def one(drawn, small_study):
+    return _averaged(small_study["A"], drawn, DRAWS)
+
+
+def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one):
+    assert one.weights == pytest.approx([0.4, 0.3, 0.2, 0.1], rel=1e-12)
+    assert [len(part.x) for part in one.drawn] == [320, 240, 160, 80]
+    assert {name: round(one.without(name), 12) for name in AVERAGED} == {"pull": 0.7, "offset": 0.4, "gain": 0.7}
+    for name, null in AVERAGED.items():
+        values = one.values(name)
+        assert len(values) == DRAWS
+        assert np.mean(values == null) == pytest.approx(one.without(name), abs=1e-12)
+    assert one.values("pull") == pytest.approx(1 - one.values("gain"), abs=1e-12)
+    assert one.values("offset")[320:560].mean() == pytest.approx(one.drawn[1].target.quantities(one.drawn[1].x)["offset"].mean())
+
+
+def test_answers_are_the_mixture_of_those_of_the_models(one, drawn):
+    s1, s2 = np.array([0.0, 0.3, 0.1]), np.array([0.3, 0.0, 0.1])
+    mixed = one.equal(s1, s2)
+    parts = np.array([Predictor(each.target, each.x).equal(s1, s2).mean(axis=0) for each in drawn])
+    spread = np.sqrt(mixed.var(axis=0) / 100)  # as if the draws were worth a hundred independent ones
+    assert np.all(np.abs(mixed.mean(axis=0) - one.weights @ parts) < 4 * spread)
+    frame = Averages((one,), {}, 1, bt.Prior()).equal("A", [0.0, 0.3], 0.2)
+    assert frame["s2"].tolist() == [0.2, 0.2]
+    assert frame["mean"].to_numpy() == pytest.approx(one.equal([0.0, 0.3], [0.2, 0.2]).mean(axis=0), rel=1e-12)
+    assert (np.diff(frame[["q05", "q25", "q50", "q75", "q95"]]) >= 0).all()
+    with pytest.raises(bt.InputError, match="tested without intervals"):
+        one.equal(0.0, 0.3, 1.0)
+
+
+def test_summary_and_weights(one):
+    table = Averages((one,), {}, 1, bt.Prior())
+    summary = table.summary().set_index("quantity")
+    assert summary.columns.tolist() == ["subject", "mean", "q05", "q25", "q50", "q75", "q95", "value_without", "p_without"]
+    assert summary.loc["pull", "q50"] == 0.0
+    assert summary.loc["gain", "value_without"] == 1.0
+    assert summary.loc["pull", "mean"] == pytest.approx(one.values("pull").mean())
+    assert table.weights()["probability"].sum() == pytest.approx(1.0)
+    assert table.weights()["model"].tolist() == list(MODELS)
+
+
+def test_a_missing_evidence_or_draws_that_count_and_did_not_converge_withhold_the_average(drawn, small_study):
+    counts = small_study["A"]
+    assert _averaged(counts, [*drawn[:2], replace(drawn[2], log_evidence=None)], DRAWS) == "no evidence of predictive update"
+    why = _averaged(counts, [drawn[0], replace(drawn[1], not_converged="R-hat 1.2")], DRAWS)
+    assert why == "draws did not converge (constant error + sloped: R-hat 1.2)"
+    far = replace(drawn[1], not_converged="R-hat 1.2", log_evidence=-2000.0)
+    assert _averaged(counts, [drawn[0], far], DRAWS).weights.tolist() == [1.0, 0.0]  # nothing of it is used
+    with pytest.raises(bt.InputError, match="'A': no average, R-hat"):
+        Averages((), {"A": "R-hat"}, 1, bt.Prior())["A"]
+
+
+def test_through_the_pipeline_with_the_evidences_of_a_comparison(small_study):
+    study, names = small_study.select(["C"]), ["free frequencies", "symmetric", "constant error"]
+    found, table = (verb(study, names, draws=500, seed=4, workers=1) for verb in (bt.average, bt.compare))
+    assert found["C"].weights == pytest.approx(softmax(table.log_evidence[0, 1:]), rel=1e-12)
+    assert found["C"].models == ("symmetric", "constant bias")
+    with pytest.raises(bt.InputError, match="nothing is left to average"):
+        bt.average(study, ["free frequencies"])
