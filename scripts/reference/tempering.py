@@ -123,7 +123,7 @@ def tempered(log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, pa
     --------
     >>> hill = lambda x: -50.0 * ((x - 1.0) ** 2).sum(axis=1)  # the mean is (101)^(-1/2) exp(-50/101) in each direction
     >>> found = tempered(hill, 2, np.random.default_rng(1), 4000)[1]
-    >>> abs(found + np.log(101) + 100 / 101) < 0.1
+    >>> bool(abs(found + np.log(101) + 100 / 101) < 0.1)
     True
     """
     x = rng.standard_normal((particles, k))
