@@ -80,7 +80,7 @@ def sampling(running):
 
 
 def drawing(running):
-    return any(running.folder.glob("out/.bayes_toe-*/new/evidence.csv"))
+    return any(running.folder.glob(".bayes_toe-*/new/evidence.csv"))
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_what_a_killed_command_leaves_is_ended_and_swept(running):
     running.kill()
     running.communicate()
     until_gone(running.pid)
-    assert list(running.folder.glob("out/.bayes_toe-*"))
+    assert list(running.folder.glob(".bayes_toe-*"))
     again = start("run", "none.csv", "-o", "out", cwd=running.folder)
     assert "none.csv" in again.communicate()[1]
-    assert not list(running.folder.glob("out/.bayes_toe-*"))
+    assert not list(running.folder.glob(".bayes_toe-*"))
