@@ -119,6 +119,10 @@ class _Lane:
     def submit(self, job: Callable[[], Result]) -> Future[Result]:
         from loky import BrokenProcessPool
 
+        # A worker that was idle has ended. An executor that starts another by itself may not notice when that one dies: its thread waits
+        # for processes that it knew when it began to wait.
+        if not self._executor._processes:
+            self.renew()
         try:
             return self._submitted(job)
         except BrokenProcessPool:  # the worker died while it had nothing to do
