@@ -6,15 +6,16 @@ All take the same options: seed, prior, draws, workers, progress.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import ConvergenceWarning, InputError
+from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.draws import Draws, build_draws
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
@@ -25,14 +26,18 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Failed, Progress, run_or_fail
 
+Result = TypeVar("Result")
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits."""
+    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits.
+
+    The study is without subjects that failed, see :attr:`bayes_toe.inference.draws.Draws.failed`.
+    """
 
     study: Study
     draws: Draws
@@ -71,10 +76,11 @@ def run(
     wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
     presets = _presets(study)
     jobs = [partial(_evidence_of, subject, settings, wanted, presets) for subject in study]
-    done = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    made = build_draws(study, [one.result for one in done], settings)
+    study, done, failed = _survivors(study, jobs, workers, progress)
+    made = build_draws(study, [one.result for one in done], settings, failed)
     fits = FitTable(tuple(one.fit for one in done if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    return Analysis(study, made, _table(done, settings), settings, fits, tuple(one.presets for one in done if one.presets is not None))
+    moved = tuple(one.presets for one in done if one.presets is not None)
+    return Analysis(study, made, _table(done, settings, failed), settings, fits, moved)
 
 
 def sample(
@@ -118,6 +124,8 @@ def sample(
     ('constant bias', ('q0', 'width', 'offset'))
     """
     made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress)
+    for name, reason in made.failed.items():
+        warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
     for name, shortfall in made.not_converged.items():
         warnings.warn(f"subject {name!r} did not converge: {shortfall}", ConvergenceWarning, stacklevel=2)
     return made
@@ -137,8 +145,8 @@ def draw(
     record, settings = model_named(model), _settings(study, draws, seed, prior, model)
     wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
     jobs = [partial(infer, record.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
-    results = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return build_draws(study, results, settings)
+    kept, results, failed = _survivors(study, jobs, workers, progress)
+    return build_draws(kept, results, settings, failed)
 
 
 def evidence(
@@ -169,7 +177,8 @@ def evidence(
     """
     settings, wanted = _settings(study, draws, seed, prior), Wanted(evidence_draws=draws)
     jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
-    return _table(run_in_order(jobs, workers, progress, [(name,) for name in study.names]), settings)
+    _, done, failed = _survivors(study, jobs, workers, progress)
+    return _table(done, settings, failed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,5 +226,17 @@ def _affordable(study: Study, settings: Settings) -> bool:
     return values_needed(study, settings.sampler) <= POINTWISE_LIMIT
 
 
-def _table(done: Sequence[_Analysed], settings: Settings) -> EvidenceTable:
-    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior)
+def _table(done: Sequence[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:
+    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed)
+
+
+def _survivors(
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None
+) -> tuple[Study, list[Result], dict[str, str]]:
+    """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
+    done = dict(zip(study.names, run_or_fail(jobs, workers, progress, [(name,) for name in study.names]), strict=True))
+    failed = {name: one.reason for name, one in done.items() if isinstance(one, Failed)}
+    if len(failed) == len(study):
+        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    kept = replace(study, subjects=tuple(subject for subject in study if subject.name not in failed)) if failed else study
+    return kept, [one for one in done.values() if not isinstance(one, Failed)], failed

@@ -39,6 +39,10 @@ class OutputError(BayesToeError, OSError):
     """An output that cannot be written, or exists and may not be replaced."""
 
 
+class WorkerError(BayesToeError, RuntimeError):
+    """Work that cannot be had: the processes that did it died, more than once."""
+
+
 class NumericalError(BayesToeError, ArithmeticError):
     """A quantity that has to be finite was not: a bug or an impossible input, never hidden."""
 

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import atexit
 import os
-from collections import deque
+import signal
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from threading import Thread
+from typing import Any, Generic, TypeVar
 
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, WorkerError
 
 #: Told the name of what is done.
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_ATTEMPTS = 2  # workers that may die of one job
+_IDLE = 10.0  # seconds after which a worker without a job ends
+
+
+@dataclass(frozen=True)
+class Failed:
+    """In the place of a job's result: why there is none. Its worker died, and a fresh one as well; other jobs went on."""
+
+    reason: str
 
 
 def worker_count(workers: int | None, jobs: int) -> int:
@@ -33,8 +47,10 @@ def worker_count(workers: int | None, jobs: int) -> int:
     return max(1, min(wanted, jobs))
 
 
-def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result]]:
+def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result | Failed]]:
     """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
+
+    A job whose worker dies (killed, out of memory) is tried once more, in a fresh worker; after a second death it is :class:`Failed`.
 
     A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported: worker processes receive it by
     name. This process takes its share of the jobs: it needs the same libraries anyhow, and a worker less has to load them.
@@ -59,8 +75,26 @@ def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Itera
 def run_in_order(
     jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
 ) -> list[Result]:
-    """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done."""
-    results: dict[int, Result] = {}
+    """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done.
+
+    Raises
+    ------
+    WorkerError
+        If a job failed, see :func:`run_or_fail` for those that can do without.
+    """
+    found: list[Result] = []
+    for name, result in zip(names, run_or_fail(jobs, workers, progress, names), strict=True):
+        if isinstance(result, Failed):
+            raise WorkerError(": ".join([*name, result.reason]))
+        found.append(result)
+    return found
+
+
+def run_or_fail(
+    jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
+) -> list[Result | Failed]:
+    """The same where others go on without a job that failed."""
+    results: dict[int, Result | Failed] = {}
     for index, result in run_jobs(jobs, workers):
         results[index] = result
         if progress is not None:
@@ -70,48 +104,136 @@ def run_in_order(
 
 
 def stop_workers() -> None:
-    """End idle workers at once. They wait for further calls otherwise, and take their time to tidy up when this process ends."""
-    while _executors:
-        _executors.pop().shutdown(wait=True, kill_workers=True)
+    """End workers at once. They wait for further calls otherwise, and take their time to tidy up when this process ends."""
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(_Lane.stop, _lanes))
+    _lanes.clear()
 
 
-_executors: list[Any] = []  # loky's, which is one for all calls
+class _Lane:
+    """One worker process in an executor of its own: where it dies, it is known of which job."""
 
+    def __init__(self) -> None:
+        self._executor = self._fresh()
 
-def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple[int, Result]]:
-    """Share jobs between this process and `others` workers; a worker that is done is handed the next job at once, by callback."""
-    from loky import get_reusable_executor
+    def submit(self, job: Callable[[], Result]) -> Future[Result]:
+        from loky import BrokenProcessPool
 
-    executor = get_reusable_executor(max_workers=others, env=dict.fromkeys(_THREADS, "1"))
-    _executors[:] = [executor]
-    waiting = deque(enumerate(jobs))
-    done: SimpleQueue[tuple[int, Future[Result]]] = SimpleQueue()
-
-    def hand_out() -> None:
+        # A worker that was idle has ended. An executor that starts another by itself may not notice when that one dies: its thread waits
+        # for processes that it knew when it began to wait.
+        if not self._executor._processes:
+            self.renew()
         try:
-            index, job = waiting.popleft()
-        except IndexError:  # another thread may have taken the last one: only the attempt tells
-            return
-        executor.submit(job).add_done_callback(lambda future: finish(index, future))
+            return self._submitted(job)
+        except BrokenProcessPool:  # the worker died while it had nothing to do
+            self.renew()
+            return self._submitted(job)
 
-    def finish(index: int, future: Future[Result]) -> None:
-        done.put((index, future))  # first: handing out fails where the workers have died, and this call has to hear of it
-        hand_out()
+    def renew(self) -> None:
+        """A fresh worker in the place of one that died."""
+        self._executor = self._fresh()
 
+    def stop(self) -> None:
+        self._executor.shutdown(wait=True, kill_workers=True)
+
+    def _submitted(self, job: Callable[[], Result]) -> Future[Result]:
+        future: Future[Result] = self._executor.submit(job)
+        return future
+
+    def _fresh(self) -> Any:
+        from loky import ProcessPoolExecutor
+
+        env = dict.fromkeys(_THREADS, "1")
+        return ProcessPoolExecutor(max_workers=1, timeout=_IDLE, env=env, initializer=_begin, initargs=(os.getpid(),))
+
+
+_lanes: list[_Lane] = []  # kept from call to call
+atexit.register(_lanes.clear)  # while the libraries that executors need to go are still there
+
+
+def _begin(parent: int) -> None:
+    """In a worker, first: what a terminal says to all its processes is for the parent to answer, and no worker outlives its parent."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """A parent that is killed cannot say so: look whether it is there."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple[int, Result | Failed]]:
+    """Share jobs between this process and `others` workers."""
+    _lanes.extend(_Lane() for _ in range(others - len(_lanes)))
+    sharing = _Sharing(jobs)
     try:
-        for _ in range(others):
-            hand_out()
+        for lane in _lanes[:others]:
+            sharing.hand_out(lane)
         left = len(jobs)
         while left:
-            own = None
-            with suppress(IndexError):
-                own = waiting.popleft()
+            own = sharing.next()
             if own is not None:
-                yield own[0], own[1]()
+                yield own, jobs[own]()
                 left -= 1
-            while left and (own is None or not done.empty()):
-                index, future = done.get()
-                yield index, future.result()
-                left -= 1
+            while left and (own is None or not sharing.done.empty()):
+                found = sharing.heard()
+                if found is not None:
+                    yield found
+                    left -= 1
+    except KeyboardInterrupt:
+        stop_workers()  # the session may go on, and nobody waits for what they are at
+        raise
     finally:
-        waiting.clear()
+        sharing.waiting.clear()
+
+
+class _Sharing(Generic[Result]):
+    """Jobs that wait, and what workers have done; a worker that is done is handed the next job at once, by callback.
+
+    A job that a worker died of goes to a worker again, never to this process.
+    """
+
+    def __init__(self, jobs: Sequence[Callable[[], Result]]) -> None:
+        self.jobs, self.waiting, self.died = jobs, deque(range(len(jobs))), Counter[int]()
+        self.done: SimpleQueue[tuple[_Lane, int, Future[Result]]] = SimpleQueue()
+
+    def next(self) -> int | None:
+        """A job that waits; another thread may take the last one: only the attempt tells."""
+        with suppress(IndexError):
+            return self.waiting.popleft()
+        return None
+
+    def hand_out(self, lane: _Lane) -> None:
+        index = self.next()
+        if index is not None:
+            self._start(lane, index)
+
+    def heard(self) -> tuple[int, Result | Failed] | None:
+        """Wait for a worker; None where it died and the job is tried again."""
+        from loky.process_executor import TerminatedWorkerError
+
+        lane, index, future = self.done.get()
+        if not isinstance(future.exception(), TerminatedWorkerError):
+            return index, future.result()
+        self.died[index] += 1
+        lane.renew()
+        if self.died[index] < _ATTEMPTS:
+            self._start(lane, index)
+            return None
+        self.hand_out(lane)
+        return index, Failed(f"failed: {_ATTEMPTS} workers died of it (killed, or out of memory)")
+
+    def _start(self, lane: _Lane, index: int) -> None:
+        from loky.process_executor import ShutdownExecutorError
+
+        with suppress(ShutdownExecutorError):  # all is being stopped
+            lane.submit(self.jobs[index]).add_done_callback(lambda future: self._finish(lane, index, future))
+
+    def _finish(self, lane: _Lane, index: int, future: Future[Result]) -> None:
+        self.done.put((lane, index, future))
+        if future.exception() is None:
+            self.hand_out(lane)

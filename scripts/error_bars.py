@@ -21,11 +21,11 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
-from bayes_toe.errors import BayesToeError, InputError
+from bayes_toe.errors import BayesToeError, InputError, WorkerError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.workers import run_jobs
+from bayes_toe.workers import Failed, run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"
 FILES = ("error_bars.csv", "error_bars.md")
@@ -74,6 +74,8 @@ def measure(seeds: int, names: list[str] | None, workers: int | None) -> pd.Data
     cases = [Case(subjects[name], stored[name]["log_evidence"], seeds) for name in names or subjects]
     rows = {}
     for index, row in run_jobs([partial(z_scores, case) for case in cases], workers):
+        if isinstance(row, Failed):
+            raise WorkerError(f"{cases[index].subject.name}: {row.reason}")
         rows[index] = row
         print(f"{row['case']:32s} sd of z {row['sd_z']:.2f}, {row['withheld']} withheld", flush=True)
     return pd.DataFrame([rows[index] for index in range(len(cases))])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
@@ -58,3 +59,6 @@ def study_csv(tmp_path, small_study):
 
 
 os.environ.setdefault("COLUMNS", "140")
+# HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own numbers keep these.
+settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
+settings.register_profile("night", max_examples=20_000, deadline=None)

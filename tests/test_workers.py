@@ -1,33 +1,72 @@
 """Work shared between processes."""
 
-import subprocess
-import sys
+import os
+import signal
+import time
 from functools import partial
 
 import pytest
 
-from bayes_toe.workers import run_in_order
+from bayes_toe.errors import WorkerError
+from bayes_toe.workers import Failed, run_in_order, run_or_fail
 
-DYING = """
-import os, time
-from functools import partial
-from bayes_toe.workers import run_jobs
+FATAL = "failed: 2 workers died of it (killed, or out of memory)"
 
-MAIN = os.getpid()
 
-def job(main):
+def die(main, marks, deaths):
+    """Kill the worker that is at it, as often as told; the first job of several is always a worker's."""
+    assert os.getpid() != main  # nor is a job that kills ever tried here
+    with open(marks, "a") as file:
+        file.write("x")
+    if marks.stat().st_size <= deaths:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def slow(value):
+    time.sleep(0.3)
+    return value
+
+
+@pytest.mark.parametrize(("deaths", "expected"), [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"])
+@pytest.mark.parametrize("workers", [2, 3])
+def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(tmp_path, workers, deaths, expected):
+    jobs = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k) for k in range(6))]
+    said, names = [], [(str(k),) for k in range(7)]
+    assert run_or_fail(jobs, workers, said.append, names) == [expected, *range(6)]
+    assert (tmp_path / "marks").stat().st_size == 2
+    assert sorted(said) == sorted(str(k) for k in range(7))
+
+
+def test_where_every_result_is_needed_the_one_that_is_missing_is_named(tmp_path):
+    jobs = [partial(die, os.getpid(), tmp_path / "marks", 9), partial(slow, 1)]
+    with pytest.raises(WorkerError) as error:
+        run_in_order(jobs, 2, None, [("S01",), ("S02",)])
+    assert str(error.value) == f"S01: {FATAL}"
+
+
+def test_a_worker_that_died_without_work_is_replaced():
+    from bayes_toe.workers import _lanes
+
+    jobs = [partial(os.getpid), partial(slow, 1)]
+    idle, _ = run_in_order(jobs, 2, None, [(), ()])
+    assert len(_lanes) >= 1
+    os.kill(idle, signal.SIGKILL)
     time.sleep(0.2)
-    if os.getpid() != main:
-        os._exit(1)
-
-list(run_jobs([partial(job, MAIN)] * 8, 2))
-"""
+    fresh, _ = run_in_order(jobs, 2, None, [(), ()])
+    assert fresh not in (idle, os.getpid())
 
 
-def test_a_worker_that_dies_is_an_error_and_not_a_wait_for_ever():
-    done = subprocess.run([sys.executable, "-c", DYING], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 1
-    assert "TerminatedWorkerError" in done.stderr
+def interrupted():
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_leaves_no_worker_at_work():
+    from bayes_toe.workers import _lanes
+
+    with pytest.raises(KeyboardInterrupt):
+        run_in_order([partial(slow, 1), partial(interrupted)], 2, None, [(), ()])
+    assert not _lanes
 
 
 @pytest.mark.parametrize("workers", [1, 2])

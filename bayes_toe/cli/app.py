@@ -1,6 +1,8 @@
 """The command line: parse, call, print. Our errors become one line per problem and exit code 2.
 
-Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject's draws did not converge or `calibrate` failed.
+Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
+3 done but some subject failed or its draws did not converge, or `calibrate` failed,
+128 and its number after a signal.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import typer
 
 from bayes_toe.cli import describe, draw, infer, synthetic
 from bayes_toe.cli.command import as_command
+from bayes_toe.cli.stopping import main as main
 
 #: In the order in which help lists them.
 COMMANDS = (
@@ -48,22 +51,3 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
         typer.echo(f"bayes-toe {__version__}")
         raise typer.Exit
-
-
-def main() -> None:
-    """Entry point of the `bayes-toe` command."""
-    try:
-        app()
-    finally:
-        _leave()
-
-
-def _leave() -> None:
-    """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
-    import gc
-
-    from bayes_toe.workers import stop_workers
-
-    stop_workers()
-    gc.collect()
-    gc.freeze()

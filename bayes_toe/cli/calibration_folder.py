@@ -37,7 +37,8 @@ def write_calibration(table: CalibrationTable, folder: str | Path, *, overwrite:
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    with whole_folder(folder, PRODUCTS, overwrite=overwrite) as target:
+    required = ("calibration.md", *(_OF_RANKS if table.ranks else ()), *(_OF_EVIDENCE if table.evidence else ()))
+    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
         (target / "calibration.md").write_text(calibration_text(table), encoding="utf-8")
         figures = {}
         if table.ranks:

@@ -12,9 +12,10 @@ from typing import Any, get_type_hints
 import typer
 
 from bayes_toe.cli.options import LAST_IN_HELP
+from bayes_toe.data.cells import visible
 from bayes_toe.errors import BayesToeError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT = 2
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -65,9 +66,6 @@ def _problems_as_lines() -> Iterator[None]:
     try:
         yield
     except BayesToeError as error:
-        for line in str(error).splitlines():
-            typer.echo(f"error: {line}", err=True)
+        for line in str(error).split("\n"):
+            typer.echo(f"error: {visible(line)}", err=True)
         raise typer.Exit(BAD_INPUT) from error
-    except KeyboardInterrupt:
-        typer.echo("interrupted: nothing was written", err=True)
-        raise typer.Exit(INTERRUPTED) from None

@@ -9,7 +9,7 @@ import typer
 
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFile, writes
-from bayes_toe.cli.task import PriorTask, WritingTask
+from bayes_toe.cli.task import PriorTask, TableTask
 
 
 def asymmetry(
@@ -20,7 +20,7 @@ def asymmetry(
         Path | None,
         typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
     ] = None,
-    task: WritingTask,
+    task: TableTask,
 ) -> None:
     """Time-order asymmetry of every comparison without a model: size, exact test, direction.
 
@@ -37,10 +37,12 @@ def asymmetry(
     terminal.say_study(task.console, read)
     table = compute(read)
     tests = None if people is None else covariate_tests(people, table.outcomes())
-    table.save(output, overwrite=task.overwrite)
+    with task.together(*files) as folder:
+        table.save(folder / output.name, **task.saving)
+        if tests is not None:
+            tests.save(folder / beside.name, **task.saving)
     summaries.say_asymmetry(task.console, table)
     if tests is not None:
-        tests.save(beside, overwrite=task.overwrite)
         summaries.say_covariates(task.console, tests)
     task.say_written("written:", *files)
 
@@ -51,7 +53,7 @@ def predict(
     pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
     output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
     subject: OneSubject = None,
-    task: WritingTask,
+    task: TableTask,
 ) -> None:
     """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
 
@@ -64,7 +66,7 @@ def predict(
     task.require_files(output)
     loaded = load(posterior)
     table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
-    write_table(table, output, overwrite=task.overwrite)
+    write_table(table, output, **task.saving)
     task.say_written(f"{len(table)} predictions in", output)
 
 

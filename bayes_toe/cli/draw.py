@@ -10,7 +10,7 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFileOrExample, Workers, writes
-from bayes_toe.cli.task import SamplingTask, WritingTask, leave_unless_converged
+from bayes_toe.cli.task import SamplingTask, WritingTask, leave_unless_whole
 
 
 def figures(
@@ -45,7 +45,7 @@ def figures(
     with task.progress("drawing", len(FIGURES)) as tick:
         write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=task.overwrite, workers=task.workers, progress=tick)
     task.say_written("figures and captions in", output, seed=analysis.settings.seed)
-    leave_unless_converged(analysis.draws)
+    leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +77,6 @@ def corner(
     task.require_folder(output, list(files.values()))
     with task.progress("drawing", len(chosen)) as tick:
         pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=task.workers, progress=tick)
-    with whole_folder(output, list(files.values()), overwrite=task.overwrite) as target:
+    with whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite) as target:
         write_corners(pictures, target, files)
     task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)

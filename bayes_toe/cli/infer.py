@@ -10,30 +10,37 @@ import typer
 
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
-from bayes_toe.cli.task import ModelTask, SamplingTask, leave_unless_converged
+from bayes_toe.cli.task import ModelTableTask, SamplingTask, TableTask, leave_unless_whole
 
 if TYPE_CHECKING:
+    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunningTask(TableTask, SamplingTask):
+    """Sampling, with tables."""
 
 
 def run(
     *,
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
-    task: SamplingTask,
+    task: RunningTask,
 ) -> None:
     """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.results_folder import PRODUCTS, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
     task.require_folder(output, PRODUCTS)
     read, prior = task.opened(study)
+    task.require_room(output, read, prior, others=PICTURE_BYTES)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
@@ -43,9 +50,9 @@ def run(
     summaries.say_draws(task.console, analysis.draws)
     truth = example_truth() if study.file is None else None
     with task.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, overwrite=task.overwrite, truth=truth, workers=task.workers, progress=tick)
+        write_results(analysis, output, truth=truth, workers=task.workers, progress=tick, **task.saving)
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(PRODUCTS)}")
-    leave_unless_converged(analysis.draws)
+    leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
 
 
 def sample(
@@ -67,6 +74,7 @@ def sample(
     record = model_named(model)
     task.require_files(output)
     read, prior = task.read(study)
+    task.require_room(output, read, prior, model)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
     terminal.say_smaller_models(task.console, read)
@@ -75,14 +83,14 @@ def sample(
     draws.save(output, overwrite=task.overwrite)
     summaries.say_draws(task.console, draws)
     task.say_written("draws in", output, seed=draws.seed)
-    leave_unless_converged(draws)
+    leave_unless_whole(task, draws.failed, draws.not_converged)
 
 
 def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
-    task: ModelTask,
+    task: ModelTableTask,
 ) -> None:
     """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
 
@@ -94,13 +102,14 @@ def evidence(
     read, prior = task.opened(study)
     with task.progress("evidence", len(read)) as tick:
         table = compute(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
+    table.save(output, **task.saving)
     summaries.say_evidence(task.console, table)
     task.say_written("table in", output, seed=table.seed)
+    leave_unless_whole(task, table.failed, {})
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComparingTask(SamplingTask):
+class ComparingTask(RunningTask):
     """Sampling, of more models and therefore with fewer draws each."""
 
     draws: DrawCount = 1000
@@ -132,10 +141,12 @@ def compare(
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
         table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_comparison(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
+    with task.together(output, *beside(output), picture) as folder:
+        table.save(folder / output.name, **task.saving)
+        save_comparison(table, folder / picture.name, synthetic=read.synthetic)
     summaries.say_comparison(task.console, table)
     task.say_written("written:", output, *beside(output), picture, seed=table.seed)
+    leave_unless_whole(task, {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}, {})
 
 
 def sensitivity(
@@ -145,7 +156,7 @@ def sensitivity(
     reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
     compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
-    task: ModelTask,
+    task: ModelTableTask,
 ) -> None:
     """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
 
@@ -154,6 +165,7 @@ def sensitivity(
     from bayes_toe.comparison.prior_sensitivity import require_range
     from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
     from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
     from bayes_toe.plots.sensitivity import save_sensitivity
 
     picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
@@ -163,26 +175,26 @@ def sensitivity(
     read, prior = task.opened(study)
     with task.progress("re-weighting", len(read)) as tick:
         table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_sensitivity(table, picture, synthetic=read.synthetic, overwrite=task.overwrite)
     summaries.say_sensitivity(task.console, table)
-    if compare:
-        _parts_sensitivity(read, parts, prior, reach, table.seed, task)
+    of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
+    with task.together(*files) as folder:
+        table.save(folder / output.name, **task.saving)
+        save_sensitivity(table, folder / picture.name, synthetic=read.synthetic)
+        if of_parts is not None:
+            of_parts.save(folder / parts.name, **task.saving)
+            save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
     task.say_written("written:", *files, seed=table.seed)
 
 
-def _parts_sensitivity(study: Study, output: Path, prior: Prior, reach: float, seed: int, task: ModelTask) -> None:
-    """How the probabilities of parts move with the prior, in five steps: table, figure and a line a subject."""
+def _parts_sensitivity(study: Study, prior: Prior, reach: float, seed: int, task: ModelTableTask) -> PartsSensitivity:
+    """How the probabilities of parts move with the prior, in five steps, and a line a subject."""
     from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
-    from bayes_toe.plots.figure_files import picture_beside
-    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
 
     factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
     with task.progress("re-weighting every model", len(study)) as tick:
         table = parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
-    save_parts_sensitivity(table, picture_beside(output), synthetic=study.synthetic, overwrite=task.overwrite)
     summaries.say_parts_sensitivity(task.console, table)
+    return table
 
 
 def fit(
@@ -191,7 +203,7 @@ def fit(
     output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
     replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
     level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
-    task: ModelTask,
+    task: ModelTableTask,
 ) -> None:
     """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
 
@@ -207,6 +219,6 @@ def fit(
     terminal.say_penalty(task.console, prior)
     with task.progress("fitting", len(read)) as tick:
         table = compute(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    table.save(output, overwrite=task.overwrite)
+    table.save(output, **task.saving)
     summaries.say_fits(task.console, table)
     task.say_written("table in", output, seed=table.seed)

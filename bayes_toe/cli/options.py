@@ -34,10 +34,13 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
 
 PriorFile = Annotated[str | None, typer.Option("--prior", metavar="paper|stimuli|prior.toml", help=prior_help())]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
+SpreadsheetSafe = Annotated[
+    bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
 #: In this order help lists the shared options, after those that a command has for itself.
-LAST_IN_HELP = ("seed", "draws", "workers", "prior", "overwrite", "quiet")
+LAST_IN_HELP = ("seed", "draws", "workers", "prior", "spreadsheet_safe", "overwrite", "quiet")
 
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]

@@ -18,6 +18,7 @@ from bayes_toe.cli.digits import allowed
 from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, misfit, misfits, p_value, tally
 from bayes_toe.comparison.presets import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect_and_probability
+from bayes_toe.data.cells import visible
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.experiments.answers_check import check_answers
@@ -65,10 +66,10 @@ def write_report(analysis: Analysis, facts: Facts, pictures: Pictures, path: str
 
 
 def render(analysis: Analysis, facts: Facts, pictures: Pictures) -> str:
-    """The report as HTML; every text from outside is escaped by the template engine."""
+    """The report as HTML; every text from outside is escaped by the template engine, its control characters too."""
     from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_visible)
     environment.filters.update(number=_number, signed=_signed, p_value=p_value, data_uri=_data_uri, deviance=deviance, misfit=misfit)
     environment.filters.update(order_effect=order_effect_and_probability, conclusion=conclusion)
     source = (files("bayes_toe.cli") / "report.html").read_text(encoding="utf-8")
@@ -87,6 +88,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures) -> dict[str, 
         "misfits": misfits(table),
         "presets": say_presets(analysis.presets),
         "said": {"scale": STATED, "fit": FIT, "appendix_c": APPENDIX_C, "next": NEXT[0].upper() + NEXT[1:]},
+        "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "study_findings": [finding for finding in findings if finding.subject == ""],
         "before_pooling": check_answers(analysis.study, analysis.settings.prior),
@@ -163,6 +165,10 @@ def _number(value: float | None, digits: int = 2, error: float = np.nan) -> str:
 def _signed(value: float, digits: int = 2) -> str:
     """A number for a table, with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def _visible(value: object) -> object:
+    return visible(value) if type(value) is str else value  # markup is the template's own
 
 
 def _data_uri(picture: bytes) -> str:

@@ -33,6 +33,8 @@ Truth = Mapping[str, Mapping[str, float]]
 
 #: What a results folder holds.
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html")
+#: Of a subject, about: two pictures, and both again in the report.
+PICTURE_BYTES = 400_000
 
 
 class _Drawn(NamedTuple):
@@ -50,6 +52,7 @@ def write_results(
     truth: Truth | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
+    spreadsheet_safe: bool = False,
 ) -> Path:
     """Write posterior.nc, summary.csv, evidence.csv, corner/*.png and report.html into `folder`.
 
@@ -64,6 +67,8 @@ def write_results(
         True natural parameters by subject, for synthetic studies; shown in the corner plots.
     workers, progress
         As in :func:`bayes_toe.analysis.run`.
+    spreadsheet_safe : bool
+        As in :func:`bayes_toe.data.tables.write_table`.
 
     Raises
     ------
@@ -71,18 +76,20 @@ def write_results(
         If the folder cannot be written or holds products already; nothing is changed then.
     """
     names = analysis.draws.names
-    with whole_folder(folder, PRODUCTS, overwrite=overwrite) as target:
+    corner_names = corner_files(analysis.draws, names)
+    required = (*(name for name in PRODUCTS if name != "corner"), *(f"corner/{name}" for name in corner_names.values()))
+    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
         analysis.draws.save(target / "posterior.nc")
         summary = analysis.draws.summary()
-        write_table(summary, target / "summary.csv")
-        analysis.evidence.save(target / "evidence.csv")
+        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
+        analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         wide, of_subjects = _overviews(analysis, asymmetry), _pictures_of_subjects(analysis, {} if truth is None else truth)
         done = run_in_order([*wide, *of_subjects], workers, progress, [*((),) * len(wide), *((name,) for name in names)])
         evidence, effects, study_map, prior = (found for found in done if isinstance(found, bytes))
         drawn = dict(zip(names, (found for found in done if isinstance(found, _Drawn)), strict=True))
         corners = {name: found.corner for name, found in drawn.items()}
-        write_corners(corners, target / "corner", corner_files(analysis.draws, names))
+        write_corners(corners, target / "corner", corner_names)
         pictures = Pictures(evidence, effects, study_map, prior, {name: found.curves for name, found in drawn.items()}, corners)
         facts = Facts(summary, asymmetry)
         write_report(analysis, facts, pictures, target / "report.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,11 +11,11 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import PriorFile, Seed, Workers, writes
-from bayes_toe.cli.task import NOT_CONVERGED, WritingTask
+from bayes_toe.cli.task import INCOMPLETE, TableTask, WritingTask
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatingTask(WritingTask):
+class SimulatingTask(TableTask):
     """Design and population of a synthetic study."""
 
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16
@@ -47,14 +48,20 @@ def simulate(
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.seeds import root_seed
 
-    task.require_files(*([output] if truth is None else [output, truth]))
+    files = [output] if truth is None else [output, truth]
+    task.require_files(*files)
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     design = design_from(task.design, task.amplitudes, task.batches, task.isi)
     names, observers = population_from(task.population, task.subjects, seed, prior=prior)
     trials = simulate_trials(names, observers, design, seed)
-    write_table(trial_frame(trials), output, overwrite=task.overwrite)
-    if truth is not None:
-        write_table(truth_frame(names, observers), truth, overwrite=task.overwrite)
+    with ExitStack() as places:  # one where both files are in one folder
+        folders = {
+            parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))
+            for parent in {one.parent for one in files}
+        }
+        write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
+        if truth is not None:
+            write_table(truth_frame(names, observers), folders[truth.parent] / truth.name, **task.saving)
     total = sum(len(one.equal) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")
 
@@ -91,4 +98,4 @@ def calibrate(
     summaries.say_calibration(task.console, table)
     task.say_written("results in", output, seed=plan.seed)
     if not table.passed:
-        raise typer.Exit(NOT_CONVERGED)
+        raise typer.Exit(INCOMPLETE)

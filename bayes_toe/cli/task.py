@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, StudyFileOrExample, Workers
+from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.data.study import Study
-    from bayes_toe.inference.draws import Draws
     from bayes_toe.model.prior import Prior
 
-NOT_CONVERGED = 3
+INCOMPLETE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +48,17 @@ class WritingTask(Task):
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it."""
         from bayes_toe.data.whole_files import require_writable
+        from bayes_toe.data.whole_folders import put_back
 
         for file in files:
+            put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
+
+    def together(self, *files: Path) -> AbstractContextManager[Path]:
+        """A folder to write files to under their names, which appear all together or not at all."""
+        from bayes_toe.data.whole_folders import whole_together
+
+        return whole_together(*files, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:
         """The same for a folder and what it will hold."""
@@ -64,6 +71,18 @@ class WritingTask(Task):
         names = ", ".join(map(terminal.safe, files))
         beginning = "" if seed is None else f"seed {seed}; "
         self.console.print(f"{beginning}{what} [bold]{names}[/bold]{ending}", highlight=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableTask(WritingTask):
+    """A command that writes tables."""
+
+    spreadsheet_safe: SpreadsheetSafe = False
+
+    @property
+    def saving(self) -> dict[str, bool]:
+        """How tables are written."""
+        return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,13 +120,28 @@ class ModelTask(WritingTask, PriorTask):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModelTableTask(TableTask, ModelTask):
+    """The same with tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SamplingTask(ModelTask):
     """A command that samples."""
 
     draws: DrawCount = 4000
 
+    def require_room(self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0) -> None:
+        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them."""
+        from bayes_toe.data.places import require_room
+        from bayes_toe.inference.draws import stored_bytes
+        from bayes_toe.inference.sampling import SamplerSettings
 
-def leave_unless_converged(draws: Draws) -> None:
-    """Exit code 3 where some subject's draws did not converge."""
-    if draws.not_converged:
-        raise typer.Exit(NOT_CONVERGED)
+        require_room(place, stored_bytes(study, prior, SamplerSettings(self.draws), model) + others * (len(study) + 1))
+
+
+def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
+    """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
+    for name, reason in failed.items():
+        terminal.say_note(task.console, f"{name}: {reason}", "left out", "red")
+    if failed or missed:
+        raise typer.Exit(INCOMPLETE)

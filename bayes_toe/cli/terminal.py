@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from bayes_toe.data.cells import visible
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -28,10 +30,10 @@ def new_console(quiet: bool) -> Console:
 
 
 def safe(text: object) -> str:
-    """Text from outside, kept from being read as markup."""
+    """Text from outside, kept from being read as markup or obeyed by the terminal."""
     from rich.markup import escape
 
-    return escape(str(text))
+    return escape(visible(str(text)))
 
 
 @contextmanager
@@ -54,7 +56,7 @@ def say_table(console: Console, title: str, rows: list[dict[Any, Any]], formats:
 
     table = Table(title=title, title_justify="left", title_style="bold")
     for index, key in enumerate(rows[0]):
-        table.add_column(str(key), justify="left" if index == 0 else "right", overflow="fold")
+        table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*(formats.get(key, safe)(value) for key, value in row.items()))
     console.print(table)
@@ -107,7 +109,7 @@ def say_study(console: Console, study: Study) -> None:
 
 def say_prior(console: Console, prior: Prior | str) -> None:
     """The prior that everything below depends on, or that of a model in words."""
-    say(console, f"  prior: {prior if isinstance(prior, str) else prior.describe()}")
+    say(console, f"  prior: {safe(prior if isinstance(prior, str) else prior.describe())}")
 
 
 def say_penalty(console: Console, prior: Prior) -> None:

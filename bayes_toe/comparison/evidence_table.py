@@ -7,7 +7,8 @@ Source of H1 against H0: Appendix C, with the likelihood (not its log) inside th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,8 +47,7 @@ EVIDENCE_COLUMNS = (
     "prior",
     *("log_evidence_symmetric", "log_evidence_constant_error", "p_none", "p_constant_error", "p_update", "predictive_p"),
 )
-
-
+_COUNTS = ("n_pairs", "n_trials")
 _NO_FIT = "H1: goodness of fit withheld with the weights of its draws"
 _INTERVALS = (
     "order effect: H1 knows what an inter-stimulus interval does, the other two models ignore it, so that their probabilities also ask "
@@ -138,18 +138,32 @@ class SubjectEvidence:
 
 @dataclass(frozen=True)
 class EvidenceTable(SubjectTable[SubjectEvidence]):
-    """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to."""
+    """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to.
+
+    Attributes
+    ----------
+    failed : mapping of str to str
+        Subjects without a row because their work was lost, with the reason.
+    """
 
     seed: int | None = None
     prior: Prior | None = None
+    failed: Mapping[str, str] = field(default_factory=dict)
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior."""
+        """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior.
+
+        Subjects that failed come last and have no value.
+        """
         import pandas as pd
 
         prior = None if self.prior is None else self.prior.describe()
         cells = [[prior if key == "prior" else getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows]
-        return pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
+        frame = pd.DataFrame(cells, columns=list(EVIDENCE_COLUMNS))
+        if not self.failed:
+            return frame
+        empty = pd.DataFrame({"subject": list(self.failed), "prior": prior}, columns=list(EVIDENCE_COLUMNS))
+        return pd.concat([frame.astype(dict.fromkeys(_COUNTS, "Int64")), empty.astype(dict.fromkeys(_COUNTS, "Int64"))], ignore_index=True)
 
 
 def subject_evidence(

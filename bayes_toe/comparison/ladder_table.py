@@ -14,18 +14,19 @@ from scipy.special import softmax
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
-from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, with_differences
+from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
+from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Failed, Progress, run_or_fail
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -181,12 +182,13 @@ class ModelComparison(Table[ModelRow]):
         frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
         return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; each whole or not at all."""
-        written = super().save(path, overwrite=overwrite)
-        for frame, name in zip((self.study_frame(), self.parts_frame()), beside(path), strict=True):
-            write_table(frame, name, overwrite=overwrite)
-        return written
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
+        """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
+        files, frames = (Path(path), *beside(path)), (self.frame(), self.study_frame(), self.parts_frame())
+        with whole_together(*files, overwrite=overwrite) as folder:
+            for frame, file in zip(frames, files, strict=True):
+                write_table(frame, folder / file.name, spreadsheet_safe=spreadsheet_safe)
+        return files[0]
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:
         """Leave-one-out differences to the best model and their errors over the subjects with a value under every model."""
@@ -270,8 +272,10 @@ def compare(
     records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
     names = tuple(model.name for model in records)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    jobs = [partial(compare_one, subject, model, draws=draws, seed=root, prior=chosen) for subject in study for model in records]
-    rows = run_in_order(jobs, workers, progress, [(f"{subject.name}: {name}",) for subject in study for name in names])
+    pairs = [(subject, model) for subject in study for model in records]
+    jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
+    done = run_or_fail(jobs, workers, progress, [(f"{subject.name}: {model.name}",) for subject, model in pairs])
+    rows = [failed_row(*pair, one.reason, prior=chosen) if isinstance(one, Failed) else one for pair, one in zip(pairs, done, strict=True)]
     groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
     return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
 

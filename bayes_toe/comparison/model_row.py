@@ -63,6 +63,8 @@ class ModelRow:
         By column, leave-one-out differences to the subject's best model in the table with their paired errors; without what is withheld.
     left_out : dict of str to LeaveOneOut
         By unit, the values behind the leave-one-out columns; empty where draws did not converge.
+    failed : bool
+        Whether the work was lost, and all values with it.
     """
 
     subject: str
@@ -76,6 +78,7 @@ class ModelRow:
     model_probability: float | None = None
     differences: Mapping[str, float] = field(default_factory=dict)
     left_out: Mapping[Unit, LeaveOneOut] = field(default_factory=dict, compare=False, repr=False)
+    failed: bool = False
 
     def cell(self, column: str) -> object:
         """The entry of a column of compare.csv."""
@@ -104,6 +107,12 @@ def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior
         checks, left_out = Checks(), {}
     evidence = found.value, found.se, found.pareto_k
     return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=left_out)
+
+
+def failed_row(subject: Subject, model: Record, reason: str, *, prior: Prior) -> ModelRow:
+    """The row where that work was lost."""
+    size = len(model.posterior(subject, prior).coordinates)
+    return ModelRow(subject.name, model.name, size, None, None, None, Checks(), (reason,), failed=True)
 
 
 def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:

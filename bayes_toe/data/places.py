@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
-import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from bayes_toe.errors import OutputError
+
+#: Files and folders that this process has finished, for whoever has to say so when it is stopped.
+finished: list[Path] = []
 
 
 def refuse_impossible(target: Path) -> None:
@@ -50,13 +53,18 @@ def make_folders(folder: Path, made: ExitStack) -> None:
         made.callback(remove_empty, part)
 
 
-def free_name(folder: Path, suffix: str) -> Path:
-    """A path in a folder that nothing has, for what is not finished yet."""
-    return folder / f".bayes_toe-{secrets.token_hex(8)}{suffix}"
+def require_room(place: Path, needed: int) -> None:
+    """Refuse now what will not fit on the disk, with a tenth to spare; `needed` is an estimate, in bytes."""
+    with reporting(place):
+        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
+    if 1.1 * needed > free:
+        sizes = f"about {1.1 * needed / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
+        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
 
 
 def probe(path: Path) -> None:
-    """Create and remove a file: the only test of permission that holds on every system."""
+    """Create and remove a file, the only test of permission that holds on every system; refuse a disk that is full."""
+    require_room(path.parent, 2**16)
     with reporting(path.parent):
         try:
             path.touch(exist_ok=False)

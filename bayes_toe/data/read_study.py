@@ -19,6 +19,7 @@ from bayes_toe.data.answers import Answers, Reading, order_of_trials
 from bayes_toe.data.cells import (
     DELIMITERS,
     LARGEST_COUNT,
+    LARGEST_STUDY,
     MOST_SHOWN,
     Cells,
     Column,
@@ -84,7 +85,7 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
-    header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS))
+    header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS), LARGEST_STUDY)
     cells = read_cells(header, text, *_places(header, options))
     return _trial_study(cells, options) if "response" in cells.columns else _count_study(cells, options)
 

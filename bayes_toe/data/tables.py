@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from bayes_toe.data.cells import listed, quoted
-from bayes_toe.data.places import reporting
+from bayes_toe.data.cells import listed, quoted, runs
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -50,9 +49,9 @@ class Table(ABC, Generic[Row]):
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its CSV file."""
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write the table as a CSV file, whole or not at all: see :func:`write_table`."""
-        return write_table(self.frame(), path, overwrite=overwrite)
+        return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class SubjectTable(Table[SubjectRow]):
         raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
 
 
-def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False) -> Path:
+def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty.
 
     Parameters
@@ -83,6 +82,9 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
         The file to be.
     overwrite : bool
         Whether an existing file may be replaced.
+    spreadsheet_safe : bool
+        Whether an apostrophe is put before texts that a spreadsheet would run (:func:`~bayes_toe.data.cells.runs`); our readers take it
+        off the names of subjects again.
 
     Returns
     -------
@@ -104,6 +106,12 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     ['subject,q0', 'S01,0.30000000000000004']
     """
     target = Path(path)
-    with whole_file(target, overwrite=overwrite) as temporary, reporting(target):
+    if spreadsheet_safe:
+        frame = frame.map(_inert).rename(columns=_inert)
+    with whole_file(target, overwrite=overwrite) as temporary:
         frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
+
+
+def _inert(value: object) -> object:
+    return f"'{value}" if isinstance(value, str) and runs(value) else value

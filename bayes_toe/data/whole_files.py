@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bayes_toe.data.places import free_name, make_folders, probe, put_in_place, refuse_impossible, remove, reporting, shown, taken
+from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove, reporting, shown, taken
+from bayes_toe.data.unfinished import free_name, sweep
 from bayes_toe.errors import OutputError
 
 
@@ -34,7 +35,7 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        If the file exists and may not be replaced, is a folder, or its folder cannot be made or written to.
+        If the file exists and may not be replaced, is a folder, or it or its folder cannot be made or written to.
 
     Examples
     --------
@@ -52,14 +53,17 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
         temporary = free_name(target.parent, target.suffix)
         cleanup.callback(remove, temporary)
         probe(temporary)
-        yield temporary
         with reporting(target):
+            yield temporary
             put_in_place(temporary, target, overwrite)
         made.pop_all()
+        finished.append(target)
 
 
 def require_writable(path: str | Path, *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind.
+
+    What processes that were killed have left unfinished there is swept.
 
     Examples
     --------
@@ -72,6 +76,7 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
     _refuse_taken(target, overwrite)
     with ExitStack() as made:
         make_folders(target.parent, made)
+        sweep(target.parent)
         probe(free_name(target.parent, target.suffix))
 
 

@@ -7,16 +7,21 @@ because the prior is proper, and reflects that prior.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import unicodedata
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from bayes_toe.data.cells import listed, quoted, runs
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 
 _MOST_PAIRS_SHOWN = 3
+_SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
+#: Beside format and control characters: joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
+_INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(map(chr, _SELECTORS))
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
@@ -30,9 +35,10 @@ class Finding:
         Whom it concerns; empty for the whole study.
     code : str
         What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals" or "names_differ_in_case"; from a look at the
-        answers (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored",
-        "few_trials", "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals", "names_differ_in_case", "names_look_alike" (but
+        for invisible characters, or how characters are composed) or "names_are_formulas" (to a spreadsheet); from a look at the answers
+        (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
+        "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
     message : str
         One sentence that says what to conclude.
 
@@ -242,10 +248,24 @@ def _design(subject: Subject) -> _Rule:
 
 
 def _names(names: Iterable[str]) -> list[Finding]:
-    """Names that are probably one person's."""
+    """Names that are probably one person's, and names that are formulas to a spreadsheet."""
     alike: dict[str, list[str]] = {}
     for name in names:
-        alike.setdefault(name.casefold(), []).append(name)
-    message = "Subjects {} differ in case only: if they are one person, join them under one name."
-    clashes = [", ".join(map(repr, same)) for same in alike.values() if len(same) > 1]
-    return [Finding("", "names_differ_in_case", message.format(same)) for same in clashes]
+        alike.setdefault(_look(name), []).append(name)
+    clashes = [_clash(same) for same in alike.values() if len(same) > 1]
+    formulas = [quoted(name) for same in alike.values() for name in same if runs(name)]
+    message = f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; write tables with --spreadsheet-safe."
+    return [*clashes, *([Finding("", "names_are_formulas", message)] if formulas else [])]
+
+
+def _look(name: str) -> str:
+    """A name as it looks: composed, without case, invisible characters and repeated spaces."""
+    shown = (one for one in unicodedata.normalize("NFKC", name) if unicodedata.category(one) not in ("Cf", "Cc") and one not in _INVISIBLE)
+    return unicodedata.normalize("NFKC", " ".join("".join(shown).split()).casefold())
+
+
+def _clash(same: Sequence[str]) -> Finding:
+    one = "if they are one person, join them under one name."
+    if len({name.casefold() for name in same}) == 1:
+        return Finding("", "names_differ_in_case", f"Subjects {', '.join(map(repr, same))} differ in case only: {one}")
+    return Finding("", "names_look_alike", f"Subjects {', '.join(map(ascii, same))} look alike: {one}")

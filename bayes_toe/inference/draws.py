@@ -9,21 +9,24 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Errors, convergence, errors
+from bayes_toe.inference.draws_file import ALLOWED, encoding, read_tree, seal
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
-from bayes_toe.inference.sampling import Chains
+from bayes_toe.inference.sampling import Chains, SamplerSettings
 from bayes_toe.inference.subject import Settings, SubjectResult
 from bayes_toe.model.contraction import contraction
 from bayes_toe.model.coordinates import NATURAL, Natural
@@ -42,10 +45,9 @@ if TYPE_CHECKING:
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
+NO_FAILURES: Mapping[str, str] = MappingProxyType({})
 #: Names without a unit, with all that begin with q.
 _WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
-_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data")
-_ALLOWED = "allowed: a posterior.nc written by bayes-toe"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,11 @@ class Draws:
             for name, good, reason in zip(self.names, stats["converged"].values, stats["shortfall"].values, strict=True)
             if not good
         }
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """Subjects of the study that there are no draws of because their work was lost, with the reason."""
+        return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
 
     def select(self, name: str) -> Draws:
         """Draws of one subject alone, without the pointwise groups."""
@@ -223,7 +230,9 @@ class Draws:
             If the file exists and may not be replaced, or cannot be written.
         """
         with whole_file(path, overwrite=overwrite) as target:
-            self.tree.to_netcdf(target, engine="h5netcdf", encoding=_encoding(self.tree))
+            # By way of memory: where HDF5 itself fails to write, on a full disk, it ends the process with a segmentation fault.
+            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=encoding(self.tree)))
+            seal(target)
         return Path(path)
 
     def _require(self, name: str) -> None:
@@ -237,34 +246,23 @@ def load(path: str | Path) -> Draws:
     Raises
     ------
     InputError
-        If the file is missing or is not such a file.
+        If the file is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
     """
-    import xarray as xr
-
+    made, name = Draws(read_tree(path)), shown(Path(path))
     try:
-        # Loaded and closed: an open tree is lazy and keeps the file locked.
-        with xr.open_datatree(path, engine="h5netcdf") as lazy:
-            tree = lazy.load()
-    except (OSError, ValueError, TypeError) as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else "not a NetCDF file that can be read"
-        raise InputError(f"{path}: {reason}; {_ALLOWED}") from error
-    missing = [group for group in _GROUPS if group not in tree.children]
-    if missing or "model" not in tree.attrs:
-        what = f"no group {', '.join(missing)}" if missing else "no attribute model"
-        raise InputError(f"{path}: {what}; {_ALLOWED}")
-    made = Draws(tree)
-    try:
-        model_named(made.model)
+        needed = made.posterior(made.names[0]).names.reported
     except InputError as error:
-        raise InputError(f"{path}: draws of {error}") from error
-    absent = sorted(set(made.posterior(made.names[0]).names.reported) - set(made.parameters))
+        raise InputError(f"{name}: draws of {error}") from error
+    except (TypeError, ArithmeticError) as error:
+        raise InputError(f"{name}: its prior or its pairs are none that draws have; {ALLOWED}") from error
+    absent = sorted(set(needed) - set(made.parameters))
     if absent:
-        raise InputError(f"{path}: no {', '.join(absent)} among the draws of model {made.model!r}; {_ALLOWED}")
+        raise InputError(f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {ALLOWED}")
     return made
 
 
-def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings) -> Draws:
-    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains."""
+def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings, failed: Mapping[str, str] = NO_FAILURES) -> Draws:
+    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains, and say who failed."""
     import xarray as xr
 
     groups = {
@@ -282,8 +280,16 @@ def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settin
             f"{POINTWISE_LIMIT:,}; sample fewer draws or fewer subjects at a time to have them"
         )
     tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
-    tree.attrs.update(_attributes(study, settings, left_out))
+    tree.attrs.update(_attributes(study, settings, left_out) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     return Draws(tree)
+
+
+def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
+    """About how many bytes the file of draws will have, before they are made."""
+    record, stored = model_named(model), sampler.ensembles * sampler.walkers * sampler.kept_steps
+    names = {name for subject in study for name in record.posterior(subject, prior).names.reported}
+    pairs = values_needed(study, sampler)
+    return 8 * stored * len(study) * (len(names) + 1) + (6 * pairs if pairs <= POINTWISE_LIMIT else 0) + 50_000
 
 
 def chains_of(result: SubjectResult) -> Chains:
@@ -407,13 +413,6 @@ def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, An
         "inference_library_version": versions["emcee"],
         "left_out": left_out,
     }
-
-
-def _encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
-    """Light compression for the predicted counts, which shrink to a third; what is random to the last bit hardly shrinks."""
-    if "posterior_predictive" not in tree.children:
-        return {}
-    return {"/posterior_predictive": {"n_equal": {"zlib": True, "complevel": 1, "shuffle": True}}}
 
 
 def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:

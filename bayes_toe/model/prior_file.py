@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bayes_toe.data.cells import bare, quoted
+from bayes_toe.data.cells import bare, quoted, visible
+from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import STIMULI, PriorField
 from bayes_toe.model.study_prior import PAPER, PRESETS
 
+_LARGEST = 2**16  # bytes; a complete file has some 2,000
 AnyPrior = TypeVar("AnyPrior", bound=Prior)
 
 
@@ -46,7 +49,7 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
     problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(keys, key, value)]
     if problems:
         raise InputError(problems)
-    numbers: dict[str, Any] = {key: value if value == STIMULI else float(value) for key, value in found.items()}
+    numbers: dict[str, Any] = {key: value if value == STIMULI else _real(value) for key, value in found.items()}
     return kind(**numbers)
 
 
@@ -71,14 +74,14 @@ def example_file(kind: type[Prior] = Prior) -> str:
 def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
     lines = f"NAME = NUMBER, as in {next(iter(keys))} = 0"
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
+        return tomllib.loads(input_bytes(path, _LARGEST).decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
     except OSError as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
         raise InputError(f"{path}: {reason}; allowed: a TOML file with {lines}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: found bytes that are not UTF-8, allowed: a TOML file with {lines}") from error
-    except tomllib.TOMLDecodeError as error:
-        what = " ".join(str(error).split())
+    except (ValueError, RecursionError) as error:  # the parser's own, Python's on integers of 5,000 digits, thousands of brackets
+        what = visible(" ".join(str(error).split()))
         raise InputError(f"{path}: found text that is not TOML ({what}), allowed: lines {lines}") from error
 
 
@@ -89,8 +92,16 @@ def _problem(keys: Mapping[str, PriorField], key: str, value: object) -> list[st
     # bool is an int for Python, not for a reader; a NaN is in no range
     if value == STIMULI and one.stimuli:
         return []
-    good = isinstance(value, int | float) and not isinstance(value, bool) and one.smallest <= value <= one.largest
+    good = one.smallest <= _real(value) <= one.largest
     return [] if good else [f"key {key}: found {_shown(value)}, allowed: {one.allowed}"]
+
+
+def _real(value: object) -> float:
+    """The number that a value is; NaN where it is none, or too large an integer."""
+    try:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        return math.nan
 
 
 def _shown(value: object) -> str:
@@ -98,4 +109,6 @@ def _shown(value: object) -> str:
         return "a table"
     if isinstance(value, list):
         return "a list"
+    if isinstance(value, int) and not isinstance(value, bool) and math.isnan(_real(value)):
+        return "an integer too large for a number"
     return str(value).lower() if isinstance(value, bool) else quoted(value) if isinstance(value, str) else bare(str(value))

@@ -259,7 +259,8 @@ def write_figures(
     names, material = products(formats), material_of(analysis, subjects)
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
-    with whole_folder(folder, names, overwrite=overwrite) as target:
+    required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))
+    with whole_folder(folder, names, required=required, overwrite=overwrite) as target:
         for name, files in zip(shown, run_in_order(jobs, workers, progress, [(name,) for name in shown]), strict=True):
             for suffix, content in files.items():
                 (target / f"{name}.{suffix}").write_bytes(content)

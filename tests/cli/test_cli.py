@@ -345,11 +345,12 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch,
 
 
 def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch):
-    names = ["../../etc", "<script>alert(1)</script> a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "CON"]
+    names = ["../../etc", "<script>alert(1)</script> a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     rows = [f'"{n}",{a},{b},{k},20' for n in names for a, b, k in [(0, 0, 18), (0, 0.4, 6), (0.4, 0, 11), (0.4, 0.4, 17)]]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    done = inside("run", "s.csv", "-o", "out", "--seed", "1", "--draws", "300", "--workers", "1", cwd=tmp_path)
+    options = ("--seed", "1", "--draws", "300", "--workers", "1", "--spreadsheet-safe")
+    done = inside("run", "s.csv", "-o", "out", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     files = [p.name for p in (tmp_path / "out" / "corner").iterdir()]
@@ -358,8 +359,14 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypa
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "<script>" not in report
     assert "&lt;script&gt;" in report
+    refused = inside("corner", "out/posterior.nc", "-o", "c", "--subject", "\x1b\u202e", cwd=tmp_path).stderr
+    checked = inside("check", "s.csv", cwd=tmp_path).stdout
+    for shown in (report, done.stdout, checked, refused):  # nothing that a terminal or a browser obeys
+        assert "\\x1b" in shown
+        assert [one for one in shown if not one.isprintable() and one != "\n"] == []
+    assert "as formulas: '=S" in checked
     assert bt.load(tmp_path / "out" / "posterior.nc").names == tuple(names)
-    assert list(pd.read_csv(tmp_path / "out" / "evidence.csv", dtype=str, keep_default_na=False).subject) == names
+    assert list(pd.read_csv(tmp_path / "out" / "evidence.csv", dtype=str, keep_default_na=False).subject) == [*names[:-1], f"'{names[-1]}"]
     assert not (tmp_path.parent / "etc.png").exists()
 
 

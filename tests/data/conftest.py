@@ -10,7 +10,7 @@ def links(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     """File systems with hard links, and without."""
     if request.param == "no links":
 
-        def link(*_: object) -> None:
+        def link(*_: object, **__: object) -> None:
             raise OSError(1, "Operation not permitted")
 
         monkeypatch.setattr(os, "link", link)

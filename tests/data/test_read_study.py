@@ -643,12 +643,12 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert len(caught.value.problems) == 1
         assert str(caught.value).isprintable()
 
-    def forbidden(_: Path) -> bytes:
+    def forbidden(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr(Path, "open", forbidden)
     with pytest.raises(InputError, match=r"study\.csv: cannot be read \(Permission denied\)"):
-        read_study("study.csv")
+        read_study((tmp_path / "file.txt").rename(tmp_path / "study.csv"))
 
 
 def test_invalid_utf8_names_byte_and_row() -> None:

@@ -13,6 +13,7 @@ from folder_trees import tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bayes_toe.data.read_study import read_study
 from bayes_toe.data.tables import SubjectTable, Table, write_table
 from bayes_toe.errors import InputError, OutputError
 
@@ -33,6 +34,17 @@ def test_tables_are_plain_csv(tmp_path: Path) -> None:
     path = write_table(frame, tmp_path / "new" / "t.csv")
     assert path == tmp_path / "new" / "t.csv"
     assert path.read_bytes() == "\n".join(lines).encode()
+
+
+def test_formulas_get_an_apostrophe_where_asked_and_our_reader_takes_it_off(tmp_path: Path) -> None:
+    names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]
+    frame = pd.DataFrame({"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2})
+    plain, safe = write_table(frame, tmp_path / "plain.csv"), write_table(frame, tmp_path / "safe.csv", spreadsheet_safe=True)
+    first = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
+    assert first == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
+    assert read_study(safe).names == read_study(plain).names == tuple(names)
+    both = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])  # two names must not become one
+    assert "'=1+1" in read_study(write_table(both, tmp_path / "both.csv")).names
 
 
 @FUZZ

@@ -6,6 +6,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from folder_trees import failing, manifest, tree
 
 from bayes_toe.data import whole_folders
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.data.whole_folders import MANIFEST, require_folder, whole_folder
+from bayes_toe.data.whole_folders import MANIFEST, require_folder, whole_folder, whole_together
 from bayes_toe.errors import OutputError
 
 NAMES = ("table.csv", "corner")
@@ -246,3 +248,86 @@ def test_only_what_was_named_may_be_produced(tmp_path: Path) -> None:
 def test_names_must_be_plain(tmp_path: Path, name: str) -> None:
     with pytest.raises(ValueError, match="names are plain"):
         produce(tmp_path, {}, names=[name])
+
+
+def test_replacing_needs_no_second_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is replaced is kept under a second name until all is in place."""
+    produce(tmp_path, {"table.csv": "1"})
+    real, links = whole_folders.put_in_place, []
+
+    def move(new: Path, final: Path, replace: bool) -> None:
+        links.append(os.stat(final).st_nlink)
+        real(new, final, replace)
+
+    monkeypatch.setattr(whole_folders, "put_in_place", move)
+    produce(tmp_path, {"table.csv": "2"}, overwrite=True)
+    assert links == [2, 2]  # the table and the manifest
+    assert tree(tmp_path) == {"table.csv": "2"}
+
+
+def test_a_new_folder_takes_its_name_in_one_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(whole_folders, "put_in_place", failing(AssertionError("file by file")))
+    produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
+    assert tree(tmp_path) == {"out/table.csv": "1", "out/corner/a.png": "1"}
+
+
+def test_a_folder_that_appears_meanwhile_is_filled_file_by_file(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def theirs() -> None:
+        out.mkdir()
+        (out / "mine.txt").write_text("m")
+
+    produce(out, {"table.csv": "1"}, meanwhile=theirs)
+    assert tree(tmp_path) == {"out/mine.txt": "m", "out/table.csv": "1"}
+
+
+def test_what_is_required_must_be_there(tmp_path: Path) -> None:
+    def write(required: Sequence[str]) -> None:
+        with whole_folder(tmp_path / "out", NAMES, required=required) as folder:
+            (folder / "table.csv").write_text("t")
+
+    with pytest.raises(OutputError, match=r"out: cannot be written \(corner/a\.png is missing"):
+        write(["table.csv", "corner/a.png"])
+    assert tree(tmp_path) == {}
+    write(["table.csv"])
+    with pytest.raises(OutputError, match=r"b\.csv is missing"), whole_together(tmp_path / "a.csv", tmp_path / "b.csv") as folder:
+        (folder / "a.csv").write_text("a")
+    assert tree(tmp_path) == {"out/table.csv": "t"}
+
+
+@pytest.mark.parametrize("folder", [".", "..", "../other", "/"])
+@pytest.mark.parametrize("file", ["victim", "../victim", "corner/../../victim"])
+def test_journals_of_the_dead_are_rolled_back_and_edited_ones_touch_nothing_else(tmp_path: Path, folder: str, file: str) -> None:
+    out, victim = tmp_path / "out", tmp_path / "victim"
+    workshop = out / ".bayes_toe-0123456789abcdef"
+    (workshop / "new").mkdir(parents=True)
+    for path in (victim, out / "victim"):
+        path.write_text("v")
+        os.utime(path, ns=(0, 7))
+    (workshop / "journal.json").write_text(json.dumps({"folder": folder, "put": {file: [1, 7]}, "aside": [], "made": []}))
+    require_folder(out, NAMES, overwrite=False)
+    assert victim.exists()
+    assert (out / "victim").exists() is not (folder == "." and file == "victim")
+
+
+def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path: Path) -> None:
+    def another() -> None:
+        found = [path.name for path in tmp_path.iterdir()]
+        produce(tmp_path, {"corner/a.png": "1"})
+        assert set(found) <= {path.name for path in tmp_path.iterdir()}
+
+    produce(tmp_path, {"table.csv": "1"}, meanwhile=another)
+    assert tree(tmp_path) == {"table.csv": "1", "corner/a.png": "1"}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
+@pytest.mark.parametrize("words", [["9"], ["9", "no links"]], ids=["links", "no links"])
+def test_killed_anywhere_is_all_or_nothing(tmp_path: Path, words: list[str]) -> None:
+    """At each step of publishing, and at steps of putting back after that (all pairs with 1 in the place of 9)."""
+    script = Path(__file__).with_name("killed.py")
+    done = subprocess.run([sys.executable, script, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    steps, pairs = map(int, done.stdout.split())
+    assert steps > 20
+    assert pairs > 20

@@ -125,6 +125,16 @@ def test_names_that_differ_in_case_concern_the_study() -> None:
     )
 
 
+def test_names_that_look_alike_and_names_that_are_formulas_concern_the_study() -> None:
+    counts = [9, 2, 3, 1, 8, 4, 5, 6, 10]
+    names = ("\u00e4", "a\u0308", "S01", "S\u200b01", "s01\ufe0f", "=1+1", "-1")
+    found = check_study(Study(tuple(subject(GRID, counts, name) for name in names)))
+    assert [finding.code for finding in found] == ["names_look_alike", "names_look_alike", "names_are_formulas"]
+    assert found[0].message == "Subjects '\\xe4', 'a\\u0308' look alike: if they are one person, join them under one name."
+    assert found[1].message.startswith("Subjects 'S01', 'S\\u200b01', 's01\\ufe0f' look alike")
+    assert "formulas: '=1+1'; write tables with --spreadsheet-safe" in found[2].message
+
+
 def test_findings_of_a_study_follow_its_subjects() -> None:
     study = Study((subject(GRID, 10, "b"), subject(GRID, 4, "c"), subject(GRID, 0, "a")))
     found = [(finding.subject, finding.code) for finding in check_study(study)]

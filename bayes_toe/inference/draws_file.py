@@ -1,0 +1,313 @@
+"""The file of draws, looked at before it is believed: whole, of two levels, without links, of bounded size, with the layout of draws.
+
+HDF5 follows links and external storage to other files, runs in circles, and makes memory of what was never stored. A file that was damaged,
+or that somebody else wrote, is refused in one line instead. Numbers carry Fletcher-32 checksums, the file as a whole a SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_toe.data.cells import LARGEST_COUNT, quoted
+from bayes_toe.data.places import shown
+from bayes_toe.errors import InputError
+
+if TYPE_CHECKING:
+    import h5py
+    import xarray as xr
+
+ALLOWED = "allowed: a posterior.nc written by bayes-toe"
+_SEAL, _DIGITS = b"\nbayes-toe sha256 ", 64
+_PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
+_REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
+_MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
+_MOST_INFLATED = 200  # bytes in memory for one in the file; predicted counts, which alone are compressed, shrink to a third
+_FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher-32; others are programs that HDF5 would load
+_DRAWN, _LONG = ("chain", "draw", "subject"), {"subject": (("obs",), "UO"), "s1": (("obs",), "f"), "s2": (("obs",), "f")}
+#: Of each group the variables that it must have: dimensions, and kinds of NumPy's types.
+_LAYOUT: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
+    "posterior": {"chain": (("chain",), "i"), "draw": (("draw",), "i"), "subject": (("subject",), "UO")},
+    "sample_stats": {
+        "subject": (("subject",), "UO"),
+        "lp": (_DRAWN, "f"),
+        "converged": (("subject",), "ib"),
+        "shortfall": (("subject",), "UO"),
+        **{name: (("subject",), "f") for name in ("min_ess", "max_r_hat")},
+    },
+    "observed_data": {**_LONG, "n_equal": (("obs",), "i")},
+    "constant_data": {**_LONG, "n_trials": (("obs",), "i")},
+}
+#: The same of groups and variables that it may have.
+_OPTIONAL: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
+    "posterior": {"walker": (("draw",), "i")},
+    "sample_stats": {"acceptance_rate": (("chain", "subject"), "f"), **{name: (("subject",), "if") for name in ("thin", "steps")}},
+    "observed_data": {"isi": (("obs",), "f")},
+    "constant_data": {"isi": (("obs",), "f")},
+    "log_likelihood": {**_LONG, "n_equal": (("chain", "draw", "obs"), "f")},
+    "posterior_predictive": {**_LONG, "n_equal": (("chain", "draw", "obs"), "i")},
+}
+_TEXTS, _WHOLE = ("model", "settings"), ("seed", "synthetic")
+
+
+def encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
+    """Checksums of all numbers, which reading compares (HDF5 has none for texts), and light compression for the predicted counts.
+
+    These shrink to a third; what is random to the last bit hardly shrinks.
+    """
+    found: dict[str, dict[str, dict[str, Any]]] = {
+        f"/{group}": {str(name): {"fletcher32": True} for name, one in node.to_dataset().variables.items() if one.dtype.kind not in "UO"}
+        for group, node in tree.children.items()
+    }
+    if "posterior_predictive" in tree.children:
+        found["/posterior_predictive"]["n_equal"] |= {"zlib": True, "complevel": 1, "shuffle": True}
+    return found
+
+
+def seal(path: Path) -> None:
+    """Put behind the end of a finished file, where HDF5 does not look, the SHA-256 of all that is before."""
+    digest = _digest(path, path.stat().st_size)
+    with path.open("ab") as file:
+        file.write(_SEAL + digest)
+
+
+def _digest(path: Path, size: int) -> bytes:
+    """Hexadecimal digits of the SHA-256 of the beginning of a file."""
+    found = hashlib.sha256()
+    with path.open("rb") as file:
+        while size > 0 and (part := file.read(min(size, 1 << 20))):
+            found.update(part)
+            size -= len(part)
+    return found.hexdigest().encode()
+
+
+def read_tree(path: str | Path) -> xr.DataTree:
+    """All groups of a file of draws, in memory; the file is closed.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
+    """
+    name = shown(Path(path))
+    try:
+        if not _sealed(name, Path(path)):
+            _rehearse(name, path)
+        tree = opened(name, path)
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
+        reason = "damaged: its numbers do not fit their checksums" if "filter" in str(error) else "not a NetCDF file that can be read"
+        raise InputError(f"{name}: {reason}; {ALLOWED}") from error
+    problem = next(_misfits(tree), None)
+    if problem is not None:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    return tree
+
+
+def opened(name: str, path: str | Path) -> xr.DataTree:
+    """All groups of a file that does nothing dangerous; raises InputError, or whatever the libraries say of a damaged file."""
+    import h5py
+    import xarray as xr
+
+    with h5py.File(path, "r") as file:
+        problem = next(_dangers(file, Path(path).stat().st_size), None)
+    if problem is not None:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    # Loaded and closed: an open tree is lazy and keeps the file locked. No units are times.
+    with xr.open_datatree(path, engine="h5netcdf", decode_times=False) as lazy:
+        return lazy.load()
+
+
+# --- Before it is read: what HDF5 would do --------------------------------------------------------
+
+
+def _sealed(name: str, path: Path) -> bool:
+    """Whether a file is as it was sealed; what something else wrote, or wrote to, has no seal. Raises InputError where it is another."""
+    if not path.is_file():
+        raise InputError(f"{name}: {'not a file' if path.exists() else 'no such file'}; {ALLOWED}")
+    size = path.stat().st_size - len(_SEAL) - _DIGITS
+    with path.open("rb") as file:
+        file.seek(max(size, 0))
+        found = file.read()
+    if not found.startswith(_SEAL):
+        return False
+    if found[len(_SEAL) :] != _digest(path, size):
+        raise InputError(f"{name}: damaged: it does not fit its checksum; {ALLOWED}")
+    return True
+
+
+def _rehearse(name: str, path: str | Path) -> None:
+    """Open a file without a seal in another process first: of some damage HDF5 crashes, or never ends."""
+    limit = _PATIENCE + Path(path).stat().st_size / 1e6
+    try:
+        ended = subprocess.run([sys.executable, "-c", _REHEARSAL, str(path)], capture_output=True, timeout=limit, check=False).returncode
+    except subprocess.TimeoutExpired:
+        ended = None
+    if ended not in (0, 1):  # 1 is an error in Python, which comes again here
+        raise InputError(f"{name}: damaged: HDF5 {'does not end' if ended is None else 'crashes'} on it; {ALLOWED}")
+
+
+def _dangers(file: h5py.File, size: int) -> Iterator[str]:
+    """What must not be in the file: groups in groups, links, storage elsewhere or missing, more than the file can hold."""
+    import h5py
+
+    seen, total = {_address(file)}, 0
+    for group, one in _members(file):
+        if not isinstance(one, h5py.Group) or _address(one) in seen:
+            yield f"{quoted(group)} is not a group of its own"
+        seen.add(_address(one))
+        for name, dataset in _members(one):
+            where = quoted(f"{group}/{name}")
+            if not isinstance(dataset, h5py.Dataset) or _address(dataset) in seen:
+                yield f"{where} is not a variable of its own"
+            seen.add(_address(dataset))
+            yield from (f"{where} {what}" for what in _storage(dataset))
+            total += dataset.nbytes
+    if total > _MOST_INFLATED * size:
+        yield f"{total:,} bytes of variables in a file of {size:,}"
+
+
+def _members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
+    """Names and objects of a group."""
+    import h5py
+
+    if len(group) > _MOST_NAMES:
+        raise OSError("more members than any file of draws has")
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise OSError("a link to elsewhere")
+        yield name, group[name]
+
+
+def _address(one: h5py.HLObject) -> int:
+    import h5py
+
+    return int(h5py.h5o.get_info(one.id).addr)
+
+
+def _storage(dataset: h5py.Dataset) -> Iterator[str]:
+    """What is wrong with where a variable is kept."""
+    plist = dataset.id.get_create_plist()
+    if dataset.external or dataset.is_virtual:
+        yield "is kept in another file"
+    elif any(plist.get_filter(i)[0] not in _FILTERS for i in range(plist.get_nfilters())):
+        yield "has a filter that is not gzip, shuffle or fletcher32"
+    elif dataset.attrs.get("CLASS") == b"DIMENSION_SCALE" and dataset.id.get_storage_size() == 0:
+        return  # a dimension without coordinates: a length, of which nothing is stored
+    elif dataset.chunks is None and dataset.id.get_storage_size() < dataset.nbytes:
+        yield "is not all there"
+    elif dataset.chunks is not None:
+        masks: list[int] = []
+        dataset.id.chunk_iter(lambda chunk: masks.append(chunk.filter_mask))
+        if len(masks) != math.prod(-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True)):
+            yield "is not all there"
+        elif any(masks):
+            yield "has parts without the filters of the others"  # these may skip the checksum
+
+
+# --- After it was read: the layout of draws -------------------------------------------------------
+
+
+def _misfits(tree: xr.DataTree) -> Iterator[str]:
+    """What differs from the layout of draws, in an order in which each rests on those before."""
+    yield from _attributes(tree.attrs)
+    missing = [group for group in _LAYOUT if group not in tree.children]
+    if missing:
+        yield f"no group {', '.join(missing)}"
+    for group, node in tree.children.items():
+        optional = _OPTIONAL.get(group, {})
+        yield from _variables(group, node.to_dataset(), _LAYOUT.get(group, optional), optional)
+    yield from _sizes(tree)
+    yield from _subjects(tree)
+    yield from _counts(tree["observed_data"].to_dataset(), tree["constant_data"]["n_trials"].values)
+    yield from _draws(tree)
+
+
+def _attributes(attrs: Mapping[Any, Any]) -> Iterator[str]:
+    yield from (f"no attribute {name}" for name in (*_TEXTS, *_WHOLE) if name not in attrs)
+    yield from (f"attribute {name} is not a text" for name in _TEXTS if not isinstance(attrs[name], str))
+    yield from (f"attribute {name} is not a whole number" for name in _WHOLE if not isinstance(attrs[name], int | np.integer))
+    try:
+        prior = json.loads(attrs["settings"])["prior"]
+        good = all(value is None or type(value) in (int, float, str) for value in prior.values())
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        good = False
+    if not good:
+        yield "attribute settings does not hold a prior"
+
+
+def _variables(group: str, found: xr.Dataset, needed: Mapping[str, Any], allowed: Mapping[str, Any]) -> Iterator[str]:
+    """Variables that are missing, or have other dimensions or another type than draws have."""
+    for name in (*needed, *(other for other in allowed if other in found.variables and other not in needed)):
+        if name not in found.variables:
+            yield f"no variable {group}/{name}"
+            continue
+        dims, kinds = needed.get(name) or allowed[name]
+        one = found.variables[name]
+        if one.dims != dims or one.dtype.kind not in kinds:
+            yield f"{group}/{name} is {one.dtype} over ({', '.join(map(str, one.dims))}), not over ({', '.join(dims)})"
+        elif kinds == "UO" and not all(isinstance(text, str) for text in one.values):
+            yield f"{group}/{name} has cells that are no text"
+    if group == "posterior":
+        odd = [str(name) for name, one in found.data_vars.items() if one.dims != _DRAWN or one.dtype.kind != "f"]
+        yield from (f"{quoted(name)} is not a number over ({', '.join(_DRAWN)})" for name in odd)
+    if group == "sample_stats":
+        odd = [str(name) for name, one in found.data_vars.items() if not set(one.dims) <= set(_DRAWN) or one.dtype.kind not in "ifbUO"]
+        yield from (f"sample_stats/{quoted(name)} is not over ({', '.join(_DRAWN)})" for name in odd)
+
+
+def _sizes(tree: xr.DataTree) -> Iterator[str]:
+    """Dimensions that are empty, or longer in one group than in another."""
+    lengths: dict[str, int] = {}
+    for group, node in tree.children.items():
+        for dim, length in node.to_dataset().sizes.items():
+            if length == 0 or lengths.setdefault(str(dim), length) != length:
+                yield f"{length} values over {quoted(str(dim))} in {group}, and {lengths.get(str(dim), 'at least one')} in another group"
+
+
+def _subjects(tree: xr.DataTree) -> Iterator[str]:
+    """Names that are empty, are repeated, or differ between the groups."""
+    first = tree["observed_data"].to_dataset()
+    names, others = (tree[group].to_dataset()["subject"].values.tolist() for group in ("posterior", "sample_stats"))
+    if len(set(names)) < len(names) or "" in names:
+        yield "names of subjects are empty or repeated"
+    if others != names:
+        yield "posterior and sample_stats are of other subjects"
+    if list(dict.fromkeys(first["subject"].values.tolist())) != names:
+        yield "posterior and observed_data are of other subjects"
+    keys = [name for name in ("subject", "s1", "s2", "isi") if name in first.coords]
+    for group in [name for name in ("constant_data", "log_likelihood", "posterior_predictive") if name in tree.children]:
+        other = tree[group].to_dataset()
+        if any(name not in other.coords or not np.array_equal(first[name].values, other[name].values) for name in keys):
+            yield f"observed_data and {group} are of other pairs"
+
+
+def _counts(observed: xr.Dataset, trials: Any) -> Iterator[str]:
+    """Counts and stimuli that no study has."""
+    equal, numbers = observed["n_equal"].values, [observed[name].values for name in ("s1", "s2", "isi") if name in observed.coords]
+    if not ((equal >= 0) & (equal <= trials) & (trials >= 1) & (trials <= LARGEST_COUNT)).all():
+        yield "counts outside 0 <= n_equal <= n_trials, n_trials >= 1"
+    if not all(np.isfinite(values).all() for values in numbers) or ("isi" in observed.coords and not (observed["isi"].values > 0).all()):
+        yield "stimuli or intervals that are no numbers"
+    owner = np.unique(observed["subject"].values.astype(str), return_inverse=True)[1]
+    if len(np.unique(np.column_stack([owner.ravel(), *numbers]), axis=0)) < len(owner):
+        yield "a pair of a subject is repeated"
+
+
+def _draws(tree: xr.DataTree) -> Iterator[str]:
+    """Draws that are no numbers; a quantity that a subject does not have is NaN in all its draws."""
+    for name, one in tree["posterior"].to_dataset().data_vars.items():
+        good, absent = np.isfinite(one.values).all(axis=(0, 1)), np.isnan(one.values).all(axis=(0, 1))
+        if not (good | absent).all():
+            yield f"draws of {quoted(str(name))} are no numbers"
+    if not np.isfinite(tree["sample_stats"].to_dataset()["lp"].values).all():
+        yield "log densities are no numbers"

@@ -1,0 +1,131 @@
+"""Workers that die, and commands that are stopped or killed: what is said, what is left on the disk, and that no process is."""
+
+import os
+import signal
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import grouped_csv
+from processes import kill_workers, members, needs_proc, start, until, until_gone, workers
+
+import bayes_toe as bt
+
+pytestmark = needs_proc
+FATAL = "left out A: failed: 2 workers died of it (killed, or out of memory)"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three subjects with few pairs."""
+    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABC")]
+    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    return tmp_path
+
+
+def end_after(deaths, *args, folder):
+    running = start(*args, "--seed", "1", "--workers", "2", cwd=folder)
+    kill_workers(running, deaths)
+    out, errors = running.communicate()
+    assert errors == ""
+    return running.returncode, out
+
+
+def test_a_subject_whose_worker_died_once_is_as_if_nothing_had_happened(folder):
+    options = ("--draws", "300", "--model", "symmetric")
+    code, _ = end_after(1, "sample", "study.csv", "-o", "once.nc", *options, folder=folder)
+    study, once = bt.read_study(folder / "study.csv"), bt.load(folder / "once.nc")
+    calm = bt.sample(study, model="symmetric", draws=300, seed=1, workers=1)
+    assert code == 0
+    assert once.failed == {}
+    xr.testing.assert_identical(once.group("posterior"), calm.group("posterior"))
+
+
+def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder):
+    code, out = end_after(2, "run", "study.csv", "-o", "out", "--draws", "300", folder=folder)
+    assert code == 3
+    assert FATAL in out
+    table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
+    assert table.subject.tolist() == ["B", "C", "A"]
+    assert table.n_pairs.tolist()[:2] == ["4", "4"]
+    assert table.iloc[2].drop(["subject", "prior"]).isna().all()
+    draws = bt.load(folder / "out" / "posterior.nc")
+    assert draws.names == ("B", "C")
+    assert draws.failed == {"A": FATAL.removeprefix("left out A: ")}
+    report = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert 'A <span class="badge bad">failed</span>' in report
+    assert f"A ({draws.failed['A']})" in report
+
+
+def test_a_comparison_has_an_empty_row_with_a_note(folder):
+    models = ("--model", "symmetric", "--model", "free frequencies")
+    code, out = end_after(2, "compare", "study.csv", "-o", "compare.csv", *models, "--draws", "200", folder=folder)
+    assert code == 3
+    assert FATAL.replace("A:", "A (free frequencies):") in out
+    rows = pd.read_csv(folder / "compare.csv").set_index(["subject", "model"])
+    assert rows.log_evidence.isna().tolist() == [True] + [False] * 5
+    assert rows.note["A", "free frequencies"].startswith("failed: 2 workers died")
+    assert rows.model_probability.isna().tolist() == [True, True] + [False] * 4
+
+
+def listening(running):
+    """Whether a command would hear SIGTERM."""
+    caught = next(line for line in Path(f"/proc/{running.pid}/status").read_text().splitlines() if line.startswith("SigCgt"))
+    return int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1
+
+
+def sampling(running):
+    return workers(running.pid)
+
+
+def drawing(running):
+    return any(running.folder.glob(".bayes_toe-*/new/evidence.csv"))
+
+
+@pytest.fixture
+def running(folder):
+    """A command at work, whose results are never there in time, and whose processes are gone in the end."""
+    disposition = signal.signal(signal.SIGINT, signal.default_int_handler)  # not to be ignored as by what a script put into the background
+    begun = start("run", "study.csv", "-o", "out", "--seed", "1", "--workers", "2", "--draws", "300", cwd=folder)
+    begun.folder = folder
+    yield begun
+    signal.signal(signal.SIGINT, disposition)
+    for pid in members(begun.pid):
+        os.kill(pid, signal.SIGKILL)
+
+
+CASES = [
+    *((number, listening) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
+    *((number, sampling) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
+    (signal.SIGTERM, drawing),
+]
+
+
+@pytest.mark.parametrize(("number", "when"), CASES, ids=lambda value: getattr(value, "name", None) or value.__name__)
+def test_a_signal_ends_a_command_with_one_line_and_leaves_nothing(running, number, when):
+    until(lambda: when(running))
+    os.kill(running.pid, number)
+    until_gone(running.pid)
+    _, errors = running.communicate()
+    assert errors == f"stopped by {number.name}: nothing written\n"
+    assert running.returncode == 128 + number
+    assert [path.name for path in running.folder.iterdir()] == ["study.csv"]
+
+
+def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
+    until(lambda: sampling(running))
+    os.killpg(running.pid, signal.SIGINT)
+    assert running.communicate()[1] == "stopped by SIGINT: nothing written\n"
+    assert running.returncode == 130
+
+
+def test_what_a_killed_command_leaves_is_ended_and_swept(running):
+    until(lambda: drawing(running))
+    running.kill()
+    running.communicate()
+    until_gone(running.pid)
+    assert list(running.folder.glob(".bayes_toe-*"))
+    again = start("run", "none.csv", "-o", "out", cwd=running.folder)
+    assert "none.csv" in again.communicate()[1]
+    assert not list(running.folder.glob(".bayes_toe-*"))

@@ -1,0 +1,60 @@
+"""The last resort of a command that is stopped, and what it says is there."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from bayes_toe.cli import stopping
+from bayes_toe.data.unfinished import free_name
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.whole_folders import whole_folder
+
+DEAF = """
+import time
+from bayes_toe.cli.stopping import _listen
+_listen()
+while True:
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    except BaseException:
+        pass
+"""
+UNDER_NOHUP = """
+import signal
+from bayes_toe.cli.stopping import _listen
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+assert signal.SIGTERM not in _listen()
+signal.raise_signal(signal.SIGTERM)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_library_that_swallows_the_exception_does_not_keep_the_command():
+    with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
+        assert deaf.stdout.readline() == "ready\n"
+        deaf.send_signal(signal.SIGTERM)
+        assert deaf.wait(60) == 128 + signal.SIGTERM
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
+    assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
+
+
+def test_what_has_its_name_already_is_said_and_what_is_inside_an_unfinished_folder_is_not(tmp_path, monkeypatch):
+    monkeypatch.setattr(stopping, "finished", found := [])
+    monkeypatch.setattr("bayes_toe.data.whole_files.finished", found)
+    monkeypatch.setattr("bayes_toe.data.whole_folders.finished", found)
+    with whole_file(free_name(tmp_path, "") / "a.csv") as path:
+        path.touch()
+    with pytest.raises(ValueError, match="not done"), whole_folder(tmp_path / "broken", ["a"]):
+        raise ValueError("not done")
+    assert stopping._said_finished() == "nothing written"
+    with whole_folder(tmp_path / "out", ["b"]) as folder:
+        (folder / "b").touch()
+    with whole_file(tmp_path / "c.csv") as path:
+        path.touch()
+    assert stopping._said_finished() == f"written: {tmp_path / 'out'}, {tmp_path / 'c.csv'}"

@@ -1,0 +1,107 @@
+"""Files that nobody meant: what is read is read, and everything else is refused in one line a problem, with no other exception.
+
+HYPOTHESIS_PROFILE=night looks at 20,000 of each kind.
+"""
+
+import os
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bayes_toe as bt
+from bayes_toe.classical.covariates import read_covariates
+from bayes_toe.data.number_table import read_numbers
+from bayes_toe.errors import InputError
+from bayes_toe.experiments.checks import check_study
+from bayes_toe.inference import draws_file
+
+FUZZ = settings(settings.get_profile(os.environ.get("HYPOTHESIS_PROFILE", "day")))
+
+TEXTS = {
+    "trials": "subject,s1,s2,response,isi,block\nA,0,0.3,equal,0.5,1\nA,0.3,0,different,0.5,1\n",
+    "counts": "subject;s1;s2;n_equal;n_trials\nA;0;0,3;4;5\nB;0,3;0;2;5\n",
+    "pairs": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n",
+    "covariates": "subject,age,gender\nA,20.5,f\nB,30.25,m\n",
+    "prior": "mu1_mean = -0.5\nmu1_sd = 2\ngamma_a = 1.5\n",
+}
+READERS = {
+    "trials": lambda path: check_study(bt.read_study(path)),
+    "counts": lambda path: check_study(bt.read_study(path)),
+    "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("isi",)),
+    "covariates": read_covariates,
+    "prior": lambda path: bt.read_prior(path).describe(),
+}
+#: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none, brackets without an end.
+_WORDS = b"nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial mu1_sd stimuli True 1979-05-27"
+_MARKS = [b",", b";", b"\t", b"\n", b"\r", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\x1b[2J", "\u202e\u2028\x85".encode(), b"\xf0\x9f"]
+_LONG = [b"9" * 400, b"9" * 5000, b"0x" + b"f" * 5000, b"[" * 2000, b"{a=" * 2000, b"a." * 2000]
+PIECES = st.sampled_from([b'"', *_MARKS, *_LONG, *_WORDS.split()])
+
+
+@st.composite
+def damaged(draw, whole):
+    """Some places of a file cut out, and something else put there."""
+    data = whole
+    for _ in range(draw(st.integers(0, 4))):
+        first = draw(st.integers(0, len(data)))
+        data = data[:first] + draw(PIECES | st.binary(max_size=8)) + data[first + draw(st.integers(0, 12)) :]
+    return data
+
+
+def only_lines(read, path):
+    """The result of reading, or None where it was refused as it should be."""
+    try:
+        return read(path)
+    except InputError as error:
+        problems = error.problems
+    assert 0 < len(problems) <= 11
+    for line in problems:
+        assert line.isprintable()
+        assert len(line) < 2000
+    return None
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_small_files_are_read_or_refused_in_lines(kind, tmp_path):
+    path = tmp_path / "file"
+
+    @FUZZ
+    @given(damaged(TEXTS[kind].encode()) | st.binary(max_size=60))
+    def look(data):
+        path.write_bytes(data)
+        only_lines(READERS[kind], path)
+
+    look()
+    path.write_text(TEXTS[kind], encoding="utf-8")
+    assert only_lines(READERS[kind], path) is not None
+
+
+def test_damaged_draws_are_refused(analysis, tmp_path):
+    path = analysis.draws.select("A").save(tmp_path / "posterior.nc")
+    whole = path.read_bytes()
+
+    @FUZZ
+    @given(st.integers(0, len(whole) - 1), st.binary(min_size=1, max_size=4096))
+    def look(first, other):
+        data = whole[:first] + other + whole[first + len(other) :]
+        path.write_bytes(data)
+        assert (only_lines(bt.load, path) is not None) == (data == whole)
+
+    look()
+
+
+def test_damaged_draws_without_a_seal_are_read_or_refused(analysis, tmp_path, monkeypatch):
+    path = analysis.draws.select("A").save(tmp_path / "posterior.nc")
+    whole = path.read_bytes()[:-1]
+    if FUZZ.max_examples < 1000:  # a process each, and where HDF5 never ends a minute: few by day, and their numbers alone
+        monkeypatch.setattr(draws_file, "_rehearse", lambda *_: None)
+    starts = st.integers(0, len(whole) - 1) if FUZZ.max_examples >= 1000 else st.integers(len(whole) // 2, len(whole) - 1)
+
+    @settings(FUZZ, max_examples=FUZZ.max_examples // 10)
+    @given(starts, st.binary(min_size=1, max_size=64))
+    def look(first, other):
+        path.write_bytes(whole[:first] + other + whole[first + len(other) :])
+        only_lines(lambda file: bt.load(file).summary(), path)
+
+    look()
