@@ -57,14 +57,14 @@ class ModelRow:
         Dimension of the model.
     log_evidence, log_evidence_se, pareto_k : float or None
         Nats; the evidence of free frequencies is exact and has no k-hat.
-    failed : bool
-        Whether the work was lost, and all values with it.
     model_probability : float or None
         Posterior probability at equal prior probabilities of the models in the table.
     differences : dict of str to float
         By column, leave-one-out differences to the subject's best model in the table with their paired errors; without what is withheld.
     left_out : dict of str to LeaveOneOut
         By unit, the values behind the leave-one-out columns; empty where draws did not converge.
+    failed : bool
+        Whether the work was lost, and all values with it.
     """
 
     subject: str
@@ -75,10 +75,10 @@ class ModelRow:
     pareto_k: float | None
     checks: Checks
     notes: tuple[str, ...] = ()
-    failed: bool = False
     model_probability: float | None = None
     differences: Mapping[str, float] = field(default_factory=dict)
     left_out: Mapping[Unit, LeaveOneOut] = field(default_factory=dict, compare=False, repr=False)
+    failed: bool = False
 
     def cell(self, column: str) -> object:
         """The entry of a column of compare.csv."""

@@ -53,7 +53,7 @@ def test_the_example_is_the_default(tmp_path):
         ("mu1_mean = 0x1" + "0" * 5000, "key mu1_mean: found an integer too large for a number"),
         ("mu1_mean = 1" + "0" * 5000, "found text that is not TOML"),
         ("mu1_mean = " + "[" * 20_000, "found text that is not TOML"),
-        ("#" * 70_000, "found more than 65,536 bytes"),
+        ("#" * 70_000, "cannot be read (70000 bytes, more than 65536)"),
         ("mu1_mean = 1979-05-27", "key mu1_mean: found 1979-05-27"),
         ("mu1_sd 2", "found text that is not TOML"),
         ("mu1_sd = 2\nmu1_sd = 3", "found text that is not TOML"),
@@ -68,7 +68,7 @@ def test_what_is_refused(tmp_path, text, said):
     assert line.startswith((f"{path}: ", "prior.toml: "))
     assert said in line
     assert "\n" not in line
-    assert len(line) < 300
+    assert len(line) - len(str(path)) < 250
 
 
 def test_all_problems_at_once(tmp_path):
