@@ -96,7 +96,7 @@ def run(
         presets = _presets(study)
         jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        made = assembled(_file(kept), study, _Drawn(done), settings, failed)
+        made = assembled(None if kept is None else kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
     moved = tuple(one.presets for one in small if one.presets is not None)
@@ -171,7 +171,7 @@ def draw(
         wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
         jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        return assembled(_file(kept), study, done, settings, failed)
+        return assembled(None if kept is None else kept.draws, study, done, settings, failed)
 
 
 def evidence(
@@ -271,11 +271,6 @@ def _affordable(study: Study, settings: Settings) -> bool:
 
 def _seed(kept: Kept | None, seed: int | None) -> int | None:
     return seed if kept is None else kept.seed(seed)
-
-
-def _file(kept: Kept | None) -> Path | None:
-    """Where draws are put together that are kept on the disk."""
-    return None if kept is None else kept.folder / "posterior.nc"
 
 
 def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:

@@ -12,13 +12,13 @@ import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from bayes_toe.data.places import make_folders, remove_empty, reporting, shown
-from bayes_toe.data.unfinished import sweep
+from bayes_toe.data.unfinished import Standing, sweep, under_way
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, is_whole, packed, unpacked
@@ -26,11 +26,8 @@ from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Failed, Progress, run_jobs, run_or_fail
 
 Result = TypeVar("Result")
-_SUFFIX, _SEED, _LOCK = ".kept", "seed", "lock"
+_SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
 _DECIDING = ("bayes_toe", "numpy", "scipy", "emcee", "arviz")
-
-#: By folder, how many results of how many it holds, as far as this process knows: for whoever has to say so when it is stopped.
-under_way: dict[Path, tuple[int, int]] = {}
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,13 @@ def work(
 class Kept:
     """A folder of finished results, held by this process: see :func:`keeping`."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, what: str) -> None:
+        self.folder, self.what = folder, what
+
+    @property
+    def draws(self) -> Path:
+        """Where draws are put together."""
+        return self.folder / _DRAWS
 
     def seed(self, seed: int | None) -> int:
         """The root seed: the one given, or else the one that the results here were made with, or a fresh one."""
@@ -89,7 +91,8 @@ class Kept:
         files = [self.folder / f"{fingerprint((_versions(), job))}{_SUFFIX}" for job in jobs]
         missing = [index for index, file in enumerate(files) if not _is_whole(file)]
         failed: dict[int, Failed] = {}
-        self._count(len(jobs) - len(missing), len(jobs))
+        taken = len(jobs) - len(missing)
+        under_way[self.folder] = Standing(taken, taken, len(jobs), self.what)
         _tell(progress, [names[index] for index in sorted(set(range(len(jobs))).difference(missing))])
         for at, result in run_jobs([jobs[index] for index in missing], workers):
             index = missing[at]
@@ -98,17 +101,14 @@ class Kept:
             else:
                 with whole_file(files[index], overwrite=True) as target:
                     target.write_bytes(packed(result))
-                self._count(under_way[self.folder][0] + 1, len(jobs))
+                under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
             _tell(progress, [names[index]])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
-    def _count(self, done: int, jobs: int) -> None:
-        under_way[self.folder] = done, jobs
-
 
 @contextmanager
-def keeping(folder: str | Path | None) -> Iterator[Kept | None]:
-    """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it.
+def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept | None]:
+    """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it; None for none.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def keeping(folder: str | Path | None) -> Iterator[Kept | None]:
         made.callback(_remove_unless_used, path)
         sweep(path)
         _hold(path, held)
-        yield Kept(path)
+        yield Kept(path, what)
         made.pop_all()
 
 
@@ -137,7 +137,7 @@ def discard(folder: Path) -> None:
     """Remove what is kept, and the folder where nothing else is in it."""
     under_way.pop(folder, None)
     with reporting(folder):
-        for file in [*folder.glob(f"*{_SUFFIX}"), folder / _SEED, folder / _LOCK]:
+        for file in [*folder.glob(f"*{_SUFFIX}"), *(folder / name for name in (_DRAWS, _SEED, _LOCK))]:
             file.unlink(missing_ok=True)
     remove_empty(folder)
 

@@ -37,10 +37,11 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs th
 SpreadsheetSafe = Annotated[
     bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
 ]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
 #: In this order help lists the shared options, after those that a command has for itself.
-LAST_IN_HELP = ("seed", "draws", "workers", "prior", "spreadsheet_safe", "overwrite", "quiet")
+LAST_IN_HELP = ("seed", "draws", "workers", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
 
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]

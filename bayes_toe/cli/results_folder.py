@@ -80,7 +80,7 @@ def write_results(
     required = (*(name for name in PRODUCTS if name != "corner"), *(f"corner/{name}" for name in corner_names.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
         analysis.draws.save(target / "posterior.nc")
-        summary = analysis.draws.summary()
+        summary = analysis.summary()
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))

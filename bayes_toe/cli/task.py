@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
+from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Resume, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -120,6 +120,52 @@ class ModelTask(WritingTask, PriorTask):
 
 
 @dataclass(frozen=True, kw_only=True)
+class KeepingTask(ModelTask):
+    """One that keeps what is finished until all is."""
+
+    resume: Resume = False
+
+    def partial(self, output: Path) -> Path:
+        """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
+        from bayes_toe.data.places import shown
+        from bayes_toe.errors import OutputError
+        from bayes_toe.kept import discard, kept_in
+
+        named = output if output.name not in ("", "..") else output.resolve()
+        folder = named.with_name(f"{named.name}.partial")
+        found = 0 if self.resume else kept_in(folder)
+        if found and not self.overwrite:
+            raise OutputError(
+                f"{shown(folder)}: holds {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
+            )
+        if found:
+            discard(folder)
+        return folder
+
+    def say_taken(self, folder: Path) -> None:
+        """What was not computed again."""
+        from bayes_toe.data.unfinished import under_way
+
+        standing = under_way.get(folder)
+        if self.resume and standing is not None:
+            self.console.print(
+                f"{standing.taken} of {standing.jobs} {standing.what} taken from [bold]{terminal.safe(folder)}[/bold]", highlight=False
+            )
+
+    def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
+        """Remove what was kept; not where work was lost, which may be tried again."""
+        from bayes_toe.kept import discard
+
+        if not failed:
+            discard(folder)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepingTableTask(TableTask, KeepingTask):
+    """The same with tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelTableTask(TableTask, ModelTask):
     """The same with tables."""
 
@@ -136,7 +182,8 @@ class SamplingTask(ModelTask):
         from bayes_toe.inference.draws import stored_bytes
         from bayes_toe.inference.sampling import SamplerSettings
 
-        require_room(place, stored_bytes(study, prior, SamplerSettings(self.draws), model) + others * (len(study) + 1))
+        draws = stored_bytes(study, prior, SamplerSettings(self.draws), model)
+        require_room(place, 2 * draws + others * (len(study) + 1))  # those of each subject are kept until all are in one file
 
 
 def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:

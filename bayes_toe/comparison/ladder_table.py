@@ -22,11 +22,12 @@ from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.kept import keeping, work
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_or_fail
+from bayes_toe.workers import Progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -240,6 +241,7 @@ def compare(
     prior: Prior | str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> ModelComparison:
     """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.
 
@@ -253,7 +255,7 @@ def compare(
         models that have a name.
     draws : int
         Effective draws to reach for every named quantity of every model.
-    seed, prior, workers, progress
+    seed, prior, workers, progress, keep
         As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
@@ -269,15 +271,20 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
-    names = tuple(model.name for model in records)
+    records, chosen = require_models(models), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     pairs = [(subject, model) for subject in study for model in records]
-    jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
-    done = run_or_fail(jobs, workers, progress, [(f"{subject.name}: {model.name}",) for subject, model in pairs])
-    rows = [failed_row(*pair, one.reason, prior=chosen) if isinstance(one, Failed) else one for pair, one in zip(pairs, done, strict=True)]
-    groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
-    return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
+    names = [(f"{subject.name}: {model.name}",) for subject, model in pairs]
+    with keeping(keep, "models of subjects") as kept:
+        root = root_seed(seed) if kept is None else kept.seed(seed)
+        jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
+        done = work(jobs, workers, progress, names, kept)
+        lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
+        rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
+    size = len(records)
+    groups = [_with_probabilities(with_differences(rows[i : i + size])) for i in range(0, len(rows), size)]
+    table = tuple(row for group in groups for row in group)
+    return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen)
 
 
 def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:
