@@ -80,8 +80,7 @@ class Kept:
         with suppress(OSError, ValueError, InputError):
             seed = int(file.read_text(encoding="utf-8")) if seed is None else seed
         root = root_seed(seed)
-        with whole_file(file, overwrite=True) as target:
-            target.write_text(str(root), encoding="utf-8")
+        self._put(file, str(root).encode())
         return root
 
     def work(
@@ -99,11 +98,17 @@ class Kept:
             if isinstance(result, Failed):
                 failed[index] = result
             else:
-                with whole_file(files[index], overwrite=True) as target:
-                    target.write_bytes(packed(result))
+                self._put(files[index], packed(result))
                 under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
             _tell(progress, [names[index]])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
+
+    def _put(self, file: Path, content: bytes) -> None:
+        try:
+            with whole_file(file, overwrite=True) as target:
+                target.write_bytes(content)
+        except OutputError as error:  # names of these files say nothing to a reader
+            raise OutputError(str(error).replace(shown(file), shown(self.folder))) from error
 
 
 @contextmanager

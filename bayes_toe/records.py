@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def _named(value: object) -> object:
     if not callable(value) or "<" in getattr(value, "__qualname__", "<"):
         _refuse(value)
     own = getattr(value, "__self__", None)  # a method counts with the object it belongs to
-    return f"{value.__module__}:{value.__qualname__}", None if isinstance(own, type) or own is None else own  # type: ignore[attr-defined]
+    return f"{value.__module__}:{value.__qualname__}", None if isinstance(own, type | ModuleType) else own  # type: ignore[attr-defined]
 
 
 def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:

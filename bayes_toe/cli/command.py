@@ -13,6 +13,7 @@ import typer
 
 from bayes_toe.cli.options import LAST_IN_HELP
 from bayes_toe.data.cells import visible
+from bayes_toe.data.unfinished import said_kept
 from bayes_toe.errors import BayesToeError
 
 BAD_INPUT = 2
@@ -66,6 +67,7 @@ def _problems_as_lines() -> Iterator[None]:
     try:
         yield
     except BayesToeError as error:
-        for line in str(error).split("\n"):
+        kept = said_kept()
+        for line in f"{error}; {kept}".split("\n") if kept else str(error).split("\n"):
             typer.echo(f"error: {visible(line)}", err=True)
         raise typer.Exit(BAD_INPUT) from error

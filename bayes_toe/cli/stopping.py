@@ -13,7 +13,7 @@ from types import FrameType
 from bayes_toe.cli.caches import require_caches
 from bayes_toe.cli.standard_output import guarded_streams
 from bayes_toe.data.places import finished, shown
-from bayes_toe.data.unfinished import HIDDEN, under_way
+from bayes_toe.data.unfinished import HIDDEN, said_kept
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _PATIENCE = 3.0  # seconds for tidying up after a signal
@@ -41,7 +41,7 @@ def main() -> None:
                 _ignore(heard)
                 _leave()
     except Stopped as stop:
-        print(f"stopped by {signal.Signals(stop.number).name}: {_said_kept() or _said_finished()}", file=sys.stderr)
+        print(f"stopped by {signal.Signals(stop.number).name}: {said_kept() or _said_finished()}", file=sys.stderr)
         raise SystemExit(128 + stop.number) from None
 
 
@@ -72,12 +72,6 @@ def _insist(reader: socket.socket) -> None:
 def _ignore(heard: list[signal.Signals]) -> None:
     for one in heard:
         signal.signal(one, signal.SIG_IGN)
-
-
-def _said_kept() -> str:
-    """What another call need not compute again."""
-    said = [f"{one.done} of {one.jobs} {one.what} kept in {shown(folder)}" for folder, one in under_way.items() if one.done]
-    return f"{', '.join(said)}, go on with --resume" if said else ""
 
 
 def _said_finished() -> str:

@@ -39,6 +39,12 @@ class Standing:
 under_way: dict[Path, Standing] = {}
 
 
+def said_kept() -> str:
+    """What another call need not compute again; empty where that is nothing."""
+    said = [f"{one.done} of {one.jobs} {one.what} kept in {folder}" for folder, one in under_way.items() if one.done]
+    return f"{', '.join(said)}, go on with --resume" if said else ""
+
+
 def free_name(folder: Path, suffix: str) -> Path:
     """A path in a folder that nothing has, for what is not finished yet; it says whose it is, for :func:`sweep`."""
     return folder / f"{HIDDEN}{_here()}-{os.getpid()}-{secrets.token_hex(8)}{suffix}"

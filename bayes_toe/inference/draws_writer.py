@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +50,7 @@ def write_tree(path: Path, tree: xr.DataTree, large: Mapping[Key, Large], parts:
 
 
 class _Sink(io.FileIO):
-    """A file whose first failed write is kept in `failed`: of a write that fails HDF5 ends the process, with a segmentation fault."""
+    """A file whose first failure is kept in `failed`: of a write that fails HDF5 ends the process, with a segmentation fault."""
 
     failed: OSError | None = None
 
@@ -58,12 +58,24 @@ class _Sink(io.FileIO):
         """Write all of it; what comes after a failure is dropped."""
         rest = memoryview(data).cast("B")
         size = rest.nbytes
-        try:
+        with self._noticing():
             while rest and self.failed is None:
                 rest = rest[super().write(rest) :]
-        except OSError as error:
-            self.failed = error
         return size
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set the size; HDF5 makes room with it."""
+        wanted = self.tell() if size is None else size
+        with self._noticing():
+            super().truncate(wanted)
+        return wanted
+
+    @contextmanager
+    def _noticing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.failed = self.failed or error
 
 
 def _checksums(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
