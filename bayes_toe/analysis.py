@@ -246,16 +246,17 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Map
     result, fitted = fitted_result(posterior, settings.seed, wanted)
     fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
     described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
-    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings) for model in (SYMMETRIC, CONSTANT_BIAS))
+    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings, wanted) for model in (SYMMETRIC, CONSTANT_BIAS))
     row = subject_evidence(result, fitted, (symmetric, constant), described, None if fit is None else fit.bootstrap)
     moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
     drawn = None if result.chains is None else subject_draws(result, summarised=True)
     return _Analysed(drawn, row, fit, moved)
 
 
-def _rival(model: Model, subject: Subject, settings: Settings) -> tuple[Evidence, Fitted]:
+def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -> tuple[Evidence, Fitted]:
     """The evidence of a model that differs from H1 in its order effect alone, and what was fitted for it."""
-    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    asked = Wanted(evidence_draws=wanted.evidence_draws)
+    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, asked)
     assert found.evidence is not None  # it was asked for
     return found.evidence, fitted
 

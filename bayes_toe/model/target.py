@@ -181,8 +181,8 @@ class Answering(Protocol):
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         ...
 
-    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """The same of every pair, (points, k) -> (points, pairs)."""
+    def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
+        """The same of every pair, (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where these are known."""
         ...
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
@@ -201,8 +201,8 @@ class Answering(Protocol):
         """The same of one answer given all others to its pair; the same where answers are independent."""
         ...
 
-    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The same of a session drawn for each point, whose answers are independent; the same where they are anyway."""
+    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """The same, from those at x, of a session drawn for each point, whose answers are independent; the same where they are anyway."""
         ...
 
     @property
