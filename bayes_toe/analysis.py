@@ -26,7 +26,7 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_or_fail
+from bayes_toe.workers import Failed, Progress, Workers, run_or_fail
 
 Result = TypeVar("Result")
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
@@ -53,7 +53,7 @@ def run(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> Analysis:
     """Sample every subject under the predictive update (H1) and compute every evidence in one pass.
@@ -67,8 +67,9 @@ def run(
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
         Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
-    workers : int, optional
-        Processes; by default one per processor. The numbers do not depend on it.
+    workers : int or distributed.Client, optional
+        Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
+        it.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     """
@@ -90,7 +91,7 @@ def sample(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> Draws:
     """Posterior draws of every subject under a model.
@@ -138,7 +139,7 @@ def draw(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
@@ -155,7 +156,7 @@ def evidence(
     draws: int = EVIDENCE_DRAWS,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> EvidenceTable:
     """Log evidence of the update (H1), of its rivals without it and of free frequencies (H0), and goodness of fit, of every subject.
@@ -231,7 +232,7 @@ def _table(done: Sequence[_Analysed], settings: Settings, failed: Mapping[str, s
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None
 ) -> tuple[Study, list[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
     done = dict(zip(study.names, run_or_fail(jobs, workers, progress, [(name,) for name in study.names]), strict=True))

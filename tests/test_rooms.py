@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
+version errors arrays seeds cluster workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
 """
 
 import ast
@@ -17,6 +17,7 @@ ORDER = (
     "errors",
     "arrays",
     "seeds",
+    "cluster",
     "workers",
     "data",
     "model",
@@ -37,6 +38,7 @@ OWNERS = {
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},
+    "distributed": {"cluster", "workers"},
     "typer": {"cli"},
     "rich": {"cli"},
     "jinja2": {"cli"},

@@ -26,7 +26,7 @@ from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_or_fail
+from bayes_toe.workers import Failed, Progress, Workers, run_or_fail
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,7 +238,7 @@ def compare(
     draws: int = 1000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> ModelComparison:
     """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.

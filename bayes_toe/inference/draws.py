@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.cluster import aside
 from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
@@ -231,7 +232,8 @@ class Draws:
         """
         with whole_file(path, overwrite=overwrite) as target:
             # By way of memory: where HDF5 itself fails to write, on a full disk, it ends the process with a segmentation fault.
-            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=encoding(self.tree)))
+            with aside():
+                target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=encoding(self.tree)))
             seal(target)
         return Path(path)
 
