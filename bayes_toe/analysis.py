@@ -1,6 +1,6 @@
 """The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
 
-All take the same options: seed, prior, draws, workers, progress, keep.
+All take the same options: seed, prior, draws, workers, engine, progress, keep.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress
+from bayes_toe.workers import Cluster, Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +66,8 @@ def run(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Analysis:
@@ -81,8 +82,11 @@ def run(
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
         Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
-    workers : int, optional
-        Processes; by default one per processor. The numbers do not depend on it.
+    workers : int or distributed.Client, optional
+        Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
+        it.
+    engine : distributed.Client, optional
+        The same client under another name.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     keep : path, optional
@@ -95,7 +99,7 @@ def run(
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
         presets = _presets(study)
         jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
-        study, done, failed = _survivors(study, jobs, workers, progress, kept)
+        study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         made = assembled(None if kept is None else kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
@@ -111,7 +115,8 @@ def sample(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Draws:
@@ -124,7 +129,7 @@ def sample(
         A name of :data:`bayes_toe.model.ladder.NAMES`; the predictive update (H1) by default.
     draws : int
         Bulk and tail effective draws to reach for every judged quantity of every subject.
-    seed, prior, workers, progress, keep
+    seed, prior, workers, engine, progress, keep
         As in :func:`run`.
 
     Raises
@@ -145,7 +150,8 @@ def sample(
     >>> found.model, found.parameters
     ('constant bias', ('q0', 'width', 'offset'))
     """
-    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress, keep=keep)
+    shared = workers if engine is None else engine
+    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=shared, progress=progress, keep=keep)
     for name, reason in made.failed.items():
         warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
     for name, shortfall in made.not_converged.items():
@@ -160,7 +166,7 @@ def draw(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Draws:
@@ -180,7 +186,8 @@ def evidence(
     draws: int = EVIDENCE_DRAWS,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> EvidenceTable:
@@ -191,7 +198,7 @@ def evidence(
     study : Study
     draws : int
         Independent draws behind each evidence; its standard error goes as one over their root.
-    seed, prior, workers, progress, keep
+    seed, prior, workers, engine, progress, keep
         As in :func:`run`.
 
     Examples
@@ -204,7 +211,7 @@ def evidence(
     with keeping(keep) as kept:
         settings, wanted = _settings(study, draws, _seed(kept, seed), prior), Wanted(evidence_draws=draws)
         jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
-        _, done, failed = _survivors(study, jobs, workers, progress, kept)
+        _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         return _table(done, settings, failed)
 
 
@@ -279,7 +286,7 @@ def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, s
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, kept: Kept | None
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept | None
 ) -> tuple[Study, Done[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
     done = work(jobs, workers, progress, [(name,) for name in study.names], kept)

@@ -23,7 +23,7 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, is_whole, packed, unpacked
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_jobs, run_or_fail
+from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail
 
 Result = TypeVar("Result")
 _SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
@@ -50,7 +50,7 @@ class Done(Generic[Result]):
 
 def work(
     jobs: Sequence[Callable[[], Result]],
-    workers: int | None,
+    workers: Workers,
     progress: Progress | None,
     names: Sequence[tuple[str, ...]],
     kept: Kept | None,
@@ -84,7 +84,7 @@ class Kept:
         return root
 
     def work(
-        self, jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
+        self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
     ) -> Done[Result]:
         """Do the jobs whose results are not here, and keep each as it comes."""
         files = [self.folder / f"{fingerprint((_versions(), job))}{_SUFFIX}" for job in jobs]

@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds workers records < data < kept < model < inference < classical < comparison < analysis < experiments
-< plots < cli
+version errors arrays seeds cluster workers records < data < kept < model < inference < classical < comparison < analysis
+< experiments < plots < cli
 """
 
 import ast
@@ -18,6 +18,7 @@ ORDER = (
     "errors",
     "arrays",
     "seeds",
+    "cluster",
     "workers",
     "records",
     "data",
@@ -41,6 +42,7 @@ OWNERS = {
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},
+    "distributed": {"cluster", "workers"},
     "typer": {"cli"},
     "rich": {"cli"},
     "jinja2": {"cli"},

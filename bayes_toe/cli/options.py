@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
 DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
-Workers = Annotated[
+Processes = Annotated[
     int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
 ]
+Engine = Annotated[str, typer.Option("--engine", metavar="local|dask", help="Processes of this machine, or the workers of a Dask cluster.")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
 
 
 def prior_help(kind: type[PriorFields] = PriorFields) -> str:
@@ -41,7 +43,7 @@ Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
 #: In this order help lists the shared options, after those that a command has for itself.
-LAST_IN_HELP = ("seed", "draws", "workers", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
+LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
 
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]

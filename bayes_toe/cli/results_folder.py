@@ -27,7 +27,7 @@ from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes, without_pointwise
 from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import new_figure
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
@@ -50,7 +50,7 @@ def write_results(
     *,
     overwrite: bool = False,
     truth: Truth | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
 ) -> Path:
@@ -101,7 +101,7 @@ def draw_corners(
     subjects: Sequence[str],
     *,
     coordinates: str = "natural",
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
     """Corner plots of some subjects as PNG, by subject."""

@@ -84,8 +84,10 @@ def _leave() -> None:
     """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
     import gc
 
+    from bayes_toe.cluster import leave
     from bayes_toe.workers import stop_workers
 
+    leave()
     stop_workers()
     gc.collect()
     gc.freeze()

@@ -12,13 +12,27 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Resume, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
+from bayes_toe.cli.options import (
+    DrawCount,
+    Engine,
+    Overwrite,
+    PriorFile,
+    Processes,
+    Quiet,
+    Resume,
+    Scheduler,
+    Seed,
+    SpreadsheetSafe,
+    StudyFileOrExample,
+)
+from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
+    from bayes_toe.workers import Workers
 
 INCOMPLETE = 3
 
@@ -112,11 +126,39 @@ class PriorTask(Task):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelTask(WritingTask, PriorTask):
+class SharedTask(WritingTask):
+    """A command that shares its work among workers."""
+
+    processes: Processes = None
+    engine: Engine = "local"
+    scheduler: Scheduler = None
+
+    @cached_property
+    def workers(self) -> Workers:
+        """Processes of this machine, or those of a cluster, which is connected to here and said."""
+        self._require_one_engine()
+        if self.scheduler is None:
+            return self.processes
+        from bayes_toe.cluster import connect
+
+        client = connect(self.scheduler)
+        terminal.say(self.console, f"  workers: {len(client.nthreads())} at {terminal.safe(self.scheduler)}")
+        return client
+
+    def _require_one_engine(self) -> None:
+        if self.engine not in ("local", "dask"):
+            raise InputError(f"--engine {self.engine}: allowed: local, dask")
+        if (self.engine == "dask") != (self.scheduler is not None):
+            raise InputError("--engine dask and --scheduler tcp://HOST:PORT go together")
+        if self.scheduler is not None and self.processes is not None:
+            raise InputError(f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelTask(SharedTask, PriorTask):
     """A command that computes with a model of every subject."""
 
     seed: Seed = None
-    workers: Workers = None
 
 
 @dataclass(frozen=True, kw_only=True)

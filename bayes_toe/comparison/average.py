@@ -29,7 +29,7 @@ from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,7 +144,7 @@ def average(
     draws: int = 1000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> Averages:
     """Pull, constant error, gain and P(equal) of every subject, averaged over a space of models.

@@ -27,7 +27,7 @@ from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress
+from bayes_toe.workers import Cluster, Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -239,7 +239,8 @@ def compare(
     draws: int = 1000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> ModelComparison:
@@ -255,7 +256,7 @@ def compare(
         models that have a name.
     draws : int
         Effective draws to reach for every named quantity of every model.
-    seed, prior, workers, progress, keep
+    seed, prior, workers, engine, progress, keep
         As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
@@ -278,7 +279,7 @@ def compare(
     with keeping(keep, "models of subjects") as kept:
         root = root_seed(seed) if kept is None else kept.seed(seed)
         jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
-        done = work(jobs, workers, progress, names, kept)
+        done = work(jobs, workers if engine is None else engine, progress, names, kept)
         lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
         rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
     size = len(records)

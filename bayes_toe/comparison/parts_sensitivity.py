@@ -28,7 +28,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,7 +130,7 @@ def parts_sensitivity(
     prior: Prior | str | None = None,
     factors: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
     seed: int | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> PartsSensitivity:
     """Probabilities of the levels of parts, of every subject and of the study, under priors around the one given.

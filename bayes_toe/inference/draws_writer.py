@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_toe.cluster import aside
 from bayes_toe.inference.draws_layout import Key, Large, Region
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ def write_tree(path: Path, tree: xr.DataTree, large: Mapping[Key, Large], parts:
     import h5netcdf
 
     with closing(_Sink(path, "w+")) as sink:
-        sink.write(tree.to_netcdf(engine="h5netcdf", encoding=_checksums(tree)))
+        with aside():
+            sink.write(tree.to_netcdf(engine="h5netcdf", encoding=_checksums(tree)))
         with h5netcdf.File(sink, "r+") as file:
             made = {key: _variable(file, key, one) for key, one in large.items()}
             for key, where, values in parts:
