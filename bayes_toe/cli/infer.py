@@ -46,10 +46,9 @@ def run(
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    summaries.say_evidence(task.console, analysis.evidence)
-    for line in say_presets(analysis.presets):
-        terminal.say(task.console, terminal.safe(line))
-    summaries.say_draws(task.console, analysis.draws)
+    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv")
+    terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
+    summaries.say_draws(task.console, analysis.draws, "summary.csv")
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
     written = (name for name in PRODUCTS if (output / name).exists())

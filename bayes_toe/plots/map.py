@@ -255,7 +255,7 @@ def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour:
     outline = ellipse.outline()
     ax.fill(*outline.T, color=colour, alpha=0.35 * weight, lw=0)
     ax.plot(*outline.T, color=colour, lw=0.9 * weight, alpha=weight**0.5)
-    ax.plot(*centre, "o", ms=2.2, color=colour)
+    ax.plot(*centre, "o", ms=1.2 + weight, color=colour)
 
 
 # --- names at their subjects ------------------------------------------------------------------------------------------------------
