@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
@@ -34,11 +34,7 @@ from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import new_figure
 from bayes_toe.workers import Progress, run_in_order
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 Truth = Mapping[str, Mapping[str, float]]
-_Job: TypeAlias = "Callable[[], pd.DataFrame | None]"
 
 #: What a results folder may hold: pages of subjects only where there are very many, corner plots of those who are drawn.
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html", "subjects")
@@ -127,7 +123,7 @@ def write_results(
     pictures : Drawn
         Whose corner plot and curves are drawn; by default everybody's.
     workers, progress
-        As in :func:`bayes_toe.analysis.run`; progress is told of subjects that are summarised and, where wanted, drawn.
+        As in :func:`bayes_toe.analysis.run`; progress is told of the subjects that are drawn.
     spreadsheet_safe : bool
         As in :func:`bayes_toe.data.tables.write_table`.
 
@@ -136,27 +132,26 @@ def write_results(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    import pandas as pd
-
     marked = flagged(analysis.evidence, analysis.draws.not_converged, analysis.presets)
     drawn = pictures.names(analysis.draws.names, marked)
     files = corner_files(analysis.draws, drawn)
     required = (*(name for name in PRODUCTS if name not in ("corner", "subjects")), *(f"corner/{name}" for name in files.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, _drawing_place(new) as (target, place):
         analysis.draws.save(target / "posterior.nc")
+        summary = analysis.draws.summary()
+        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         here = partial(Drawing, target / "posterior.nc", (target / "posterior.nc").stat().st_mtime_ns)
         if drawn:
             (target / "corner").mkdir()
-        of_study, of_subjects = _overviews(analysis, asymmetry, here(""), place), list[_Job]()
-        for name in analysis.draws.names:
-            into = (target / "corner" / files[name], place / "curves" / files[name]) if name in files else None
-            of_subjects.append(partial(_finish_subject, here(name), analysis.settings.prior, pictures.truth.get(name), into))
-        names = [*((),) * len(of_study), *((name,) for name in analysis.draws.names)]
-        rows = [row for row in run_in_order([*of_study, *of_subjects], workers, progress, names) if row is not None]
-        facts = Facts(pd.concat(rows, ignore_index=True), asymmetry, marked)
-        write_table(facts.summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
+        of_study, of_subjects = _overviews(analysis, asymmetry, here(""), place), list[Callable[[], None]]()
+        for name, file in files.items():
+            into = target / "corner" / file, place / "curves" / file
+            of_subjects.append(partial(_draw_subject, here(name), analysis.settings.prior, pictures.truth.get(name), *into))
+        names = [*((),) * len(of_study), *((name,) for name in drawn)]
+        run_in_order([*of_study, *of_subjects], workers, progress, names)
+        facts = Facts(summary, asymmetry, marked)
         curve_files, corner_plots = ({name: home / file for name, file in files.items()} for home in (place / "curves", target / "corner"))
         write_report(analysis, facts, Pictures(place, curve_files, corner_plots, pictures.which), target)
     return Path(folder)
@@ -197,7 +192,7 @@ def _drawing_place(new: Path) -> Iterator[tuple[Path, Path]]:
             _opened.cache_clear()
 
 
-def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, place: Path) -> list[_Job]:
+def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, place: Path) -> list[Callable[[], None]]:
     """Calls that draw evidence, asymmetry, map and prior into files with the names that :class:`Pictures` looks for."""
     return [
         partial(_draw_evidence, analysis.evidence, place / "evidence.png", synthetic=analysis.study.synthetic),
@@ -207,13 +202,10 @@ def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, pl
     ]
 
 
-def _finish_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None, into: tuple[Path, Path] | None) -> pd.DataFrame:
-    """Draw corner plot and curves of a subject into two files, or not, and summarise its draws."""
-    if into is not None:
-        _draw_corner(one, into[0], prior=prior, truth=truth)
-        fitted = interval_curves if one.draws.intervals else curves
-        into[1].write_bytes(png(fitted(one.draws, one.subject), dpi=120))
-    return one.draws.select(one.subject).summary()
+def _draw_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path) -> None:
+    _draw_corner(one, corner_file, prior=prior, truth=truth)
+    fitted = interval_curves if one.draws.intervals else curves
+    curve_file.write_bytes(png(fitted(one.draws, one.subject), dpi=120))
 
 
 def _draw_corner(

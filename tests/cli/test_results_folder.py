@@ -39,7 +39,7 @@ def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_wh
     corners = tmp_path / "out" / "corner"
     assert sorted(file.stem for file in corners.glob("*")) == list(drawn)
     assert corners.exists() == bool(drawn)
-    assert told == ["A", "B", "C"]
+    assert told == list(drawn)
     text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
     assert text.count("data:image/png") == 4 + 2 * len(drawn)
     assert text.count("Not drawn (--pictures") == 3 - len(drawn)
