@@ -9,7 +9,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from numbers import Integral
 from queue import SimpleQueue
@@ -30,6 +30,7 @@ Progress = Callable[[str], None]
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _ATTEMPTS = 2  # workers that may die of one job
+_FROM_TERMINALS = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
 _IDLE = 10.0  # seconds after which a worker without a job ends
 
 
@@ -57,6 +58,17 @@ def worker_count(workers: int | None, jobs: int) -> int:
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     wanted = workers if workers is not None else (available if available is not None else 1)
     return max(1, min(wanted, jobs))
+
+
+def of_this_machine(workers: Workers) -> int | None:
+    """Processes here, also where a cluster did other work: for jobs on files, which the cluster may not see.
+
+    Examples
+    --------
+    >>> of_this_machine(2)
+    2
+    """
+    return int(workers) if isinstance(workers, Integral) else None
 
 
 def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Iterator[tuple[int, Result | Failed]]:
@@ -158,7 +170,8 @@ class _Lane:
         self._executor.shutdown(wait=True, kill_workers=True)
 
     def _submitted(self, job: Callable[[], Result]) -> Future[Result]:
-        future: Future[Result] = self._executor.submit(job)
+        with _not_for_workers():
+            future: Future[Result] = self._executor.submit(job)
         return future
 
     def _fresh(self) -> Any:
@@ -172,11 +185,25 @@ _lanes: list[_Lane] = []  # kept from call to call
 atexit.register(_lanes.clear)  # while the libraries that executors need to go are still there
 
 
+@contextmanager
+def _not_for_workers() -> Iterator[None]:
+    """Start a process that holds back what a terminal says until :func:`_begin`: Python, beginning, would die of it with many lines."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _FROM_TERMINALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin(parent: int) -> None:
     """In a worker, first: what a terminal says to all its processes is for the parent to answer, and no worker outlives its parent."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for one in _FROM_TERMINALS:
+        signal.signal(one, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _FROM_TERMINALS)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 

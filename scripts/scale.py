@@ -52,10 +52,10 @@ def measure(what: str, subjects: int, workers: int, dask: int, draws: int) -> di
         if what == "sample":
             bt.sample(study, draws=draws, seed=1, workers=workers, engine=engine, keep=keep).save(file)
         else:
-            from bayes_toe.cli.results_folder import write_results
+            from bayes_toe.cli.results_folder import Drawn, write_results
 
             analysis = bt.run(study, draws=draws, seed=1, workers=workers, engine=engine, keep=keep)
-            write_results(analysis, folder, workers=workers, pictures="none")
+            write_results(analysis, folder, workers=workers, pictures=Drawn("none", {}))
         wall = time.perf_counter() - begun
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # before anything is read
         held.close()
@@ -66,7 +66,7 @@ def measure(what: str, subjects: int, workers: int, dask: int, draws: int) -> di
         loaded[study.names[-1]].summary()
         read = time.perf_counter()
         size = file.stat().st_size / 1e6
-    name = f"dask, {dask} workers" if dask else f"local, {workers} processes"
+    name = f"dask {dask} workers" if dask else f"local {workers} processes"
     values = (what, name, subjects, wall, cpu, cpu / subjects, peak, size, reading - loading, 1e3 * (read - reading))
     return dict(zip(COLUMNS, values, strict=True))
 
@@ -98,7 +98,8 @@ def main() -> None:
             one = [f"--subjects={subjects}", f"--what={options.what}", f"--workers={options.workers}", f"--draws={options.draws}"]
             words = [sys.executable, __file__, "--one", *one, *([f"--dask={dask}"] if dask else [])]
             found = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
-            print(",".join(f"{value:.4g}" if isinstance(value, float) else str(value).replace(",", "") for value in found.values()), flush=True)
+            cells = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in found.values())
+            print(",".join(cells), flush=True)
 
 
 if __name__ == "__main__":

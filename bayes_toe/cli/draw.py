@@ -59,7 +59,7 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    from bayes_toe.cli.results_folder import corner_files, draw_corners, write_corners
+    from bayes_toe.cli.results_folder import corner_files, draw_corners
     from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.inference.draws import load
 
@@ -67,8 +67,7 @@ def corner(
     chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
     files = corner_files(loaded, chosen)
     task.require_folder(output, list(files.values()))
-    with task.progress("drawing", len(chosen)) as tick:
-        pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=task.workers, progress=tick)
-    with whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite) as target:
-        write_corners(pictures, target, files)
+    made = whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite)
+    with made as target, task.progress("drawing", len(chosen)) as tick:
+        draw_corners(posterior, files, target, coordinates=coordinates, workers=task.workers, progress=tick)
     task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)

@@ -32,6 +32,7 @@ def run(
     *,
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
+    pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
     task: RunningTask,
 ) -> None:
     """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
@@ -39,27 +40,27 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
+    drawn = Drawn(pictures, example_truth() if study.file is None else {})
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    task.require_room(output, read, prior, others=PICTURE_BYTES)
+    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures])
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     task.say_taken(keep)
-    summaries.say_evidence(task.console, analysis.evidence)
-    for line in say_presets(analysis.presets):
-        terminal.say(task.console, terminal.safe(line))
-    summaries.say_draws(task.console, analysis.draws)
-    truth = example_truth() if study.file is None else None
+    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv")
+    terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
+    summaries.say_draws(task.console, analysis.draws, "summary.csv")
     with task.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, truth=truth, workers=task.workers, progress=tick, **task.saving)
+        write_results(analysis, output, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
     task.finish(keep, analysis.draws.failed)
-    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(PRODUCTS)}")
+    written = (name for name in PRODUCTS if (output / name).exists())
+    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
     leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
 
 

@@ -230,7 +230,6 @@ class SamplingTask(ModelTask):
 
 def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
     """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
-    for name, reason in failed.items():
-        terminal.say_note(task.console, f"{name}: {reason}", "left out", "red")
+    terminal.say_notes(task.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
     if failed or missed:
         raise typer.Exit(INCOMPLETE)

@@ -80,10 +80,10 @@ def bare(text: str) -> str:
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
 
 
-def listed(items: Sequence[str]) -> str:
+def listed(items: Sequence[str], most: int = MOST_SHOWN) -> str:
     """The first items, and how many there are beyond them."""
-    more = [f"... and {len(items) - MOST_SHOWN} more"] if len(items) > MOST_SHOWN else []
-    return ", ".join([*items[:MOST_SHOWN], *more])
+    more = [f"... and {len(items) - most:,} more"] if len(items) > most else []
+    return ", ".join([*items[:most], *more])
 
 
 def counted(count: int, noun: str) -> str:

@@ -78,7 +78,7 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_path, monkeypatch):
     from bayes_toe.cli import results_folder
 
-    out, write = tmp_path / "out", results_folder.write_corners
+    out, write = tmp_path / "out", results_folder.write_report
     out.mkdir()
 
     def deleted(*given):
@@ -86,12 +86,15 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
         write(*given)
 
     words = ("run", place / "study.csv", "-o", out, "--draws", 100, "--seed", 1, "--workers", 1)
-    monkeypatch.setattr(results_folder, "write_corners", deleted)
+    monkeypatch.setattr(results_folder, "write_report", deleted)
     done = inside(*words)
-    assert "deleted meanwhile" in one_line(done)
+    assert "cannot be written" in one_line(done)
     assert "results in" not in done.stdout
-    monkeypatch.setattr(results_folder, "write_corners", lambda *_: None)
-    assert "corner/S01.png is missing" in one_line(inside(*words, "--resume"))
+    monkeypatch.setattr(results_folder, "write_report", lambda *_: None)
+    assert "report.html is missing" in one_line(inside(*words, "--resume"))
+    monkeypatch.setattr(results_folder, "write_report", write)
+    monkeypatch.setattr(results_folder, "_draw_corner", lambda *_, **options: None)
+    assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))
 
 
 @pytest.mark.parametrize("moved", [0, 1, 2])
