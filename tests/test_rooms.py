@@ -34,6 +34,7 @@ OWNERS = {
     "arviz_stats": {"inference.diagnostics"},
     "xarray": {"inference.draws", "inference.draws_file"},
     "h5py": {"inference.draws_file"},
+    "pyarrow": {"data.parquet"},
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},

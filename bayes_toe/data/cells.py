@@ -198,7 +198,7 @@ def _delimiter(text: str, names: frozenset[str]) -> str:
 
 @dataclass(frozen=True)
 class Header:
-    """What the first record of a file tells, and its physical row."""
+    """What the first record of a file tells, and its physical row; of a Parquet file its schema, without a delimiter."""
 
     source: str
     encoding: str
@@ -209,11 +209,18 @@ class Header:
     @property
     def decimal_comma(self) -> bool:
         """Whether the delimiter leaves the comma free to be a decimal sign."""
-        return self.delimiter != ","
+        return self.delimiter in (";", "\t")
+
+    @property
+    def place(self) -> str:
+        """What messages call it."""
+        return f"row {self.row}" if self.delimiter else "schema"
 
 
-def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, str]:
+def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, Any]:
     """The header of a file in which columns of these names are looked for, as they tell the delimiter; and the file's text.
+
+    A file whose name ends in .parquet is read as one, see :mod:`bayes_toe.data.parquet`.
 
     Raises
     ------
@@ -222,7 +229,13 @@ def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_
         cannot be split.
     """
     source = bare(Path(path).name)
-    text, encoding = _decode(source, _bytes(path, largest))
+    from bayes_toe.data.parquet import is_parquet, parquet_header, require_parquet
+
+    require_parquet(path)
+    data = _bytes(path, largest)
+    if is_parquet(path):
+        return parquet_header(source, data, largest)
+    text, encoding = _decode(source, data)
     delimiter = _delimiter(text, names)
     row, cells = next(_records(text, delimiter), (0, None))
     if cells is None:
@@ -298,7 +311,7 @@ class Cells:
     fault: Fault
 
 
-def read_cells(header: Header, text: str, places: Mapping[str, int], problems: Sequence[str]) -> Cells:
+def read_cells(header: Header, text: Any, places: Mapping[str, int], problems: Sequence[str]) -> Cells:
     """The columns at these places of the records, by name.
 
     Raises
@@ -306,12 +319,16 @@ def read_cells(header: Header, text: str, places: Mapping[str, int], problems: S
     InputError
         Where the header has problems: they and the rows that cannot be split. Where there is no row below the header.
     """
+    if not isinstance(text, str):
+        from bayes_toe.data.parquet import parquet_cells
+
+        return parquet_cells(header, text, places, problems)
     texts = [_Texts() for _ in places]
     rows, fault = _keep(itertools.islice(_records(text, header.delimiter), 1, None), len(header.names), tuple(places.values()), texts)
     if problems:
         refuse(header.source, [*(Fault(1, ((header.row, line),)) for line in problems), fault])
     if not len(rows) and fault.count == 0:
-        raise InputError(f"{header.source}: row {header.row}: found a header only, allowed: at least one row below it")
+        raise InputError(f"{header.source}: {header.place}: found a header only, allowed: at least one row below it")
     columns = {name: kept.column(header.names[place]) for (name, place), kept in zip(places.items(), texts, strict=True)}
     columns.update({name: _bare_names(columns[name]) for name in ("subject",) if name in columns})
     return Cells(header, columns, rows, fault)

@@ -60,7 +60,8 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     Parameters
     ----------
     path : str or Path
-        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark.
+        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
+        the extra `parquet`): the same columns, of text or numbers; its rows count from 1.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -106,7 +107,7 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
             lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
     places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
     marked = {_SYNTHETIC: header.names.index(_SYNTHETIC)} if _SYNTHETIC in header.names else {}
-    return places | marked, [f"row {header.row}, {line}" for line in lines]
+    return places | marked, [f"{header.place}, {line}" for line in lines]
 
 
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
@@ -331,6 +332,8 @@ def _total_fault(cells: Cells, subject: Column, trials: Column, n: IntArray) -> 
 
 def _format(cells: Cells, numbers: Sequence[Column]) -> str:
     header = cells.header
+    if not header.delimiter:
+        return header.encoding
     comma = header.decimal_comma and any("," in text for column in numbers for text in column.texts)
     return f"{DELIMITERS[header.delimiter]}-separated, {header.encoding}{', decimal comma' if comma else ''}"
 
