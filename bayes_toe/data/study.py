@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
+from bayes_toe.data.cells import listed
 from bayes_toe.errors import InputError
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
@@ -202,7 +203,7 @@ class Study:
         if not subjects:
             raise InputError("a study needs at least one subject")
         if repeated:
-            raise InputError(f"subject names must be unique, repeated: {', '.join(map(repr, repeated))}")
+            raise InputError(f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}")
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
         object.__setattr__(self, "subjects", subjects)
@@ -221,7 +222,7 @@ class Study:
 
     def __getitem__(self, name: str) -> Subject:
         if name not in self._by_name:
-            raise InputError(f"no subject {name!r} in {self.source}; there are: {', '.join(map(repr, self.names))}")
+            raise InputError(f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}")
         return self._by_name[name]
 
     @cached_property
