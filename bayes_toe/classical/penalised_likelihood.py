@@ -88,7 +88,10 @@ class PenalisedLikelihood:
         """What some pairs add to the log likelihood, and to the sums of slopes and curvatures times powers of z and of the lever."""
         lever = self.s1[pairs] - self.sbar
         powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
-        z = ((self.s2 - self.s1)[pairs, None] + lever[:, None] * (MAX_PULL * np.exp(x[1])) - x[0]) * inverse
+        z = lever[:, None] * (MAX_PULL * np.exp(x[1]))
+        z += (self.s2 - self.s1)[pairs, None]
+        z -= x[0]
+        z *= inverse
         value, slope, curve = self._answers(z, x[3], self.equal[pairs, row], self.different[pairs, row])
         e, h = powers @ slope, curve.sum(axis=0)
         slope *= z
