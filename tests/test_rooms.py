@@ -39,6 +39,7 @@ OWNERS = {
     "xarray": {"inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_writer"},
     "h5py": {"inference.draws_file", "inference.draws_writer"},
     "h5netcdf": {"inference.draws_writer"},
+    "pyarrow": {"data.parquet"},
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},

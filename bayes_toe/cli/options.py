@@ -62,7 +62,9 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
 class StudyFileOrExample:
     """The study that a command was given, with the options of reading it; without a file the bundled example."""
 
-    file: Annotated[Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts; none means the bundled example.")] = None
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts, CSV or .parquet; none means the bundled example.")
+    ] = None
     intensity: Annotated[float | None, _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF")] = None
     equal_code: Annotated[str | None, _how_to_read("--equal-code", "The response that means 'equal'.")] = None
     different_code: Annotated[str | None, _how_to_read("--different-code", "The response that means 'different'.")] = None
@@ -89,5 +91,8 @@ class StudyFile(StudyFileOrExample):
     """The same where a file must be named."""
 
     file: Annotated[
-        Path, typer.Argument(metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials).")
+        Path,
+        typer.Argument(
+            metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials), CSV or .parquet."
+        ),
     ] = field()  # without the default that it would inherit

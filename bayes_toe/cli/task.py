@@ -61,10 +61,12 @@ class WritingTask(Task):
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it."""
+        from bayes_toe.data.parquet import require_parquet
         from bayes_toe.data.whole_files import require_writable
         from bayes_toe.data.whole_folders import put_back
 
         for file in files:
+            require_parquet(file)
             put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
 

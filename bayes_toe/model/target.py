@@ -110,9 +110,10 @@ def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
-    given = counts > 0.0
-    with np.errstate(over="ignore"):  # a product beyond the largest float is infinite to all digits
-        return counts * values if given.all() else np.where(given, counts * np.where(given, values, 0.0), 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # a product beyond the largest float is infinite to all digits; 0 times infinity
+        product = np.asarray(counts * values)
+    np.copyto(product, 0.0, where=~(counts > 0.0))
+    return product
 
 
 class Levels(Protocol):
