@@ -37,9 +37,10 @@ def study_of(subjects: int) -> bt.Study:
     return bt.Study(made, source="simulated", synthetic=True)
 
 
-def measure(what: str, subjects: int, workers: int, dask: int, draws: int) -> dict[str, Any]:
+def measure(options: argparse.Namespace) -> dict[str, Any]:
     """One study, in this process."""
-    study = study_of(subjects)
+    (subjects,), workers, dask = options.subjects, options.workers, (options.dask or [0])[0]
+    what, study, how = options.what, study_of(subjects), {"draws": options.draws, "seed": 1, "workers": workers}
     with tempfile.TemporaryDirectory() as folder, ExitStack() as held:
         engine = None
         if dask:
@@ -50,11 +51,11 @@ def measure(what: str, subjects: int, workers: int, dask: int, draws: int) -> di
         begun, used = time.perf_counter(), processor_time()
         keep, file = Path(folder, "kept"), Path(folder, "posterior.nc")
         if what == "sample":
-            bt.sample(study, draws=draws, seed=1, workers=workers, engine=engine, keep=keep).save(file)
+            bt.sample(study, model=options.model, engine=engine, keep=keep, **how).save(file)
         else:
             from bayes_toe.cli.results_folder import Drawn, write_results
 
-            analysis = bt.run(study, draws=draws, seed=1, workers=workers, engine=engine, keep=keep)
+            analysis = bt.run(study, engine=engine, keep=keep, **how)
             write_results(analysis, folder, workers=workers, pictures=Drawn("none", {}))
         wall = time.perf_counter() - begun
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # before anything is read
@@ -63,11 +64,13 @@ def measure(what: str, subjects: int, workers: int, dask: int, draws: int) -> di
         loading = time.perf_counter()
         loaded = bt.load(file)
         reading = time.perf_counter()
+        loaded[study.names[0]].summary()  # with the libraries that this loads
+        again = time.perf_counter()
         loaded[study.names[-1]].summary()
         read = time.perf_counter()
         size = file.stat().st_size / 1e6
     name = f"dask {dask} workers" if dask else f"local {workers} processes"
-    values = (what, name, subjects, wall, cpu, cpu / subjects, peak, size, reading - loading, 1e3 * (read - reading))
+    values = (f"{what} {options.model}", name, subjects, wall, cpu, cpu / subjects, peak, size, reading - loading, 1e3 * (read - again))
     return dict(zip(COLUMNS, values, strict=True))
 
 
@@ -87,15 +90,22 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--dask", type=int, nargs="*", default=[], help="Workers of local Dask clusters, in the place of processes.")
     parser.add_argument("--draws", type=int, default=4000)
+    parser.add_argument("--model", default="predictive update", help="Of sample: 'free frequencies' has no chains to wait for.")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        print(json.dumps(measure(options.what, options.subjects[0], options.workers, (options.dask or [0])[0], options.draws)))
+        print(json.dumps(measure(options)))
         return
     print(",".join(COLUMNS))
     for subjects in options.subjects:
         for dask in options.dask or [0]:
-            one = [f"--subjects={subjects}", f"--what={options.what}", f"--workers={options.workers}", f"--draws={options.draws}"]
+            one = [
+                f"--subjects={subjects}",
+                f"--what={options.what}",
+                f"--workers={options.workers}",
+                f"--draws={options.draws}",
+                f"--model={options.model}",
+            ]
             words = [sys.executable, __file__, "--one", *one, *([f"--dask={dask}"] if dask else [])]
             found = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
             cells = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in found.values())
