@@ -15,6 +15,7 @@ from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
+from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
@@ -31,8 +32,8 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
-#: What a results folder holds.
-PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html")
+#: What a results folder may hold; draws in one of two ways.
+PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", "corner", "report.html")
 #: Of a subject, about: two pictures, and both again in the report.
 PICTURE_BYTES = 400_000
 
@@ -49,12 +50,13 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
+    store: str = "nc",
     truth: Truth | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
 ) -> Path:
-    """Write posterior.nc, summary.csv, evidence.csv, corner/*.png and report.html into `folder`.
+    """Write posterior.nc (or .zarr), summary.csv, evidence.csv, corner/*.png and report.html into `folder`.
 
     Parameters
     ----------
@@ -63,6 +65,8 @@ def write_results(
         Made where it is missing; other files in it are left alone.
     overwrite : bool
         Whether existing products may be replaced.
+    store : str
+        "nc" or "zarr".
     truth : mapping, optional
         True natural parameters by subject, for synthetic studies; shown in the corner plots.
     workers, progress
@@ -77,9 +81,10 @@ def write_results(
     """
     names = analysis.draws.names
     corner_names = corner_files(analysis.draws, names)
-    required = (*(name for name in PRODUCTS if name != "corner"), *(f"corner/{name}" for name in corner_names.values()))
+    posterior = draws_in(Path(), store).name
+    required = (posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in corner_names.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
-        analysis.draws.save(target / "posterior.nc")
+        analysis.draws.save(target / posterior)
         summary = analysis.summary()
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
@@ -94,6 +99,13 @@ def write_results(
         facts = Facts(summary, asymmetry)
         write_report(analysis, facts, pictures, target / "report.html")
     return Path(folder)
+
+
+def draws_in(folder: Path, store: str) -> Path:
+    """Where the draws of a results folder are, "nc" or "zarr"."""
+    if store not in ("nc", "zarr"):
+        raise InputError(f"--store {store}: allowed: nc, zarr")
+    return folder / f"posterior.{store}"
 
 
 def draw_corners(
