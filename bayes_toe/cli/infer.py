@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import summaries, terminal
-from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.options import DrawCount, Store, StudyFile, StudyFileOrExample, writes
 from bayes_toe.cli.task import KeepingTableTask, KeepingTask, ModelTableTask, SamplingTask, TableTask, leave_unless_whole
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def run(
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
     pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
+    store: Store = "nc",
     task: RunningTask,
 ) -> None:
     """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
@@ -40,15 +41,16 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
     drawn = Drawn(pictures, example_truth() if study.file is None else {})
+    copies = task.copies_for(draws_in(output, store))
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures])
+    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures], copies=copies)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
@@ -57,7 +59,7 @@ def run(
     terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
     summaries.say_draws(task.console, analysis.draws, "summary.csv")
     with task.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
+        write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
@@ -67,7 +69,7 @@ def run(
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
+    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")] = Path("posterior.nc"),
     model: Annotated[
         str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")
     ] = "predictive update",
@@ -81,10 +83,11 @@ def sample(
     from bayes_toe.model.ladder import model_named
 
     record = model_named(model)
+    copies = task.copies_for(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
-    task.require_room(output, read, prior, model)
+    task.require_room(output, read, prior, model, copies=copies)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
     terminal.say_smaller_models(task.console, read)

@@ -45,7 +45,8 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.
 #: In this order help lists the shared options, after those that a command has for itself.
 LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
 
-SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")]
+Store = Annotated[str, typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
+SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]
 
 

@@ -36,8 +36,8 @@ from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
-#: What a results folder may hold: pages of subjects only where there are very many, corner plots of those who are drawn.
-PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html", "subjects")
+#: What a results folder may hold: draws in one of two ways, pages of subjects where there are very many, corner plots of those drawn.
+PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", "corner", "report.html", "subjects")
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
 PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
@@ -106,12 +106,13 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
+    store: str = "nc",
     pictures: Drawn = ALL,
     workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
 ) -> Path:
-    """Write posterior.nc, summary.csv, evidence.csv, corner/*.png and report.html into `folder`, with subjects/*.html where they are many.
+    """Write posterior.nc (.zarr), summary.csv, evidence.csv, corner/*.png and report.html, of very many subjects also subjects/*.html.
 
     Parameters
     ----------
@@ -120,6 +121,8 @@ def write_results(
         Made where it is missing; other files in it are left alone.
     overwrite : bool
         Whether existing products may be replaced.
+    store : str
+        "nc" or "zarr".
     pictures : Drawn
         Whose corner plot and curves are drawn; by default everybody's.
     workers, progress
@@ -134,15 +137,15 @@ def write_results(
     """
     marked = flagged(analysis.evidence, analysis.draws.not_converged, analysis.presets)
     drawn = pictures.names(analysis.draws.names, marked)
-    files = corner_files(analysis.draws, drawn)
-    required = (*(name for name in PRODUCTS if name not in ("corner", "subjects")), *(f"corner/{name}" for name in files.values()))
+    files, posterior = corner_files(analysis.draws, drawn), draws_in(Path(), store).name
+    required = (posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in files.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, _drawing_place(new) as (target, place):
-        analysis.draws.save(target / "posterior.nc")
+        analysis.draws.save(target / posterior)
         summary = analysis.summary()
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-        here = partial(Drawing, target / "posterior.nc", (target / "posterior.nc").stat().st_mtime_ns)
+        here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns)
         if drawn:
             (target / "corner").mkdir()
         of_study, of_subjects = _overviews(analysis, asymmetry, here(""), place), list[Callable[[], None]]()
@@ -155,6 +158,13 @@ def write_results(
         curve_files, corner_plots = ({name: home / file for name, file in files.items()} for home in (place / "curves", target / "corner"))
         write_report(analysis, facts, Pictures(place, curve_files, corner_plots, pictures.which), target)
     return Path(folder)
+
+
+def draws_in(folder: Path, store: str) -> Path:
+    """Where the draws of a results folder are, "nc" or "zarr"."""
+    if store not in ("nc", "zarr"):
+        raise InputError(f"--store {store}: allowed: nc, zarr")
+    return folder / f"posterior.{store}"
 
 
 def draw_corners(

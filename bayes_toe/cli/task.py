@@ -220,14 +220,29 @@ class SamplingTask(ModelTask):
 
     draws: DrawCount = 4000
 
-    def require_room(self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0) -> None:
-        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them."""
+    def copies_for(self, file: Path) -> int:
+        """How often the draws will be on the disk, see :meth:`require_room`; a store that could not be written is refused."""
+        from bayes_toe.data.stores import named_store
+        from bayes_toe.inference.draws_store import require_library
+
+        if not named_store(file):
+            return 2
+        require_library()
+        return 3
+
+    def require_room(
+        self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0, copies: int = 2
+    ) -> None:
+        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
+
+        Two copies, since the draws of each subject are kept until all are in one file; three for a store, which is written from that file.
+        """
         from bayes_toe.data.places import require_room
         from bayes_toe.inference.draws import stored_bytes
         from bayes_toe.inference.sampling import SamplerSettings
 
         draws = stored_bytes(study, prior, SamplerSettings(self.draws), model)
-        require_room(place, 2 * draws + others * (len(study) + 1))  # those of each subject are kept until all are in one file
+        require_room(place, copies * draws + others * (len(study) + 1))
 
 
 def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:

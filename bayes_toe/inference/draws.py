@@ -19,12 +19,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.places import shown
+from bayes_toe.data.places import reporting, shown
+from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws_file import ALLOWED, read_tree, unreadable
-from bayes_toe.inference.draws_layout import Head, filled, regions, skeleton, taken_apart
+from bayes_toe.inference.draws_layout import Head, Region, filled, regions, skeleton, taken_apart
+from bayes_toe.inference.draws_store import write_store
 from bayes_toe.inference.draws_writer import write_tree
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -222,28 +225,39 @@ class Draws:
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write a NetCDF file, whole or not at all.
+        """Write a NetCDF file or, where the name ends with .zarr, a Zarr store, which is a folder; whole or not at all.
 
         Raises
         ------
+        InputError
+            For a store, if Zarr is not installed.
         OutputError
-            If the file exists and may not be replaced, or cannot be written.
+            If the file exists and may not be replaced, or cannot be written; of folders only a store of draws may be.
         """
+        final, (small, large, parts) = Path(path), taken_apart(self.tree)
+        if named_store(final):
+            with whole_together(final, overwrite=overwrite) as folder, reporting(final):
+                write_store(folder / final.name, small, large, self._read(parts))
+            return final
         with whole_file(path, overwrite=overwrite) as target:
             if self.file is None or not _linked(self.file, target):
-                write_tree(target, *taken_apart(self.tree))
-        return Path(path)
+                write_tree(target, small, large, self._read(parts))
+        return final
 
     def _stored(self, name: str, parameter: str) -> FloatArray:
         with self._reading():
             return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
 
+    def _read(self, parts: Iterator[Region]) -> Iterator[Region]:
+        with self._reading():
+            yield from parts
+
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """What a damaged part of a file says when it is asked for."""
+        """What a damaged part of a file or a store says when it is asked for."""
         try:
             yield
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise unreadable(shown(Path(self.tree["posterior"][self.parameters[0]].encoding["source"])), error) from error
 
     @cached_property
@@ -265,12 +279,12 @@ class Draws:
 
 
 def load(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote.
+    """Read draws that :meth:`Draws.save` wrote, from a file or a store.
 
     Raises
     ------
     InputError
-        If the file is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
+        If it is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
     """
     made, name = Draws(read_tree(path)), shown(Path(path))
     try:

@@ -18,14 +18,16 @@ import numpy as np
 
 from bayes_toe.data.cells import LARGEST_COUNT, quoted
 from bayes_toe.data.places import shown
+from bayes_toe.data.stores import named_store
 from bayes_toe.errors import InputError
+from bayes_toe.inference.draws_store import dangers, opened_store, require_library
 from bayes_toe.inference.draws_writer import sealed
 
 if TYPE_CHECKING:
     import h5py
     import xarray as xr
 
-ALLOWED = "allowed: a posterior.nc written by bayes-toe"
+ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
 _AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and not when they are asked for
 _PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
 _REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
@@ -59,20 +61,18 @@ _TEXTS, _WHOLE = ("model", "settings"), ("seed", "synthetic")
 
 
 def read_tree(path: str | Path) -> xr.DataTree:
-    """All groups of a file of draws: in memory, and the file is closed; of a large one that has its seal, draws are read when asked for.
+    """All groups of a file or store of draws, with the layout of draws.
+
+    Those of a file are in memory, and it is closed; of a store, and of a large file that has its seal, draws are read when asked for.
 
     Raises
     ------
     InputError
-        If the file is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
+        If it is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
     """
     name = shown(Path(path))
     try:
-        whole = _sealed(name, Path(path))
-        if not whole:
-            _rehearse(name, path)
-        at_once = not whole or Path(path).stat().st_size <= _AT_ONCE
-        tree = opened(name, path, at_once=at_once)
+        tree, at_once = _read_store(name, Path(path)) if named_store(Path(path)) or Path(path).is_dir() else _read_file(name, Path(path))
     except InputError:
         raise
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
@@ -83,9 +83,29 @@ def read_tree(path: str | Path) -> xr.DataTree:
     return tree
 
 
+def _read_file(name: str, path: Path) -> tuple[xr.DataTree, bool]:
+    """A file's groups, and whether they are in memory."""
+    whole = _sealed(name, path)
+    if not whole:
+        _rehearse(name, path)
+    at_once = not whole or path.stat().st_size <= _AT_ONCE
+    return opened(name, path, at_once=at_once), at_once
+
+
+def _read_store(name: str, path: Path) -> tuple[xr.DataTree, bool]:
+    """A store's groups, which are not in memory."""
+    require_library()
+    problem = next(dangers(path), None)
+    if problem is not None:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    return opened_store(path), False
+
+
 def unreadable(name: str, error: Exception) -> InputError:
-    """What is raised where the libraries cannot read a file, or a part of it."""
-    reason = "damaged: its numbers do not fit their checksums" if "filter" in str(error) else "not a NetCDF file that can be read"
+    """What is raised where the libraries cannot read a file or a store, or a part of it."""
+    kind = "store of draws" if named_store(Path(name)) else "NetCDF file"
+    damaged = any(word in str(error) for word in ("filter", "checksum"))  # as HDF5 and as Zarr say it
+    reason = "damaged: its numbers do not fit their checksums" if damaged else f"not a {kind} that can be read"
     return InputError(f"{name}: {reason}; {ALLOWED}")
 
 
