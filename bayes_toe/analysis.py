@@ -1,32 +1,38 @@
 """The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
 
-All take the same options: seed, prior, draws, workers, progress.
+All take the same options: seed, prior, draws, workers, engine, progress, keep.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
-from bayes_toe.inference.draws import Draws, build_draws
+from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, SubjectResult, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
+from bayes_toe.kept import Done, Kept, keeping, work
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_or_fail
+from bayes_toe.workers import Cluster, Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Result = TypeVar("Result")
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
@@ -45,6 +51,13 @@ class Analysis:
     settings: Settings
     fits: FitTable
     presets: tuple[UnderPresets, ...] = ()
+    summary_rows: tuple[SummaryRow, ...] = ()
+
+    def summary(self) -> pd.DataFrame:
+        """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
+        import pandas as pd
+
+        return pd.DataFrame(self.summary_rows, columns=list(SUMMARY_COLUMNS))
 
 
 def run(
@@ -53,8 +66,10 @@ def run(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> Analysis:
     """Sample every subject under the predictive update (H1) and compute every evidence in one pass.
 
@@ -67,20 +82,30 @@ def run(
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
         Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
-    workers : int, optional
-        Processes; by default one per processor. The numbers do not depend on it.
+    workers : int or distributed.Client, optional
+        Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
+        it.
+    engine : distributed.Client, optional
+        The same client under another name.
     progress : callable, optional
         Called with a subject's name when that subject is done.
+    keep : path, optional
+        A folder in which every finished subject is kept, and from which it is taken where all that decides its numbers is the same: an
+        interrupted call goes on where it was, to the same bits. Draws are then read from a file there when they are asked for, and do
+        not grow in memory with the subjects. Without a seed, that of what is kept is used.
     """
-    settings = _settings(study, draws, seed, prior)
-    wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
-    presets = _presets(study)
-    jobs = [partial(_evidence_of, subject, settings, wanted, presets) for subject in study]
-    study, done, failed = _survivors(study, jobs, workers, progress)
-    made = build_draws(study, [one.result for one in done], settings, failed)
-    fits = FitTable(tuple(one.fit for one in done if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    moved = tuple(one.presets for one in done if one.presets is not None)
-    return Analysis(study, made, _table(done, settings, failed), settings, fits, moved)
+    with keeping(keep) as kept:
+        settings = _settings(study, draws, _seed(kept, seed), prior)
+        wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
+        presets = _presets(study)
+        jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
+        study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
+        made = assembled(None if kept is None else kept.draws, study, _Drawn(done), settings, failed)
+        small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
+    fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
+    moved = tuple(one.presets for one in small if one.presets is not None)
+    summary = tuple(row for one in small for row in one.summary)
+    return Analysis(study, made, _table(small, settings, failed), settings, fits, moved, summary)
 
 
 def sample(
@@ -90,8 +115,10 @@ def sample(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> Draws:
     """Posterior draws of every subject under a model.
 
@@ -102,7 +129,7 @@ def sample(
         A name of :data:`bayes_toe.model.ladder.NAMES`; the predictive update (H1) by default.
     draws : int
         Bulk and tail effective draws to reach for every judged quantity of every subject.
-    seed, prior, workers, progress
+    seed, prior, workers, engine, progress, keep
         As in :func:`run`.
 
     Raises
@@ -123,7 +150,8 @@ def sample(
     >>> found.model, found.parameters
     ('constant bias', ('q0', 'width', 'offset'))
     """
-    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress)
+    shared = workers if engine is None else engine
+    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=shared, progress=progress, keep=keep)
     for name, reason in made.failed.items():
         warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
     for name, shortfall in made.not_converged.items():
@@ -138,15 +166,18 @@ def draw(
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
-    record, settings = model_named(model), _settings(study, draws, seed, prior, model)
-    wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
-    jobs = [partial(infer, record.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
-    kept, results, failed = _survivors(study, jobs, workers, progress)
-    return build_draws(kept, results, settings, failed)
+    model_named(model)  # refuses a wrong word before any work
+    with keeping(keep) as kept:
+        settings = _settings(study, draws, _seed(kept, seed), prior, model)
+        wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
+        jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
+        study, done, failed = _survivors(study, jobs, workers, progress, kept)
+        return assembled(None if kept is None else kept.draws, study, done, settings, failed)
 
 
 def evidence(
@@ -155,8 +186,10 @@ def evidence(
     draws: int = EVIDENCE_DRAWS,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> EvidenceTable:
     """Log evidence of the update (H1), of its rivals without it and of free frequencies (H0), and goodness of fit, of every subject.
 
@@ -165,7 +198,7 @@ def evidence(
     study : Study
     draws : int
         Independent draws behind each evidence; its standard error goes as one over their root.
-    seed, prior, workers, progress
+    seed, prior, workers, engine, progress, keep
         As in :func:`run`.
 
     Examples
@@ -175,20 +208,32 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    settings, wanted = _settings(study, draws, seed, prior), Wanted(evidence_draws=draws)
-    jobs = [partial(_evidence_of, subject, settings, wanted) for subject in study]
-    _, done, failed = _survivors(study, jobs, workers, progress)
-    return _table(done, settings, failed)
+    with keeping(keep) as kept:
+        settings, wanted = _settings(study, draws, _seed(kept, seed), prior), Wanted(evidence_draws=draws)
+        jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
+        _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
+        return _table(done, settings, failed)
 
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: the pipeline's result, the row of the evidence table, the fit (None with intervals, which it does not know)."""
+    """One subject: draws, where asked for, the row of the evidence table, the fit (None with intervals, which it does not know)."""
 
-    result: SubjectResult
+    drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
     presets: UnderPresets | None
+    summary: tuple[SummaryRow, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The draws of each of several results, read one after the other, as often as one likes."""
+
+    done: Done[_Analysed]
+
+    def __iter__(self) -> Iterator[SubjectDraws]:
+        return (one.drawn for one in self.done if one.drawn is not None)
 
 
 def _presets(study: Study) -> dict[str, Prior]:
@@ -199,20 +244,26 @@ def _presets(study: Study) -> dict[str, Prior]:
         return {}
 
 
-def _evidence_of(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
+def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
+    return subject_draws(infer(model_named(settings.model).posterior(subject, settings.prior), settings.seed, wanted))
+
+
+def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
     posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
     result, fitted = fitted_result(posterior, settings.seed, wanted)
     fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
     described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
-    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings) for model in (SYMMETRIC, CONSTANT_BIAS))
+    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings, wanted) for model in (SYMMETRIC, CONSTANT_BIAS))
     row = subject_evidence(result, fitted, (symmetric, constant), described, None if fit is None else fit.bootstrap)
     moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
-    return _Analysed(result, row, fit, moved)
+    drawn = None if result.chains is None else subject_draws(result, summarised=True)
+    return _Analysed(drawn, row, fit, moved)
 
 
-def _rival(model: Model, subject: Subject, settings: Settings) -> tuple[Evidence, Fitted]:
+def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -> tuple[Evidence, Fitted]:
     """The evidence of a model that differs from H1 in its order effect alone, and what was fitted for it."""
-    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    asked = Wanted(evidence_draws=wanted.evidence_draws)
+    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, asked)
     assert found.evidence is not None  # it was asked for
     return found.evidence, fitted
 
@@ -226,17 +277,20 @@ def _affordable(study: Study, settings: Settings) -> bool:
     return values_needed(study, settings.sampler) <= POINTWISE_LIMIT
 
 
-def _table(done: Sequence[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:
+def _seed(kept: Kept | None, seed: int | None) -> int | None:
+    return seed if kept is None else kept.seed(seed)
+
+
+def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:
     return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed)
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None
-) -> tuple[Study, list[Result], dict[str, str]]:
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept | None
+) -> tuple[Study, Done[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
-    done = dict(zip(study.names, run_or_fail(jobs, workers, progress, [(name,) for name in study.names]), strict=True))
-    failed = {name: one.reason for name, one in done.items() if isinstance(one, Failed)}
+    done = work(jobs, workers, progress, [(name,) for name in study.names], kept)
+    failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    kept = replace(study, subjects=tuple(subject for subject in study if subject.name not in failed)) if failed else study
-    return kept, [one for one in done.values() if not isinstance(one, Failed)], failed
+    return (replace(study, subjects=tuple(one for one in study if one.name not in failed)) if failed else study), done, failed

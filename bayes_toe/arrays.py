@@ -1,4 +1,4 @@
-"""Array types that everyone uses, and the size of temporary arrays."""
+"""Array types that everyone uses, the size of temporary arrays, and runs of equal values."""
 
 from __future__ import annotations
 
@@ -12,3 +12,22 @@ BoolArray = npt.NDArray[np.bool_]
 
 #: Values of one temporary array: small enough for a processor's cache, so memory stays flat however many pairs or points there are.
 BLOCK = 1 << 16
+
+# The C library of Linux gives memory of more than 128 KiB back to the system as soon as it is free, and fetches it anew, page by page, for
+# the next temporary array, until a larger piece was freed once. This one is never written to, so it costs nothing.
+np.empty(1 << 21)
+
+
+def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:
+    """Where runs of rows with equal keys start, keys of shape (rows,) each.
+
+    Examples
+    --------
+    >>> run_starts(np.array([1, 1, 1, 2]), np.array([0.0, 0.0, 0.5, 0.5])).tolist()
+    [0, 2, 3]
+    """
+    rows = len(sorted_keys[0])
+    new = np.ones(rows, np.bool_)
+    if rows:
+        new[1:] = np.any([key[1:] != key[:-1] for key in sorted_keys], axis=0)
+    return np.flatnonzero(new)

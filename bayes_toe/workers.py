@@ -9,19 +9,28 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from numbers import Integral
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from bayes_toe.errors import InputError, WorkerError
 
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: A client of a Dask cluster.
+Cluster: TypeAlias = "Client"
+#: Processes of this machine, None: one per processor; or a client of a Dask cluster, whose workers do the work.
+Workers: TypeAlias = "int | Client | None"
 #: Told the name of what is done.
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _ATTEMPTS = 2  # workers that may die of one job
+_FROM_TERMINALS = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
 _IDLE = 10.0  # seconds after which a worker without a job ends
 
 
@@ -30,6 +39,10 @@ class Failed:
     """In the place of a job's result: why there is none. Its worker died, and a fresh one as well; other jobs went on."""
 
     reason: str
+
+
+def _died(workers: int) -> Failed:
+    return Failed(f"failed: {workers} workers died of it (killed, or out of memory)")
 
 
 def worker_count(workers: int | None, jobs: int) -> int:
@@ -47,13 +60,25 @@ def worker_count(workers: int | None, jobs: int) -> int:
     return max(1, min(wanted, jobs))
 
 
-def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result | Failed]]:
+def of_this_machine(workers: Workers) -> int | None:
+    """Processes here, also where a cluster did other work: for jobs on files, which the cluster may not see.
+
+    Examples
+    --------
+    >>> of_this_machine(2)
+    2
+    """
+    return int(workers) if isinstance(workers, Integral) else None
+
+
+def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Iterator[tuple[int, Result | Failed]]:
     """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
 
-    A job whose worker dies (killed, out of memory) is tried once more, in a fresh worker; after a second death it is :class:`Failed`.
+    A job whose worker dies (killed, out of memory) is tried once more, in a fresh worker; after a second death it is :class:`Failed`. On a
+    cluster its scheduler says after how many.
 
     A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported: worker processes receive it by
-    name. This process takes its share of the jobs: it needs the same libraries anyhow, and a worker less has to load them.
+    name. On one machine this process takes its share of the jobs: it needs the same libraries anyhow, and a worker less has to load them.
 
     Examples
     --------
@@ -61,19 +86,15 @@ def run_jobs(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Itera
     >>> list(run_jobs([partial(pow, 2, 3), partial(pow, 3, 2)], workers=1))
     [(0, 8), (1, 9)]
     """
-    from threadpoolctl import threadpool_limits
+    if workers is None or isinstance(workers, Integral):  # NumPy's too
+        return _run_here(jobs, workers if workers is None else int(workers))
+    from bayes_toe.cluster import run_on
 
-    count = worker_count(workers, len(jobs))
-    with threadpool_limits(1):
-        if count == 1:
-            for index, job in enumerate(jobs):
-                yield index, job()
-        else:
-            yield from _shared(jobs, count - 1)
+    return run_on(workers, jobs, _died)
 
 
 def run_in_order(
-    jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
 ) -> list[Result]:
     """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done.
 
@@ -91,7 +112,7 @@ def run_in_order(
 
 
 def run_or_fail(
-    jobs: Sequence[Callable[[], Result]], workers: int | None, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
 ) -> list[Result | Failed]:
     """The same where others go on without a job that failed."""
     results: dict[int, Result | Failed] = {}
@@ -108,6 +129,18 @@ def stop_workers() -> None:
     with ThreadPoolExecutor() as pool:
         list(pool.map(_Lane.stop, _lanes))
     _lanes.clear()
+
+
+def _run_here(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result | Failed]]:
+    from threadpoolctl import threadpool_limits
+
+    count = worker_count(workers, len(jobs))
+    with threadpool_limits(1):
+        if count == 1:
+            for index, job in enumerate(jobs):
+                yield index, job()
+        else:
+            yield from _shared(jobs, count - 1)
 
 
 class _Lane:
@@ -137,7 +170,8 @@ class _Lane:
         self._executor.shutdown(wait=True, kill_workers=True)
 
     def _submitted(self, job: Callable[[], Result]) -> Future[Result]:
-        future: Future[Result] = self._executor.submit(job)
+        with _not_for_workers():
+            future: Future[Result] = self._executor.submit(job)
         return future
 
     def _fresh(self) -> Any:
@@ -151,11 +185,31 @@ _lanes: list[_Lane] = []  # kept from call to call
 atexit.register(_lanes.clear)  # while the libraries that executors need to go are still there
 
 
+@contextmanager
+def _not_for_workers() -> Iterator[None]:
+    """Start a process that holds back what a terminal says until :func:`_begin`: Python, beginning, would die of it with many lines."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    from loky.backend import resource_tracker as of_loky
+
+    for tracker in (resource_tracker, of_loky):
+        tracker.ensure_running()  # each ends, when it begins, what is held back
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _FROM_TERMINALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin(parent: int) -> None:
     """In a worker, first: what a terminal says to all its processes is for the parent to answer, and no worker outlives its parent."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for one in _FROM_TERMINALS:
+        signal.signal(one, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _FROM_TERMINALS)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
@@ -225,7 +279,7 @@ class _Sharing(Generic[Result]):
             self._start(lane, index)
             return None
         self.hand_out(lane)
-        return index, Failed(f"failed: {_ATTEMPTS} workers died of it (killed, or out of memory)")
+        return index, _died(_ATTEMPTS)
 
     def _start(self, lane: _Lane, index: int) -> None:
         from loky.process_executor import ShutdownExecutorError

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import logsumexp, xlogy
+from scipy.special import logsumexp, softmax, xlogy
 from threadpoolctl import threadpool_limits
 
 import bayes_toe as bt
@@ -124,18 +124,12 @@ def stored(path: Path, asked: pd.DataFrame) -> pd.DataFrame:
     return both.drop(columns=[name for name in both if name.endswith(" before")])
 
 
-def stimuli_prior(design: Design) -> bt.Prior:
-    """The prior whose location and scales are those of the stimuli: mean, range, root mean square step; noise slope by their range."""
-    steps = (design.s2 - design.s1)[design.s1 != design.s2]
-    both = np.concatenate([design.s1, design.s2])
-    span = float(np.ptp(both))
-    return bt.Prior(mu1_mean=float(both.mean()), mu1_sd=span, sigma_p_scale=float(np.sqrt(np.mean(steps**2))), noise_slope_sd=1.0 / span)
-
-
 def observers(name: str, size: int, seed: int) -> Observers:
     """Observers of every kind with their answers, and what the table says of them."""
     design = DESIGNS[name]
-    prior, subjects, rows = stimuli_prior(design), [], []
+    trials = np.full(len(design.s1), design.batches)
+    prior = bt.prior_for(bt.Study([bt.Subject(name, design.s1, design.s2, trials, trials)]), "stimuli")
+    subjects, rows = [], []
     for kind in KINDS:
         for i in range(size):
             noise, lapses = CELLS[i % len(CELLS)]
@@ -207,8 +201,7 @@ def by_proposal(model: Model, subject: bt.Subject, prior: bt.Prior, seed: int) -
 
 def resampled(fitted: FittedProposal, rng: np.random.Generator, size: int) -> np.ndarray:
     """Posterior draws from those of a fitted proposal, by their weights, shape (size, k)."""
-    weights = np.exp(fitted.draws.log_weights - fitted.draws.log_weights.max())
-    return fitted.draws.x[rng.choice(len(weights), size, p=weights / weights.sum())]
+    return fitted.draws.x[rng.choice(len(fitted.draws.x), size, p=softmax(fitted.draws.log_weights))]
 
 
 def with_probabilities(frame: pd.DataFrame) -> pd.DataFrame:

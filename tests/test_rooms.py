@@ -1,6 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds workers < data < model < inference < classical < comparison < analysis < experiments < plots < cli
+version errors arrays seeds cluster workers records < data < kept < model < inference < classical < comparison < analysis
+< experiments < plots < cli
 """
 
 import ast
@@ -17,8 +18,11 @@ ORDER = (
     "errors",
     "arrays",
     "seeds",
+    "cluster",
     "workers",
+    "records",
     "data",
+    "kept",
     "model",
     "inference",
     "classical",
@@ -32,11 +36,15 @@ OWNERS = {
     "emcee": {"inference.sampling", "inference.moves"},
     "arviz": {"inference.diagnostics"},
     "arviz_stats": {"inference.diagnostics"},
-    "xarray": {"inference.draws", "inference.draws_file"},
-    "h5py": {"inference.draws_file"},
+    "xarray": {"inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"},
+    "h5py": {"inference.draws_file", "inference.draws_writer"},
+    "h5netcdf": {"inference.draws_writer"},
+    "pyarrow": {"data.parquet"},
+    "zarr": {"inference.draws_store"},
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},
+    "distributed": {"cluster", "workers"},
     "typer": {"cli"},
     "rich": {"cli"},
     "jinja2": {"cli"},

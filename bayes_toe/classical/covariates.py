@@ -193,7 +193,7 @@ def _header_problems(header: Header) -> list[str]:
     if _SUBJECT in names and len(header.names) == len(names) > 1 and "" not in names:
         return []
     found = listed([quoted(name) for name in header.names])
-    return [f"row {header.row}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
+    return [f"{header.place}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
 
 
 def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:

@@ -19,7 +19,7 @@ from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,7 +97,7 @@ def fit(
     level: float = 0.95,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> FitTable:
     """Maximum-likelihood fit of every subject, with the paper's penalty on mu1, and percentile bootstrap intervals.

@@ -7,6 +7,7 @@ are the bounds y_1 = 0 and y_3 = 0, where everything stays finite: an edge is re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.model.closed_form import LN2, MAX_PULL
 from bayes_toe.model.distributions import Normal
 
-#: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points.
-_BLOCK = 1 << 15
+#: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points. Of very many
+#: pairs so many are taken at once: a block of few points would be gone through in steps of a few values.
+_BLOCK, _PAIRS = 1 << 15, 1 << 8
 _TWO_LN2 = 2.0 * LN2
 
 
@@ -50,7 +52,7 @@ class PenalisedLikelihood:
 
         At log(p/p_max) = -inf, the edge gamma = 0, the offset is 0 and mu1 rests at the penalty's mean.
         """
-        size, row = max(1, _BLOCK // len(self.s1)), self.row[index]
+        size, row = max(1, _BLOCK // min(_PAIRS, len(self.s1))), self.row[index]
         value, gradient, hessian = np.empty(x.shape[1]), np.empty(x.shape), np.empty((4, *x.shape))
         # Where q = 1 and 'different' was answered the value is -inf, which is the truth, and there are no derivatives.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -70,20 +72,9 @@ class PenalisedLikelihood:
         With L = log q = log q0 - ln2 z^2 and the odds r = q/(1 - q), an answer 'equal' has slope 1 and curvature 0 in L, an answer
         'different' -r and -r (1 + r). What is left are sums over pairs of powers of z and of the lever s1 - sbar.
         """
-        lever = self.s1 - self.sbar
-        powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
         inverse = np.exp(-x[2])
-        z = ((self.s2 - self.s1)[:, None] + lever[:, None] * (MAX_PULL * np.exp(x[1])) - x[0]) * inverse
-        value, slope, curve = self._answers(z, x[3], row)
-        e, h = powers @ slope, curve.sum(axis=0)
-        slope *= z
-        ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)
-        curve *= z
-        hz = powers[:2] @ curve
-        curve *= z
-        hzz = powers @ curve
-        curve *= z
-        hz3, hz4 = powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)
+        parts = (self._sums(x, inverse, row, slice(i, i + _PAIRS)) for i in range(0, len(self.s1), _PAIRS))
+        value, e, h, ez, ezz, hz, hzz, hz3, hz4 = reduce(lambda all_, some: [a + b for a, b in zip(all_, some, strict=True)], parts)
         k, bend = _TWO_LN2 * inverse, _TWO_LN2 * np.square(inverse)
         gradient[:] = k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]
         cc, cp, pp = (bend * sign * (e[i] + _TWO_LN2 * hzz[i]) for i, sign in enumerate((-1.0, 1.0, -1.0)))
@@ -93,16 +84,41 @@ class PenalisedLikelihood:
         hessian[:] = (cc, cp, cb, cu), (cp, pp, pb, pu), (cb, pb, bb, bu), (cu, pu, bu, -h)
         return value
 
-    def _answers(self, z: FloatArray, log_q0: FloatArray, row: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _sums(self, x: FloatArray, inverse: FloatArray, row: IndexArray, pairs: slice) -> list[FloatArray]:
+        """What some pairs add to the log likelihood, and to the sums of slopes and curvatures times powers of z and of the lever."""
+        lever = self.s1[pairs] - self.sbar
+        powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
+        z = lever[:, None] * (MAX_PULL * np.exp(x[1]))
+        z += (self.s2 - self.s1)[pairs, None]
+        z -= x[0]
+        z *= inverse
+        value, slope, curve = self._answers(z, x[3], self.equal[pairs, row], self.different[pairs, row])
+        e, h = powers @ slope, curve.sum(axis=0)
+        slope *= z
+        ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)
+        curve *= z
+        hz = powers[:2] @ curve
+        curve *= z
+        hzz = powers @ curve
+        curve *= z
+        return [value, e, h, ez, ezz, hz, hzz, powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)]
+
+    def _answers(
+        self, z: FloatArray, log_q0: FloatArray, equal: FloatArray, different: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log likelihood (points,), and per pair its slope and the size of its curvature in log q, (pairs, points)."""
-        equal, different = self.equal[:, row], self.different[:, row]
-        t = LN2 * np.square(z)
-        fall = np.expm1(-t)
-        rest = -np.expm1(log_q0) - np.exp(log_q0) * fall  # 1 - q, positive terms only
+        q0, t = np.exp(log_q0), np.square(z)
+        t *= LN2
+        shape = np.expm1(np.negative(t))  # in place from here on: what few arrays there are stay in the processor's cache
+        rest = q0 * shape
+        np.subtract(-np.expm1(log_q0), rest, out=rest)  # 1 - q, positive terms only
         rest[different == 0.0] = 1.0  # an answer never given contributes nothing, also where it is impossible
-        value = np.einsum("pn,pn->n", equal, log_q0 - t) + np.einsum("pn,pn->n", different, np.log(rest))
-        odds = different * (np.exp(log_q0) * (1.0 + fall)) / rest
-        return value, equal - odds, odds / rest
+        value = np.einsum("pn,pn->n", equal, np.subtract(log_q0, t, out=t)) + np.einsum("pn,pn->n", different, np.log(rest, out=t))
+        shape += 1.0
+        shape *= q0
+        shape *= different
+        shape /= rest  # now the odds
+        return value, np.subtract(equal, shape, out=t), np.divide(shape, rest, out=rest)
 
     @staticmethod
     def _to_log_pull(x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:

@@ -13,6 +13,7 @@ import typer
 
 from bayes_toe.cli.options import LAST_IN_HELP
 from bayes_toe.data.cells import visible
+from bayes_toe.data.unfinished import said_kept, under_way
 from bayes_toe.errors import BayesToeError
 
 BAD_INPUT = 2
@@ -63,9 +64,11 @@ def _default(field: Field[Any]) -> Any:
 @contextmanager
 def _problems_as_lines() -> Iterator[None]:
     """Our own errors as lines on standard error and exit code 2; anything else is a bug and shows its traceback."""
+    under_way.clear()  # what an earlier call in this process has kept is not this command's
     try:
         yield
     except BayesToeError as error:
-        for line in str(error).split("\n"):
+        kept = said_kept()
+        for line in f"{error}; {kept}".split("\n") if kept else str(error).split("\n"):
             typer.echo(f"error: {visible(line)}", err=True)
         raise typer.Exit(BAD_INPUT) from error

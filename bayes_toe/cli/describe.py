@@ -28,8 +28,9 @@ def asymmetry(
     """
     from bayes_toe.classical.asymmetry import asymmetry as compute
     from bayes_toe.classical.covariates import covariate_tests, read_covariates
+    from bayes_toe.data.parquet import is_parquet
 
-    beside = output.with_name(f"{output.stem}_covariates.csv")
+    beside = output.with_name(f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}")
     files = [output] if covariates is None else [output, beside]
     task.require_files(*files)
     people = None if covariates is None else read_covariates(covariates)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bayes_toe.cli import summaries
-from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFileOrExample, Workers, writes
-from bayes_toe.cli.task import SamplingTask, WritingTask, leave_unless_whole
+from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFileOrExample, writes
+from bayes_toe.cli.task import SamplingTask, SharedTask, leave_unless_whole
 
 
 def figures(
@@ -43,16 +42,9 @@ def figures(
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
     summaries.say_draws(task.console, analysis.draws)
     with task.progress("drawing", len(FIGURES)) as tick:
-        write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=task.overwrite, workers=task.workers, progress=tick)
+        write_figures(analysis, output, subjects=subject, formats=chosen, overwrite=task.overwrite, workers=task.processes, progress=tick)
     task.say_written("figures and captions in", output, seed=analysis.settings.seed)
     leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DrawingTask(WritingTask):
-    """A command that draws what was computed before."""
-
-    workers: Workers = None
 
 
 def corner(
@@ -61,13 +53,13 @@ def corner(
     output: Annotated[Path, writes("DIR", "Folder for one PNG a subject.")] = Path("corner"),
     subject: OneSubject = None,
     coordinates: Annotated[str, typer.Option("--coordinates", help="natural or identified.")] = "natural",
-    task: DrawingTask,
+    task: SharedTask,
 ) -> None:
     """Corner plots of saved draws, one PNG a subject.
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    from bayes_toe.cli.results_folder import corner_files, draw_corners, write_corners
+    from bayes_toe.cli.results_folder import corner_files, draw_corners
     from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.inference.draws import load
 
@@ -75,8 +67,7 @@ def corner(
     chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
     files = corner_files(loaded, chosen)
     task.require_folder(output, list(files.values()))
-    with task.progress("drawing", len(chosen)) as tick:
-        pictures = draw_corners(loaded, chosen, coordinates=coordinates, workers=task.workers, progress=tick)
-    with whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite) as target:
-        write_corners(pictures, target, files)
+    made = whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite)
+    with made as target, task.progress("drawing", len(chosen)) as tick:
+        draw_corners(posterior, files, target, coordinates=coordinates, workers=task.workers, progress=tick)
     task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)

@@ -50,11 +50,11 @@ def deviance(fit: FitSummary) -> str:
     return f"{fit.deviance:.1f} ({fit.degrees_of_freedom})"
 
 
-def misfit(fit: FitSummary, described_by: str = "") -> str:
-    """A misfit in one line: how bad, the worst pairs and, where one is known, the composition that describes the answers."""
+def misfit(fit: FitSummary) -> str:
+    """A misfit in one line: how bad, and the worst pairs."""
     p = p_value(fit.p_overall)
     size = f"predictive p {p if p.startswith('<') else f'= {p}'}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
-    return "; ".join([size, *map(_pair, fit.worst), *([f"described by {described_by}"] if described_by else [])])
+    return "; ".join([size, *map(_pair, fit.worst)])
 
 
 def _pair(pair: PairFit) -> str:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import summaries, terminal
-from bayes_toe.cli.options import DrawCount, StudyFile, StudyFileOrExample, writes
-from bayes_toe.cli.task import ModelTableTask, SamplingTask, TableTask, leave_unless_whole
+from bayes_toe.cli.options import DrawCount, Store, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.task import KeepingTableTask, KeepingTask, ModelTableTask, SamplingTask, TableTask, leave_unless_whole
 
 if TYPE_CHECKING:
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
@@ -19,14 +19,21 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunningTask(TableTask, SamplingTask):
-    """Sampling, with tables."""
+class KeepingSamplingTask(SamplingTask, KeepingTask):
+    """Sampling that goes on where it was."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunningTask(TableTask, KeepingSamplingTask):
+    """The same with tables."""
 
 
 def run(
     *,
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
+    pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
+    store: Store = "nc",
     task: RunningTask,
 ) -> None:
     """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
@@ -34,35 +41,39 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
+    drawn = Drawn(pictures, example_truth() if study.file is None else {})
+    copies = task.copies_for(draws_in(output, store))
     task.require_folder(output, PRODUCTS)
+    keep = task.partial(output)
     read, prior = task.opened(study)
-    task.require_room(output, read, prior, others=PICTURE_BYTES)
+    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures], copies=copies)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
-        analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    summaries.say_evidence(task.console, analysis.evidence)
-    for line in say_presets(analysis.presets):
-        terminal.say(task.console, terminal.safe(line))
-    summaries.say_draws(task.console, analysis.draws)
-    truth = example_truth() if study.file is None else None
+        analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+    task.say_taken(keep)
+    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv")
+    terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
+    summaries.say_draws(task.console, analysis.draws, "summary.csv")
     with task.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, truth=truth, workers=task.workers, progress=tick, **task.saving)
-    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(PRODUCTS)}")
+        write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
+    task.finish(keep, analysis.draws.failed)
+    written = (name for name in PRODUCTS if (output / name).exists())
+    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
     leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
 
 
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
+    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")] = Path("posterior.nc"),
     model: Annotated[
         str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")
     ] = "predictive update",
-    task: SamplingTask,
+    task: KeepingSamplingTask,
 ) -> None:
     """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
 
@@ -72,15 +83,19 @@ def sample(
     from bayes_toe.model.ladder import model_named
 
     record = model_named(model)
+    copies = task.copies_for(output)
     task.require_files(output)
+    keep = task.partial(output)
     read, prior = task.read(study)
-    task.require_room(output, read, prior, model)
+    task.require_room(output, read, prior, model, copies=copies)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
-        draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+        draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     draws.save(output, overwrite=task.overwrite)
+    task.say_taken(keep)
+    task.finish(keep, draws.failed)
     summaries.say_draws(task.console, draws)
     task.say_written("draws in", output, seed=draws.seed)
     leave_unless_whole(task, draws.failed, draws.not_converged)
@@ -90,7 +105,7 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
-    task: ModelTableTask,
+    task: KeepingTableTask,
 ) -> None:
     """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
 
@@ -99,10 +114,13 @@ def evidence(
     from bayes_toe.analysis import evidence as compute
 
     task.require_files(output)
+    keep = task.partial(output)
     read, prior = task.opened(study)
     with task.progress("evidence", len(read)) as tick:
-        table = compute(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+        table = compute(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     table.save(output, **task.saving)
+    task.say_taken(keep)
+    task.finish(keep, table.failed)
     summaries.say_evidence(task.console, table)
     task.say_written("table in", output, seed=table.seed)
     leave_unless_whole(task, table.failed, {})
@@ -138,15 +156,19 @@ def compare(
     asked, picture = model or space, picture_beside(output)
     models = require_models(asked)
     task.require_files(output, *beside(output), picture)
+    keep = task.partial(output)
     read, prior = task.opened(study)
     with task.progress("comparing", len(read) * len(models)) as tick:
-        table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick)
+        table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
     with task.together(output, *beside(output), picture) as folder:
         table.save(folder / output.name, **task.saving)
         save_comparison(table, folder / picture.name, synthetic=read.synthetic)
+    failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
+    task.say_taken(keep)
+    task.finish(keep, failed)
     summaries.say_comparison(task.console, table)
     task.say_written("written:", output, *beside(output), picture, seed=table.seed)
-    leave_unless_whole(task, {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}, {})
+    leave_unless_whole(task, failed, {})
 
 
 def sensitivity(

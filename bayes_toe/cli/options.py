@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
 DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
-Workers = Annotated[
+Processes = Annotated[
     int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
 ]
+Engine = Annotated[str, typer.Option("--engine", metavar="local|dask", help="Processes of this machine, or the workers of a Dask cluster.")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
 
 
 def prior_help(kind: type[PriorFields] = PriorFields) -> str:
@@ -37,12 +39,14 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs th
 SpreadsheetSafe = Annotated[
     bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
 ]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
 #: In this order help lists the shared options, after those that a command has for itself.
-LAST_IN_HELP = ("seed", "draws", "workers", "prior", "spreadsheet_safe", "overwrite", "quiet")
+LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
 
-SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")]
+Store = Annotated[str, typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
+SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]
 
 
@@ -59,7 +63,9 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
 class StudyFileOrExample:
     """The study that a command was given, with the options of reading it; without a file the bundled example."""
 
-    file: Annotated[Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts; none means the bundled example.")] = None
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts, CSV or .parquet; none means the bundled example.")
+    ] = None
     intensity: Annotated[float | None, _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF")] = None
     equal_code: Annotated[str | None, _how_to_read("--equal-code", "The response that means 'equal'.")] = None
     different_code: Annotated[str | None, _how_to_read("--different-code", "The response that means 'different'.")] = None
@@ -86,5 +92,8 @@ class StudyFile(StudyFileOrExample):
     """The same where a file must be named."""
 
     file: Annotated[
-        Path, typer.Argument(metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials).")
+        Path,
+        typer.Argument(
+            metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials), CSV or .parquet."
+        ),
     ] = field()  # without the default that it would inherit

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
+from bayes_toe.cli.attention import flagged
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_folders import whole_folder
-from bayes_toe.inference.draws import Draws
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws, load
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
@@ -24,24 +29,76 @@ from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.intervals import interval_curves
-from bayes_toe.plots.map import study_map_axes, without_pointwise
+from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import new_figure
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
-#: What a results folder holds.
-PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html")
-#: Of a subject, about: two pictures, and both again in the report.
-PICTURE_BYTES = 400_000
+#: What a results folder may hold: draws in one of two ways, pages of subjects where there are very many, corner plots of those drawn.
+PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", "corner", "report.html", "subjects")
+#: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
+PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
 
-class _Drawn(NamedTuple):
-    """Corner plot and fitted curves of one subject."""
+class Drawing(NamedTuple):
+    """The draws of one subject by their place: what a job to draw them carries, whatever their size.
 
-    corner: bytes
-    curves: bytes
+    Attributes
+    ----------
+    posterior : Path
+        File of draws.
+    changed : int
+        When it was last, nanoseconds: under the same name there may be another file one day.
+    subject : str
+    """
+
+    posterior: Path
+    changed: int
+    subject: str
+
+    @property
+    def draws(self) -> Draws:
+        """All draws of the file; a process opens it once for all its jobs."""
+        return _opened(self.posterior, self.changed)
+
+
+@lru_cache(maxsize=1)
+def _opened(posterior: Path, _: int) -> Draws:
+    return load(posterior)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Of which subjects corner plot and curves are drawn, and what the corner plots show.
+
+    Parameters
+    ----------
+    which : str
+        "all", "flagged" (those of :func:`bayes_toe.cli.attention.flagged`) or "none".
+    truth : mapping
+        True natural parameters by subject, for synthetic studies.
+
+    Raises
+    ------
+    InputError
+        If `which` is another word.
+    """
+
+    which: str = "all"
+    truth: Truth = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.which not in PICTURE_BYTES:
+            raise InputError(f"pictures={self.which!r}: allowed are {', '.join(PICTURE_BYTES)}")
+
+    def names(self, names: tuple[str, ...], marked: Iterable[str]) -> tuple[str, ...]:
+        """Those of all names that are drawn."""
+        return {"all": names, "flagged": tuple(marked), "none": ()}[self.which]
+
+
+ALL = Drawn()
 
 
 def write_results(
@@ -49,12 +106,13 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
-    truth: Truth | None = None,
-    workers: int | None = None,
+    store: str = "nc",
+    pictures: Drawn = ALL,
+    workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
 ) -> Path:
-    """Write posterior.nc, summary.csv, evidence.csv, corner/*.png and report.html into `folder`.
+    """Write posterior.nc (.zarr), summary.csv, evidence.csv, corner/*.png and report.html, of very many subjects also subjects/*.html.
 
     Parameters
     ----------
@@ -63,10 +121,12 @@ def write_results(
         Made where it is missing; other files in it are left alone.
     overwrite : bool
         Whether existing products may be replaced.
-    truth : mapping, optional
-        True natural parameters by subject, for synthetic studies; shown in the corner plots.
+    store : str
+        "nc" or "zarr".
+    pictures : Drawn
+        Whose corner plot and curves are drawn; by default everybody's.
     workers, progress
-        As in :func:`bayes_toe.analysis.run`.
+        As in :func:`bayes_toe.analysis.run`; progress is told of the subjects that are drawn.
     spreadsheet_safe : bool
         As in :func:`bayes_toe.data.tables.write_table`.
 
@@ -75,98 +135,112 @@ def write_results(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    names = analysis.draws.names
-    corner_names = corner_files(analysis.draws, names)
-    required = (*(name for name in PRODUCTS if name != "corner"), *(f"corner/{name}" for name in corner_names.values()))
-    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
-        analysis.draws.save(target / "posterior.nc")
-        summary = analysis.draws.summary()
+    marked = flagged(analysis.evidence, analysis.draws.not_converged, analysis.presets)
+    drawn = pictures.names(analysis.draws.names, marked)
+    files, posterior = corner_files(analysis.draws, drawn), draws_in(Path(), store).name
+    required = (posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in files.values()))
+    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, _drawing_place(new) as (target, place):
+        analysis.draws.save(target / posterior)
+        summary = analysis.summary()
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-        wide, of_subjects = _overviews(analysis, asymmetry), _pictures_of_subjects(analysis, {} if truth is None else truth)
-        done = run_in_order([*wide, *of_subjects], workers, progress, [*((),) * len(wide), *((name,) for name in names)])
-        evidence, effects, study_map, prior = (found for found in done if isinstance(found, bytes))
-        drawn = dict(zip(names, (found for found in done if isinstance(found, _Drawn)), strict=True))
-        corners = {name: found.corner for name, found in drawn.items()}
-        write_corners(corners, target / "corner", corner_names)
-        pictures = Pictures(evidence, effects, study_map, prior, {name: found.curves for name, found in drawn.items()}, corners)
-        facts = Facts(summary, asymmetry)
-        write_report(analysis, facts, pictures, target / "report.html")
+        here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns)
+        if drawn:
+            (target / "corner").mkdir()
+        of_study, of_subjects = _overviews(analysis, asymmetry, here(""), place), list[Callable[[], None]]()
+        for name, file in files.items():
+            into = target / "corner" / file, place / "curves" / file
+            of_subjects.append(partial(_draw_subject, here(name), analysis.settings.prior, pictures.truth.get(name), *into))
+        names = [*((),) * len(of_study), *((name,) for name in drawn)]
+        run_in_order([*of_study, *of_subjects], of_this_machine(workers), progress, names)
+        facts = Facts(summary, asymmetry, marked)
+        curve_files, corner_plots = ({name: home / file for name, file in files.items()} for home in (place / "curves", target / "corner"))
+        write_report(analysis, facts, Pictures(place, curve_files, corner_plots, pictures.which), target)
     return Path(folder)
 
 
+def draws_in(folder: Path, store: str) -> Path:
+    """Where the draws of a results folder are, "nc" or "zarr"."""
+    if store not in ("nc", "zarr"):
+        raise InputError(f"--store {store}: allowed: nc, zarr")
+    return folder / f"posterior.{store}"
+
+
 def draw_corners(
-    draws: Draws,
-    subjects: Sequence[str],
+    posterior: Path,
+    files: Mapping[str, str],
+    folder: Path,
     *,
     coordinates: str = "natural",
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
-) -> dict[str, bytes]:
-    """Corner plots of some subjects as PNG, by subject."""
-    jobs = [partial(_corner, draws.select(name), name, coordinates=coordinates) for name in subjects]
-    return dict(zip(subjects, run_in_order(jobs, workers, progress, [(name,) for name in subjects]), strict=True))
+) -> None:
+    """Corner plots of some subjects of a file of draws as PNG, into a folder under the names of :func:`corner_files`."""
+    here = partial(Drawing, posterior.absolute(), posterior.stat().st_mtime_ns)
+    jobs = [partial(_draw_corner, here(name), folder.absolute() / file, coordinates=coordinates) for name, file in files.items()]
+    run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in files])
 
 
-def write_corners(pictures: Mapping[str, bytes], folder: Path, files: Mapping[str, str]) -> None:
-    """Write one PNG a subject under the names of :func:`corner_files`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, picture in pictures.items():
-        (folder / files[name]).write_bytes(picture)
-
-
-def corner_files(draws: Draws, subjects: Sequence[str]) -> dict[str, str]:
+def corner_files(draws: Draws, subjects: tuple[str, ...]) -> dict[str, str]:
     """File name of each subject's corner plot: safe, and the same whether one subject is drawn or all."""
     stems = file_stems(draws.names)
     return {name: f"{stems[name]}.png" for name in subjects}
 
 
-def _overviews(analysis: Analysis, asymmetry: AsymmetryTable) -> list[Callable[[], bytes]]:
-    """Calls that draw evidence, asymmetry, map and prior, in the order of :class:`Pictures`."""
+@contextmanager
+def _drawing_place(new: Path) -> Iterator[tuple[Path, Path]]:
+    """The new folder and one in it for pictures that go into the report alone; with that one, draws that were opened are forgotten.
+
+    Both names are absolute: a worker may be in another folder than this process.
+    """
+    with TemporaryDirectory(dir=new.absolute()) as place:
+        (Path(place) / "curves").mkdir()
+        try:
+            yield new.absolute(), Path(place)
+        finally:
+            _opened.cache_clear()
+
+
+def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, place: Path) -> list[Callable[[], None]]:
+    """Calls that draw evidence, asymmetry, map and prior into files with the names that :class:`Pictures` looks for."""
     return [
-        partial(_draw_evidence, analysis.evidence, synthetic=analysis.study.synthetic),
-        partial(_draw_asymmetry, asymmetry),
-        partial(_draw_map, without_pointwise(analysis.draws)),
-        partial(_draw_prior, analysis.study, analysis.settings),
+        partial(_draw_evidence, analysis.evidence, place / "evidence.png", synthetic=analysis.study.synthetic),
+        partial(_draw_asymmetry, asymmetry, place / "asymmetry.png"),
+        partial(_draw_map, draws, place / "map.png"),
+        partial(_draw_prior, analysis.study, analysis.settings, place / "prior.png"),
     ]
 
 
-def _pictures_of_subjects(analysis: Analysis, truth: Truth) -> list[Callable[[], _Drawn]]:
-    """Calls that draw one subject each; a call takes the draws of its subject only, small enough to send to another process."""
-    draws, prior = analysis.draws, analysis.settings.prior
-    return [partial(_draw_subject, draws.select(name), name, prior, truth.get(name)) for name in draws.names]
+def _draw_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path) -> None:
+    _draw_corner(one, corner_file, prior=prior, truth=truth)
+    fitted = interval_curves if one.draws.intervals else curves
+    curve_file.write_bytes(png(fitted(one.draws, one.subject), dpi=120))
 
 
-def _draw_subject(draws: Draws, subject: str, prior: Prior, truth: Mapping[str, float] | None) -> _Drawn:
-    fitted = interval_curves if draws.intervals else curves
-    return _Drawn(_corner(draws, subject, prior=prior, truth=truth), png(fitted(draws, subject), dpi=120))
+def _draw_corner(
+    one: Drawing, file: Path, *, coordinates: str = "natural", prior: Prior | None = None, truth: Mapping[str, float] | None = None
+) -> None:
+    file.write_bytes(png(corner(one.draws, one.subject, coordinates=coordinates, truths=truth, prior=prior), dpi=110))
 
 
-def _corner(
-    draws: Draws, subject: str, *, coordinates: str = "natural", prior: Prior | None = None, truth: Mapping[str, float] | None = None
-) -> bytes:
-    return png(corner(draws, subject, coordinates=coordinates, truths=truth, prior=prior), dpi=110)
+def _draw_evidence(table: EvidenceTable, file: Path, *, synthetic: bool) -> None:
+    file.write_bytes(png(evidence_figure(table, synthetic=synthetic)))
 
 
-def _draw_evidence(table: EvidenceTable, *, synthetic: bool) -> bytes:
-    return png(evidence_figure(table, synthetic=synthetic))
+def _draw_asymmetry(table: AsymmetryTable, file: Path) -> None:
+    """Nothing where no pair was presented in both orders."""
+    if any(row.comparisons for row in table):
+        figure = new_figure(4.8, asymmetry_height(table))
+        asymmetry_axes(table, figure.subplots())
+        file.write_bytes(png(figure, dpi=120))
 
 
-def _draw_asymmetry(table: AsymmetryTable) -> bytes:
-    """Empty where no pair was presented in both orders."""
-    if not any(row.comparisons for row in table):
-        return b""
-    figure = new_figure(4.8, asymmetry_height(table))
-    asymmetry_axes(table, figure.subplots())
-    return png(figure, dpi=120)
+def _draw_prior(study: Study, settings: Settings, file: Path) -> None:
+    file.write_bytes(png(prior_predictive_figure(study, settings.prior, seed=settings.seed)))
 
 
-def _draw_prior(study: Study, settings: Settings) -> bytes:
-    return png(prior_predictive_figure(study, settings.prior, seed=settings.seed))
-
-
-def _draw_map(draws: Draws) -> bytes:
+def _draw_map(one: Drawing, file: Path) -> None:
     figure = new_figure(5.4, 4.0)
-    study_map_axes(draws, figure.subplots())
-    return png(figure, dpi=120)
+    study_map_axes(one.draws, figure.subplots())
+    file.write_bytes(png(figure, dpi=120))

@@ -13,7 +13,7 @@ from types import FrameType
 from bayes_toe.cli.caches import require_caches
 from bayes_toe.cli.standard_output import guarded_streams
 from bayes_toe.data.places import finished, shown
-from bayes_toe.data.unfinished import HIDDEN
+from bayes_toe.data.unfinished import HIDDEN, said_kept
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _PATIENCE = 3.0  # seconds for tidying up after a signal
@@ -41,7 +41,7 @@ def main() -> None:
                 _ignore(heard)
                 _leave()
     except Stopped as stop:
-        print(f"stopped by {signal.Signals(stop.number).name}: {_said_finished()}", file=sys.stderr)
+        print(f"stopped by {signal.Signals(stop.number).name}: {said_kept() or _said_finished()}", file=sys.stderr)
         raise SystemExit(128 + stop.number) from None
 
 
@@ -75,8 +75,8 @@ def _ignore(heard: list[signal.Signals]) -> None:
 
 
 def _said_finished() -> str:
-    """What has its final name already; what belongs into unfinished folders vanished with them."""
-    names = [shown(path) for path in finished if not any(part.startswith(HIDDEN) for part in path.parts)]
+    """What has its final name already; what belongs into unfinished folders vanished, or vanishes with them."""
+    names = [shown(path) for path in finished if os.path.lexists(path) and not any(part.startswith(HIDDEN) for part in path.parts)]
     return f"written: {', '.join(names)}" if names else "nothing written"
 
 
@@ -84,8 +84,10 @@ def _leave() -> None:
     """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
     import gc
 
+    from bayes_toe.cluster import leave
     from bayes_toe.workers import stop_workers
 
+    leave()
     stop_workers()
     gc.collect()
     gc.freeze()

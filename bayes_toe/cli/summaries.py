@@ -3,10 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.digits import allowed
-from bayes_toe.cli.terminal import once, safe, say, say_footnote, say_note, say_once, say_table
+from bayes_toe.cli.terminal import (
+    MOST_NAMES,
+    OUTPUT,
+    chosen,
+    once,
+    safe,
+    say,
+    say_footnote,
+    say_lines,
+    say_note,
+    say_notes,
+    say_once,
+    say_table,
+)
+from bayes_toe.data.cells import listed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,8 +45,8 @@ _MOST_SHOWN = 7  # of a model with a parameter for each pair
 _MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
 
 
-def say_draws(console: Console, draws: Draws) -> None:
-    """Medians and convergence of every subject."""
+def say_draws(console: Console, draws: Draws, file: str = OUTPUT) -> None:
+    """Medians and convergence of every subject; of very many, of those first that did not converge."""
     import numpy as np
 
     from bayes_toe.inference.diagnostics import quantile_errors
@@ -40,9 +55,9 @@ def say_draws(console: Console, draws: Draws) -> None:
     natural = draws.posterior(draws.names[0]).names.natural
     known = [key for key in ("mu1", "offset", "gain") if key in draws.parameters]
     shown = [*known, *(key for key in natural if key not in known)][:_MOST_SHOWN]
-    rows = []
-    for i, name in enumerate(draws.names):
-        row: dict[Any, Any] = {"subject": name}
+    rows, places = [], {name: i for i, name in enumerate(draws.names)}
+    for name in chosen(places, missed):
+        row, i = dict[Any, Any](subject=name), places[name]
         for key in shown:
             values = draws.values(name, key)
             # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
@@ -53,21 +68,23 @@ def say_draws(console: Console, draws: Draws) -> None:
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
         row["converged"] = "NO" if name in missed else "yes"
         rows.append(row)
-    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows)
-    for name, shortfall in missed.items():
-        say_note(console, f"{name}: {shortfall}", "not converged", "red")
+    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
+    say_notes(console, (f"{name}: {shortfall}" for name, shortfall in missed.items()), "not converged", "red", file=file)
     if draws.attrs["left_out"]:
         say(console, safe(draws.attrs["left_out"]))
 
 
-def say_evidence(console: Console, table: EvidenceTable) -> None:
+def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT) -> None:
     """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
+    from bayes_toe.cli.attention import flagged
     from bayes_toe.cli.headline import APPENDIX_C, FIT, tally
     from bayes_toe.comparison.words import STATED, conclusion
 
-    say_table(console, "order effect, and fit of the model", [_headline(row) for row in table])
+    of_subject, of_all = {row.subject: row for row in table}, partial(say_table, console, total=len(table), file=file)
+    shown = [of_subject[name] for name in chosen(of_subject, flagged(table))]
+    of_all("order effect, and fit of the model", [_headline(row) for row in shown])
     say(console, f"[bold]order effect[/bold]: {tally(table)}")
-    _say_misfits(console, table)
+    _say_misfits(console, table, file)
     say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
     rows: list[dict[Any, Any]] = [
         {
@@ -80,12 +97,12 @@ def say_evidence(console: Console, table: EvidenceTable) -> None:
             "k-hat": _number(row.pareto_k),
             "Laplace": _number(row.log_bayes_factor_laplace),
         }
-        for row in table
+        for row in shown
     ]
-    say_table(console, "Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
+    of_all("Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
     say_footnote(console, f"{APPENDIX_C}.")
     say_once(console, ((row.subject, note) for row in table for note in row.notes))
-    for line in once((row.subject, note) for row in table for note in row.footnotes):
+    for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
         say_footnote(console, line)
 
 
@@ -105,14 +122,13 @@ def _headline(row: SubjectEvidence) -> dict[Any, Any]:
     }
 
 
-def _say_misfits(console: Console, table: EvidenceTable) -> None:
+def _say_misfits(console: Console, table: EvidenceTable, file: str) -> None:
     from bayes_toe.cli.headline import NEXT, misfit, misfits
 
     if found := misfits(table):
         say(console, f"[bold]fit[/bold]: {found}")
-        for row in table:
-            if row.fit is not None and row.misfit:
-                say_note(console, f"{row.subject}: {misfit(row.fit)}", "misfit", "red")
+        wrong = (f"{row.subject}: {misfit(row.fit)}" for row in table if row.fit is not None and row.misfit)
+        say_notes(console, wrong, "misfit", "red", file=file)
         say(console, NEXT, "red")
 
 
@@ -122,12 +138,14 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
 
     _say_parts(console, table)
     rows: list[dict[Any, Any]] = []
-    for name, values in zip(table.subjects, table.log_evidence, strict=True):
+    evidence = dict(zip(table.subjects, table.log_evidence, strict=True))
+    for name in chosen(table.subjects, _noted(table)):
+        values = evidence[name]
         best = max((value for value in values if not isnan(value)), default=0.0)
         cells = ["-" if isnan(value) else f"{value - best:.1f}" for value in values]
         rows.append({"subject": name, **dict(zip(table.models, cells, strict=True))})
     if len(table.models) <= _MOST_COLUMNS:
-        say_table(console, "log evidence below the subject's best model, nats", rows)
+        say_table(console, "log evidence below the subject's best model, nats", rows, total=len(table.subjects))
     _say_models(console, table)
     about: dict[str, list[ModelRow]] = {}
     for one in table:
@@ -145,7 +163,9 @@ def _say_parts(console: Console, table: ModelComparison) -> None:
     from bayes_toe.inference.predictive_checks import MISFIT
 
     best, rows, parts = table.best_compositions(), [], table.parts
-    for i, name in enumerate(table.subjects):
+    places = {name: i for i, name in enumerate(table.subjects)}
+    for name in chosen(places, _noted(table)):
+        i = places[name]
         row: dict[Any, Any] = {"subject": name, **{" / ".join(part.levels): _shares(part.probability[i]) for part in parts}}
         found, against = best.get(name, (None, None))
         fit = None if found is None else found.checks.p_predictive
@@ -154,9 +174,21 @@ def _say_parts(console: Console, table: ModelComparison) -> None:
     of_study = {" / ".join(part.levels): _shares(part.study) for part in parts if part.study is not None}
     if of_study:
         rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
-    say_table(console, "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit", rows)
+    title = "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit"
+    say_table(console, title, rows, total=len(places) + bool(of_study))
     if of_study:
         say(console, f"{STUDY}: of a new subject, by random effects over {parts[0].counted} of {len(table.subjects)} subjects")
+
+
+def _noted(table: ModelComparison) -> set[str]:
+    """Subjects whose best composition does not describe the answers, or who lack an evidence."""
+    from math import isnan
+
+    from bayes_toe.inference.predictive_checks import MISFIT
+
+    fits = {name: found.checks.p_predictive for name, (found, _) in table.best_compositions().items()}
+    lacking = {name for name, values in zip(table.subjects, table.log_evidence, strict=True) if any(map(isnan, values))}
+    return lacking | {name for name, p in fits.items() if p is not None and p < MISFIT}
 
 
 def _shares(probability: Any) -> str:
@@ -167,29 +199,28 @@ def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
     """Subjects with their models; once for all subjects where all have the same models."""
     models = dict.fromkeys(row.model for row in rows)
     if len({(row.subject, row.model) for row in rows}) < len(models) * len(subjects):
-        return ", ".join(f"{row.subject} ({row.model})" for row in rows)
+        return listed([f"{row.subject} ({row.model})" for row in rows], MOST_NAMES)
     return f"{subjects[0] if len(subjects) == 1 else 'every subject'} ({', '.join(models)})"
 
 
 def _say_models(console: Console, table: ModelComparison) -> None:
-    """The models over the study; frequencies by the exact sum where there is one."""
+    """The models over the study, with their frequencies over more than one subject."""
     # How often a model is found over subjects means nothing for one of them.
     many = len(table.subjects) > 1
-    frame, exact = table.study_frame(), many and table.exact_frequencies() is not None
-    ending = "_exact" if exact else ""
+    frame, found = table.study_frame(), table.exact_frequencies() if many else None
     columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
     sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
     lines = [
         {
             "model": row["model"],
             "best for": row["best"],
-            **{shown: _or_dash(row[key + ending], 3) for key, shown in columns.items()},
+            **{shown: _or_dash(row[f"{key}_exact"], 3) for key, shown in columns.items()},
             **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
         }
         for row in frame.to_dict("records")
     ]
     first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
-    how = "" if not many or table.frequencies() is None else f", random effects ({'exact' if exact else 'variational'})"
+    how = "" if found is None else f", random effects ({found.how})"
     say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
     if how:
         _say_risk(console, first)
@@ -198,11 +229,11 @@ def _say_models(console: Console, table: ModelComparison) -> None:
 
 
 def _say_risk(console: Console, row: Mapping[Any, Any]) -> None:
-    """The probability that all models are equally frequent, exactly where that is known, and by the variational scheme."""
-    values = {"exact": _or_dash(row["omnibus_risk_exact"], 3), "variational": _or_dash(row["omnibus_risk"], 3)}
-    said = ", ".join(f"{value} ({name})" for name, value in values.items() if value != "-")
-    why = "; too many subjects and models for the exact value, which is lower" if values["exact"] == "-" else ""
-    say(console, f"all models equally frequent with probability {said}{why}")
+    """The probability that all models are equally frequent, and the same by the variational scheme; errors of what is sampled."""
+    risk, error = _or_dash(row["omnibus_risk_exact"], 3), row["omnibus_risk_exact_se"]
+    shown = f"{risk} ± {error:.1g}" if error else risk
+    variational = _or_dash(row["omnibus_risk"], 3)
+    say(console, f"all models equally frequent with probability {shown} ({row['exact_how']}), {variational} (variational)")
 
 
 def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> None:
@@ -218,9 +249,7 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     from bayes_toe.comparison.words import STATED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
-    for name, line in zip(table.names, table.summary(), strict=True):
-        shown = safe(line)
-        say(console, shown, "yellow" if name in turning else None)
+    say_lines(console, ((line, "yellow" if name in turning else None) for name, line in zip(table.names, table.summary(), strict=True)))
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
     say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
@@ -229,8 +258,8 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
 
 def say_parts_sensitivity(console: Console, table: PartsSensitivity) -> None:
     """One line a subject on its order effect; marked where another kind is the most probable within the range."""
-    for subject, line in zip(table.subjects, table.summary(), strict=True):
-        say(console, safe(line), "yellow" if table.turns(subject) else None)
+    lines = zip(table.subjects, table.summary(), strict=True)
+    say_lines(console, ((line, "yellow" if table.turns(subject) else None) for subject, line in lines))
 
 
 def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
@@ -283,9 +312,7 @@ def say_fits(console: Console, table: FitTable) -> None:
         rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
     title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
     say_table(console, title, rows)
-    for one in table:
-        for note in one.notes:
-            say_note(console, f"{one.subject}: {note}")
+    say_notes(console, (f"{one.subject}: {note}" for one in table for note in one.notes))
 
 
 def say_calibration(console: Console, table: CalibrationTable) -> None:

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from bayes_toe.cli import summaries
-from bayes_toe.cli.options import PriorFile, Seed, Workers, writes
-from bayes_toe.cli.task import INCOMPLETE, TableTask, WritingTask
+from bayes_toe.cli.options import PriorFile, Seed, writes
+from bayes_toe.cli.task import INCOMPLETE, SharedTask, TableTask
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,11 +67,10 @@ def simulate(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibratingTask(WritingTask):
+class CalibratingTask(SharedTask):
     """A command that simulates and analyses many studies."""
 
     seed: Seed = None
-    workers: Workers = None
 
 
 def calibrate(

@@ -12,13 +12,27 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, Overwrite, PriorFile, Quiet, Seed, SpreadsheetSafe, StudyFileOrExample, Workers
+from bayes_toe.cli.options import (
+    DrawCount,
+    Engine,
+    Overwrite,
+    PriorFile,
+    Processes,
+    Quiet,
+    Resume,
+    Scheduler,
+    Seed,
+    SpreadsheetSafe,
+    StudyFileOrExample,
+)
+from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
+    from bayes_toe.workers import Workers
 
 INCOMPLETE = 3
 
@@ -47,10 +61,12 @@ class WritingTask(Task):
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it."""
+        from bayes_toe.data.parquet import require_parquet
         from bayes_toe.data.whole_files import require_writable
         from bayes_toe.data.whole_folders import put_back
 
         for file in files:
+            require_parquet(file)
             put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
 
@@ -112,11 +128,85 @@ class PriorTask(Task):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelTask(WritingTask, PriorTask):
+class SharedTask(WritingTask):
+    """A command that shares its work among workers."""
+
+    processes: Processes = None
+    engine: Engine = "local"
+    scheduler: Scheduler = None
+
+    @cached_property
+    def workers(self) -> Workers:
+        """Processes of this machine, or those of a cluster, which is connected to here and said."""
+        self._require_one_engine()
+        if self.scheduler is None:
+            return self.processes
+        from bayes_toe.cluster import connect
+
+        client = connect(self.scheduler)
+        terminal.say(self.console, f"  workers: {len(client.nthreads())} at {terminal.safe(self.scheduler)}")
+        return client
+
+    def _require_one_engine(self) -> None:
+        if self.engine not in ("local", "dask"):
+            raise InputError(f"--engine {self.engine}: allowed: local, dask")
+        if (self.engine == "dask") != (self.scheduler is not None):
+            raise InputError("--engine dask and --scheduler tcp://HOST:PORT go together")
+        if self.scheduler is not None and self.processes is not None:
+            raise InputError(f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelTask(SharedTask, PriorTask):
     """A command that computes with a model of every subject."""
 
     seed: Seed = None
-    workers: Workers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepingTask(ModelTask):
+    """One that keeps what is finished until all is."""
+
+    resume: Resume = False
+
+    def partial(self, output: Path) -> Path:
+        """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
+        from bayes_toe.data.places import shown
+        from bayes_toe.errors import OutputError
+        from bayes_toe.kept import discard, kept_in
+
+        named = output if output.name not in ("", "..") else output.resolve()
+        folder = named.with_name(f"{named.name}.partial")
+        found = 0 if self.resume else kept_in(folder)
+        if found and not self.overwrite:
+            raise OutputError(
+                f"{shown(folder)}: holds {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
+            )
+        if found:
+            discard(folder)
+        return folder
+
+    def say_taken(self, folder: Path) -> None:
+        """What was not computed again."""
+        from bayes_toe.data.unfinished import under_way
+
+        standing = under_way.get(folder)
+        if self.resume and standing is not None:
+            self.console.print(
+                f"{standing.taken} of {standing.jobs} {standing.what} taken from [bold]{terminal.safe(folder)}[/bold]", highlight=False
+            )
+
+    def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
+        """Remove what was kept; not where work was lost, which may be tried again."""
+        from bayes_toe.kept import discard
+
+        if not failed:
+            discard(folder)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepingTableTask(TableTask, KeepingTask):
+    """The same with tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,18 +220,33 @@ class SamplingTask(ModelTask):
 
     draws: DrawCount = 4000
 
-    def require_room(self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0) -> None:
-        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them."""
+    def copies_for(self, file: Path) -> int:
+        """How often the draws will be on the disk, see :meth:`require_room`; a store that could not be written is refused."""
+        from bayes_toe.data.stores import named_store
+        from bayes_toe.inference.draws_store import require_library
+
+        if not named_store(file):
+            return 2
+        require_library()
+        return 3
+
+    def require_room(
+        self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0, copies: int = 2
+    ) -> None:
+        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
+
+        Two copies, since the draws of each subject are kept until all are in one file; three for a store, which is written from that file.
+        """
         from bayes_toe.data.places import require_room
         from bayes_toe.inference.draws import stored_bytes
         from bayes_toe.inference.sampling import SamplerSettings
 
-        require_room(place, stored_bytes(study, prior, SamplerSettings(self.draws), model) + others * (len(study) + 1))
+        draws = stored_bytes(study, prior, SamplerSettings(self.draws), model)
+        require_room(place, copies * draws + others * (len(study) + 1))
 
 
 def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
     """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
-    for name, reason in failed.items():
-        terminal.say_note(task.console, f"{name}: {reason}", "left out", "red")
+    terminal.say_notes(task.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
     if failed or missed:
         raise typer.Exit(INCOMPLETE)

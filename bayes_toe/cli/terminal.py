@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.cells import visible
+from bayes_toe.data.cells import listed, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from bayes_toe.model.prior import Prior
 
 
+#: Rows of a table, and lines of one kind, that are printed; names or notes likewise.
+MOST_ROWS, MOST_NAMES = 50, 20
+#: Where the others are, if nothing better is known.
+OUTPUT = "the output"
 NO_FORMATS: Mapping[str, Callable[[Any], str]] = MappingProxyType({})
 
 
@@ -50,16 +54,64 @@ def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[[
         yield tick
 
 
-def say_table(console: Console, title: str, rows: list[dict[Any, Any]], formats: Mapping[str, Callable[[Any], str]] = NO_FORMATS) -> None:
-    """A table of rows with the same keys, which name its columns; texts are escaped."""
+def say_table(
+    console: Console,
+    title: str,
+    rows: list[dict[Any, Any]],
+    formats: Mapping[str, Callable[[Any], str]] = NO_FORMATS,
+    *,
+    total: int | None = None,
+    file: str = OUTPUT,
+) -> None:
+    """A table of rows with the same keys, which name its columns; texts are escaped.
+
+    It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are some
+    of so many and are all shown.
+    """
     from rich.table import Table
 
+    shown = rows[:MOST_ROWS] if total is None else rows
     table = Table(title=title, title_justify="left", title_style="bold")
     for index, key in enumerate(rows[0]):
         table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
-    for row in rows:
+    for row in shown:
         table.add_row(*(formats.get(key, safe)(value) for key, value in row.items()))
     console.print(table)
+    _say_more(console, (len(rows) if total is None else total) - len(shown), file)
+
+
+def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
+    """Whom a table shows: all, or of more than :data:`MOST_ROWS` so many, those of `first` before the others, each in their order.
+
+    Examples
+    --------
+    >>> chosen(["S2", "S1"], {"S1"}), chosen(map(str, range(2000)), {"7", "1999"})[:4]
+    (['S2', 'S1'], ['7', '1999', '0', '1'])
+    """
+    found = list(names)
+    return found if len(found) <= MOST_ROWS else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
+
+
+def say_lines(console: Console, lines: Iterable[tuple[str, str | None]], file: str = OUTPUT) -> None:
+    """Lines, each a text, which is escaped, and its style; of more than :data:`MOST_ROWS` so many, those with a style first."""
+    found = list(lines)
+    shown = found if len(found) <= MOST_ROWS else sorted(found, key=lambda line: line[1] is None)[:MOST_ROWS]
+    for text, style in shown:
+        say(console, safe(text), style)
+    _say_more(console, len(found) - len(shown), file)
+
+
+def say_notes(console: Console, texts: Iterable[str], word: str = "note", colour: str = "yellow", *, file: str = OUTPUT) -> None:
+    """Notes as :func:`say_note` has them, at most :data:`MOST_NAMES`."""
+    found = list(texts)
+    for text in found[:MOST_NAMES]:
+        say_note(console, text, word, colour)
+    _say_more(console, len(found) - MOST_NAMES, file)
+
+
+def _say_more(console: Console, left: int, file: str) -> None:
+    if left > 0:
+        say(console, f"... and {left:,} more in {safe(file)}")
 
 
 def say(console: Console, line: str, style: str | None = None) -> None:
@@ -78,7 +130,7 @@ def say_footnote(console: Console, text: str) -> None:
 
 
 def once(notes: Iterable[tuple[str, str]]) -> list[str]:
-    """Notes, each a subject and a text: each text once, with the subjects that it is about; '' is no subject.
+    """Notes, each a subject and a text: each text once, with the subjects that it is about, the first of them if many; '' is no subject.
 
     Examples
     --------
@@ -88,13 +140,12 @@ def once(notes: Iterable[tuple[str, str]]) -> list[str]:
     about: dict[str, list[str]] = {}
     for subject, text in notes:
         about.setdefault(text, []).extend([subject] if subject else [])
-    return [f"{', '.join(subjects)}: {text}" if subjects else text for text, subjects in about.items()]
+    return [f"{listed(subjects, MOST_NAMES)}: {text}" if subjects else text for text, subjects in about.items()]
 
 
 def say_once(console: Console, notes: Iterable[tuple[str, str]], word: str = "note") -> None:
     """Notes as :func:`once` has them, a line each."""
-    for line in once(notes):
-        say_note(console, line, word)
+    say_notes(console, once(notes), word)
 
 
 def say_study(console: Console, study: Study) -> None:

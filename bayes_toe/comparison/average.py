@@ -20,16 +20,16 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import QUANTILES
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer
+from bayes_toe.inference.subject_draws import QUANTILES
 from bayes_toe.model.ladder import Record, require_models
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,7 +144,7 @@ def average(
     draws: int = 1000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> Averages:
     """Pull, constant error, gain and P(equal) of every subject, averaged over a space of models.

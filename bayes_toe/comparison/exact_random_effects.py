@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +49,7 @@ class ExactFrequencies(GroupFrequencies):
         Concentration of the Dirichlet prior.
     """
 
+    how: ClassVar[str] = "exact sum"
     count_probability: FloatArray
     prior: float
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -137,6 +138,7 @@ class GroupFrequencies:
         Log evidence of the answers of all subjects, frequencies free, and exactly where all are equal to 1/K. Nats.
     """
 
+    how: ClassVar[str]  #: By which method, in a word or two.
     models: tuple[str, ...]
     subjects: tuple[str, ...]
     left_out: tuple[str, ...]

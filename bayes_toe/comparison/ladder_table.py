@@ -6,27 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
+from bayes_toe.comparison.exceedance import GroupFrequencies
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
+from bayes_toe.comparison.sampled_random_effects import SampledFrequencies, sampled_random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.kept import keeping, work
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, run_or_fail
+from bayes_toe.workers import Cluster, Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,6 +59,7 @@ COMPARE_COLUMNS = (
 )
 _TEXTS = ("subject", "model", "parameters", "note", "prior", "parts")
 _FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
+_ERROR_COLUMNS = ("expected", "exceedance", "omnibus_risk")
 _SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
 
 
@@ -106,7 +110,7 @@ class ModelComparison(Table[ModelRow]):
     @cached_property
     def parts(self) -> tuple[PartTable, ...]:
         """Probabilities of the levels of every part that varies among the compositions compared."""
-        return part_tables(self.records, self.log_evidence)
+        return part_tables(self.records, self.log_evidence, seed=self.seed)
 
     def parts_frame(self) -> pd.DataFrame:
         """The same with the columns of compare_parts.csv: one row a level, subject by subject, last the study, '*'; empty where withheld.
@@ -144,15 +148,18 @@ class ModelComparison(Table[ModelRow]):
             return None
         return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
 
-    def exact_frequencies(self) -> ExactFrequencies | None:
-        """The same without the approximation; None also where the sum is too long: from 21 subjects and 8 models."""
+    def exact_frequencies(self) -> ExactFrequencies | SampledFrequencies | None:
+        """The same without the approximation: by the exact sum, or sampled where that is too long, as from 21 subjects and 8 models."""
         return self._exact
 
     @cached_property
-    def _exact(self) -> ExactFrequencies | None:
-        if not self._has_frequencies or not is_affordable(len(_complete(self.log_evidence)), len(self.models)):
+    def _exact(self) -> ExactFrequencies | SampledFrequencies | None:
+        if not self._has_frequencies:
             return None
-        return exact_random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
+        given: dict[str, Any] = {"models": self.models, "subjects": self.subjects, "leave_out": True}
+        if is_affordable(len(_complete(self.log_evidence)), len(self.models)):
+            return exact_random_effects(self.log_evidence, **given)
+        return sampled_random_effects(self.log_evidence, seed=self.seed, **given)
 
     @property
     def _has_frequencies(self) -> bool:
@@ -164,9 +171,10 @@ class ModelComparison(Table[ModelRow]):
         Columns: model; subjects, those with every evidence, which alone count in what follows; best, for how many of them the model has
         the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
         scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
-        expected_exact to omnibus_risk_exact, the same four without the approximation, empty where :meth:`exact_frequencies` gives none;
+        expected_exact to omnibus_risk_exact, the same four without the approximation, see :meth:`exact_frequencies`;
         elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go; elpd_loo_pair_diff to
-        elpd_loo_trial_diff_se, differences of those sums to the best model's with the standard errors of the paired differences.
+        elpd_loo_trial_diff_se, differences of those sums to the best model's with the standard errors of the paired differences; exact_how,
+        'exact sum' or 'sampled', and expected_exact_se to omnibus_risk_exact_se, Monte Carlo standard errors, 0 by the exact sum.
         """
         import pandas as pd
 
@@ -180,7 +188,8 @@ class ModelComparison(Table[ModelRow]):
             frame[name] = _sum(values)
         frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
         frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
-        return frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
+        frame = frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
+        return _with_errors(frame, self.exact_frequencies())
 
     def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
@@ -215,9 +224,18 @@ def _sum(rows: FloatArray) -> FloatArray:
     return np.asarray(rows.sum(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
 
 
-def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | ExactFrequencies | None, suffix: str) -> pd.DataFrame:
+def _with_frequencies(frame: pd.DataFrame, found: GroupFrequencies | None, suffix: str) -> pd.DataFrame:
     values = {f"{name}{suffix}": np.nan if found is None else getattr(found, name) for name in _FREQUENCY_COLUMNS}
     return frame.assign(**values)
+
+
+def _with_errors(frame: pd.DataFrame, found: ExactFrequencies | SampledFrequencies | None) -> pd.DataFrame:
+    """How the frequencies without the approximation were found, and how sure they are."""
+    none = np.nan if found is None else 0.0
+    values = {
+        f"{name}_exact_se": getattr(found, f"{name}_se") if isinstance(found, SampledFrequencies) else none for name in _ERROR_COLUMNS
+    }
+    return frame.assign(exact_how="" if found is None else found.how, **values)
 
 
 def beside(path: str | Path) -> tuple[Path, Path]:
@@ -238,8 +256,10 @@ def compare(
     draws: int = 1000,
     seed: int | None = None,
     prior: Prior | str | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
+    engine: Cluster | None = None,
     progress: Progress | None = None,
+    keep: str | Path | None = None,
 ) -> ModelComparison:
     """Evidence, leave-one-out and predictive checks of every model for every subject, and model frequencies over the study.
 
@@ -253,7 +273,7 @@ def compare(
         models that have a name.
     draws : int
         Effective draws to reach for every named quantity of every model.
-    seed, prior, workers, progress
+    seed, prior, workers, engine, progress, keep
         As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
@@ -269,15 +289,20 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    records, root, chosen = require_models(models), root_seed(seed), prior_for(study, prior)
-    names = tuple(model.name for model in records)
+    records, chosen = require_models(models), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     pairs = [(subject, model) for subject in study for model in records]
-    jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
-    done = run_or_fail(jobs, workers, progress, [(f"{subject.name}: {model.name}",) for subject, model in pairs])
-    rows = [failed_row(*pair, one.reason, prior=chosen) if isinstance(one, Failed) else one for pair, one in zip(pairs, done, strict=True)]
-    groups = [_with_probabilities(with_differences(rows[i : i + len(names)])) for i in range(0, len(rows), len(names))]
-    return ModelComparison(tuple(row for group in groups for row in group), tuple(study.names), names, root, chosen)
+    names = [(f"{subject.name}: {model.name}",) for subject, model in pairs]
+    with keeping(keep, "models of subjects") as kept:
+        root = root_seed(seed) if kept is None else kept.seed(seed)
+        jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
+        done = work(jobs, workers if engine is None else engine, progress, names, kept)
+        lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
+        rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
+    size = len(records)
+    groups = [_with_probabilities(with_differences(rows[i : i + size])) for i in range(0, len(rows), size)]
+    table = tuple(row for group in groups for row in group)
+    return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen)
 
 
 def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -28,7 +28,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,8 +94,14 @@ class PartsSensitivity(Table[PartsRow]):
 
     def of(self, subject: str, varied: str, part: str) -> dict[str, list[PartsRow]]:
         """Rows of one subject, varied value and part, ascending, by level."""
-        found = [row for row in self.rows if (row.subject, row.varied, row.part) == (subject, varied, part)]
-        return {level: [row for row in found if row.level == level] for level in dict.fromkeys(row.level for row in found)}
+        return self._grouped.get((subject, varied, part), {})
+
+    @cached_property
+    def _grouped(self) -> dict[tuple[str, str, str], dict[str, list[PartsRow]]]:
+        found: dict[tuple[str, str, str], dict[str, list[PartsRow]]] = {}
+        for row in self.rows:
+            found.setdefault((row.subject, row.varied, row.part), {}).setdefault(row.level, []).append(row)
+        return found
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -109,11 +115,12 @@ class PartsSensitivity(Table[PartsRow]):
 
     def turns(self, subject: str, part: str = "order") -> bool:
         """Whether its most probable level is another one under some of the priors."""
-        return "; " in _line(self, subject, part)
+        return len(_conclusion(self, subject, part)) > 1
 
     def summary(self, part: str = "order") -> tuple[str, ...]:
         """One line a subject: its most probable level under the prior given, and where another one takes over."""
-        return tuple(_line(self, subject, part) for subject in self.subjects)
+        said = (_conclusion(self, subject, part) for subject in self.subjects)
+        return tuple("; ".join(words if len(words) > 1 else [f"{words[0]}, at every value"]) for words in said)
 
 
 def parts_sensitivity(
@@ -123,7 +130,7 @@ def parts_sensitivity(
     prior: Prior | str | None = None,
     factors: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
     seed: int | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> PartsSensitivity:
     """Probabilities of the levels of parts, of every subject and of the study, under priors around the one given.
@@ -158,14 +165,11 @@ def parts_sensitivity(
     records = [model for model in require_models(models) if isinstance(model, Model)]
     used = frozenset(name for model in records for name in model.parameters(middle))
     varied = [one for one in middle.varied(used) if getattr(middle, one.name) is not None]
-    priors = [(one, power, moved(middle, one, power, reach)) for one in varied for power in (np.log(factors) / np.log(reach)).tolist()]
-    jobs = [partial(_scan, subject, records, middle, [(one, there) for one, _, there in priors], root) for subject in study]
+    powers = (np.log(factors) / np.log(reach)).tolist()
+    settings = [_Setting(one, reach**by if one.positive else None, moved(middle, one, by, reach)) for one in varied for by in powers]
+    jobs = [partial(_scan, subject, records, middle, settings, root) for subject in study]
     scanned = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    rows = [
-        row
-        for i, (one, power, there) in enumerate(priors)
-        for row in _rows(study.names, scanned, i, records, _Setting(one, power, there, reach))
-    ]
+    rows = [row for i, at in enumerate(settings) for row in _rows(study.names, scanned, i, records, at)]
     order = {name: place for place, name in enumerate((*study.names, STUDY))}
     return PartsSensitivity(tuple(sorted(rows, key=lambda row: order[row.subject])), middle, root)
 
@@ -178,27 +182,20 @@ def _require_factors(factors: Sequence[float]) -> float:
 
 
 class _Setting(NamedTuple):
-    """One prior of the scan: what is varied, by which power of the reach."""
+    """One prior of the scan: what is varied, by which factor, None for a location."""
 
     varied: PriorField
-    power: float
+    factor: float | None
     prior: Prior
-    reach: float
-
-    @property
-    def said(self) -> tuple[str, float | None, float]:
-        """Name, factor and value, as a row has them."""
-        factor = self.reach**self.power if self.varied.positive else None
-        return self.varied.name, factor, float(getattr(self.prior, self.varied.name))
 
 
-def _scan(subject: Subject, records: Sequence[Model], middle: Prior, priors: Sequence[tuple[PriorField, Prior]], seed: int) -> _Scanned:
-    values, k, anew = (np.zeros((len(priors), len(records))) for _ in range(3))
+def _scan(subject: Subject, records: Sequence[Model], middle: Prior, settings: Sequence[_Setting], seed: int) -> _Scanned:
+    values, k, anew = (np.zeros((len(settings), len(records))) for _ in range(3))
     for j, model in enumerate(records):
         posterior, used = model.posterior(subject, middle), model.parameters(middle)
         fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
         own = reweighted(fitted, posterior, posterior)
-        for i, (varied, prior) in enumerate(priors):
+        for i, (varied, _, prior) in enumerate(settings):
             same = varied.parameter not in used or prior == middle
             found = own if same else under(fitted, posterior, model.posterior(subject, prior), seed)
             values[i, j] = found.log_evidence if found.trusted else np.nan
@@ -210,31 +207,36 @@ def _rows(names: Sequence[str], scanned: Sequence[_Scanned], i: int, records: Se
     """Every subject and the study under the i-th prior."""
     largest, anew = [float(one.pareto_k[i]) for one in scanned], [int(one.sampled_anew[i]) for one in scanned]
     quality = dict(zip(names, zip(largest, anew, strict=True), strict=True)) | {STUDY: (max(largest), sum(anew))}
+    said = at.varied.name, at.factor, float(getattr(at.prior, at.varied.name))
     tables = part_tables(records, np.stack([one.log_evidence[i] for one in scanned]))
     cells = cast("list[tuple[str, str, str, float, float]]", [row for table in tables for row in table.cells(names)])
     return [
-        PartsRow(subject, *at.said, part, level, None if np.isnan(probability) else probability, *quality[subject])
+        PartsRow(subject, *said, part, level, None if np.isnan(probability) else probability, *quality[subject])
         for subject, part, level, probability, _ in cells
     ]
 
 
-def _line(table: PartsSensitivity, subject: str, part: str) -> str:
-    """What is most probable under the prior given, and under which value of which number another level is."""
-    start, turns = "", []
+class _Top(NamedTuple):
+    """The most probable level under one prior, in words with its probability, and the varied value."""
+
+    level: str
+    words: str
+    value: float
+
+
+def _conclusion(table: PartsSensitivity, subject: str, part: str) -> list[str]:
+    """What is most probable under the prior given, then under which values of which number another level is."""
+    said: list[str] = []
     for varied in table.varied:
-        rows = table.of(subject, varied, part)
-        tops = [_top(each) for each in zip(*rows.values(), strict=True)]
-        values = [row.value for row in next(iter(rows.values()))]
-        given = tops[values.index(float(getattr(table.prior, varied)))]
-        start = start or f"{'study' if subject == STUDY else subject}: {given}"
-        name = given.partition(" (")[0]
-        turns += [f"{top} at {varied} = {value:.3g}" for top, value in zip(tops, values, strict=True) if top.partition(" (")[0] != name]
-    return "; ".join([start, *turns]) if turns else f"{start}, at every value"
+        tops = [_top(each) for each in zip(*table.of(subject, varied, part).values(), strict=True)]
+        given = next(top for top in tops if top.value == getattr(table.prior, varied))
+        said = said or [f"{'study' if subject == STUDY else subject}: {given.words}"]
+        said += [f"{top.words} at {varied} = {top.value:.3g}" for top in tops if top.level != given.level]
+    return said
 
 
-def _top(rows: Sequence[PartsRow]) -> str:
-    """The most probable level with its probability."""
+def _top(rows: Sequence[PartsRow]) -> _Top:
     if any(row.probability is None for row in rows):
-        return "no estimate"
+        return _Top("", "no estimate", rows[0].value)
     best = max(rows, key=lambda row: row.probability or 0.0)
-    return f"{best.level} ({best.probability:.2f})"
+    return _Top(best.level, f"{best.level} ({best.probability:.2f})", best.value)

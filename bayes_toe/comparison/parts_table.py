@@ -17,7 +17,7 @@ from scipy.special import log_expit, logit, logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import exact_random_effects, is_affordable
-from bayes_toe.comparison.random_effects import random_effects
+from bayes_toe.comparison.sampled_random_effects import sampled_random_effects
 from bayes_toe.model.ladder import Record
 
 #: Columns of compare_parts.csv.
@@ -62,7 +62,7 @@ class PartTable:
         return [(who, self.part, *row) for who, p, b in found for row in zip(self.levels, p.tolist(), b.tolist(), strict=True)]
 
 
-def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike) -> tuple[PartTable, ...]:
+def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: int = 0) -> tuple[PartTable, ...]:
     """Probabilities of the levels of every part that varies among the compositions; free frequencies are none and do not count.
 
     Parameters
@@ -70,6 +70,8 @@ def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike) -> tuple[
     models : sequence of record
     log_evidence : array_like, shape (subjects, models)
         Nats; NaN where withheld.
+    seed : int
+        Of the study's frequencies, where they are sampled.
 
     Examples
     --------
@@ -85,22 +87,22 @@ def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike) -> tuple[
         for part, level in models[i].levels:
             families.setdefault(part, {}).setdefault(level, []).append(place)
     values = np.asarray(log_evidence, np.float64)[:, composed]
-    return tuple(_part_table(part, levels, values) for part, levels in families.items() if len(levels) > 1)
+    return tuple(_part_table(part, levels, values, seed) for part, levels in families.items() if len(levels) > 1)
 
 
-def _part_table(part: str, levels: dict[str, list[int]], log_evidence: FloatArray) -> PartTable:
+def _part_table(part: str, levels: dict[str, list[int]], log_evidence: FloatArray, seed: int) -> PartTable:
     # NaN wherever an evidence is missing: all levels would depend on it.
     values = np.where(np.isnan(log_evidence).any(axis=1, keepdims=True), np.nan, log_evidence)
     families = np.column_stack([logsumexp(values[:, of], axis=1) - np.log(len(of)) for of in levels.values()])
     odds = np.column_stack([families[:, k] - logsumexp(np.delete(families, k, axis=1), axis=1) for k in range(len(levels))])
-    even, study = logit(1.0 / len(levels)), _expected(families)
+    even, study = logit(1.0 / len(levels)), _expected(families, seed)
     of_study = None if study is None else np.asarray(logit(study) - even)
     return PartTable(part, tuple(levels), np.exp(log_expit(odds)), odds - even, study, of_study)
 
 
-def _expected(families: FloatArray) -> FloatArray | None:
-    """Expected frequencies of the families: by the exact sum, unless that is too long."""
+def _expected(families: FloatArray, seed: int) -> FloatArray | None:
+    """Expected frequencies of the families: by the exact sum, unless that is too long; then sampled."""
     known = families[~np.isnan(families).any(axis=1)]
     if len(known) < 2:
         return None
-    return exact_random_effects(known).expected if is_affordable(*known.shape) else random_effects(known).expected
+    return (exact_random_effects(known) if is_affordable(*known.shape) else sampled_random_effects(known, seed=seed)).expected

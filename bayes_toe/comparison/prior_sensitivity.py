@@ -30,7 +30,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -148,7 +148,7 @@ def sensitivity(
     reach: float = 4.0,
     steps: int = 9,
     seed: int | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> SensitivityTable:
     """Evidence and posterior quantiles of every subject under priors around the one given.

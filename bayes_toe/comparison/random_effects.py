@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,7 @@ class ModelFrequencies(GroupFrequencies):
         Fixed effects: sum over subjects. Nats.
     """
 
+    how: ClassVar[str] = "variational"
     alpha: FloatArray
     responsibilities: FloatArray
     group_log_evidence: FloatArray

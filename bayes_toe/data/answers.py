@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +57,25 @@ class Reading:
     ignored: tuple[str, ...] = ()
 
 
-def order_of_trials(trial: FloatArray, block: IntArray) -> IndexArray | None:
-    """The order in which trials were given: by their numbers where these are unique, else by block and number; None where neither tells.
+def order_of_trials(owner: IntArray, trial: FloatArray, block: IntArray) -> tuple[IndexArray, BoolArray]:
+    """The order in which trials were given, and of which owners it is not known, shape (owners,): theirs stays as it is.
+
+    By their numbers where these are unique, else by block and number; by owner first.
 
     Examples
     --------
-    >>> order_of_trials(np.array([2.0, 1.0, 1.0]), np.array([0, 0, 1])).tolist()
-    [1, 0, 2]
+    >>> [part.tolist() for part in order_of_trials(np.array([0, 0, 0, 1]), np.array([2.0, 1.0, 1.0, np.nan]), np.array([0, 0, 1, 0]))]
+    [[1, 0, 2, 3], [False, True]]
     """
-    known: BoolArray = ~np.isnan(trial)
-    if not known.all():
-        return None
-    if len(np.unique(trial)) == len(trial):
-        return np.argsort(trial)
-    unique = len(np.unique(np.column_stack([block, trial]), axis=0)) == len(trial)
-    return np.lexsort((trial, block)) if unique else None
+    unknown = np.bincount(owner, np.isnan(trial)) > 0
+    by_trial, by_block = (~unknown & ~_repeated(owner, *keys) for keys in ((trial,), (block, trial)))
+    number = np.where((by_trial | by_block)[owner], trial, 0.0)
+    part = np.where((by_block & ~by_trial)[owner], block, 0)
+    return np.lexsort((number, part, owner)), ~(by_trial | by_block)
+
+
+def _repeated(owner: IntArray, *keys: npt.NDArray[Any]) -> BoolArray:
+    """Which owners have equal keys in two rows."""
+    order = np.lexsort((*keys, owner))
+    once = np.bincount(owner[order][run_starts(*(values[order] for values in (owner, *keys)))], minlength=owner.max() + 1)
+    return np.asarray(once < np.bincount(owner))

@@ -12,7 +12,8 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -26,6 +27,7 @@ from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.errors import InputError
 
 _Records = Iterator[tuple[int, list[str] | csv.Error]]
+_PIECE, _ROWS = 1 << 20, 1 << 10  # characters split into lines, and rows whose texts are told apart, at once: memory stays flat
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
 _ENCODINGS = (
@@ -80,10 +82,10 @@ def bare(text: str) -> str:
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
 
 
-def listed(items: Sequence[str]) -> str:
+def listed(items: Sequence[str], most: int = MOST_SHOWN) -> str:
     """The first items, and how many there are beyond them."""
-    more = [f"... and {len(items) - MOST_SHOWN} more"] if len(items) > MOST_SHOWN else []
-    return ", ".join([*items[:MOST_SHOWN], *more])
+    more = [f"... and {len(items) - most:,} more"] if len(items) > most else []
+    return ", ".join([*items[:most], *more])
 
 
 def counted(count: int, noun: str) -> str:
@@ -160,7 +162,7 @@ def _row_after(text: str) -> int:
 def _records(text: str, delimiter: str) -> _Records:
     """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
+    reader = csv.reader(_lines(text), delimiter=delimiter, skipinitialspace=True, strict=True)
     while True:
         row = reader.line_num + 1
         try:
@@ -172,6 +174,15 @@ def _records(text: str, delimiter: str) -> _Records:
             continue
         if "".join(cells).strip():
             yield row, cells
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Lines with their ends, piece by piece: a buffer of text takes four bytes for every character."""
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start + _PIECE) + 1
+        yield from io.StringIO(text[start : end if end else len(text)], newline="")
+        start = end if end else len(text)
 
 
 def _first_cells(text: str, delimiter: str) -> list[str]:
@@ -187,7 +198,7 @@ def _delimiter(text: str, names: frozenset[str]) -> str:
 
 @dataclass(frozen=True)
 class Header:
-    """What the first record of a file tells, and its physical row."""
+    """What the first record of a file tells, and its physical row; of a Parquet file its schema, without a delimiter."""
 
     source: str
     encoding: str
@@ -198,11 +209,18 @@ class Header:
     @property
     def decimal_comma(self) -> bool:
         """Whether the delimiter leaves the comma free to be a decimal sign."""
-        return self.delimiter != ","
+        return self.delimiter in (";", "\t")
+
+    @property
+    def place(self) -> str:
+        """What messages call it."""
+        return f"row {self.row}" if self.delimiter else "schema"
 
 
-def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, str]:
+def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, Any]:
     """The header of a file in which columns of these names are looked for, as they tell the delimiter; and the file's text.
+
+    A file whose name ends in .parquet is read as one, see :mod:`bayes_toe.data.parquet`.
 
     Raises
     ------
@@ -211,7 +229,13 @@ def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_
         cannot be split.
     """
     source = bare(Path(path).name)
-    text, encoding = _decode(source, _bytes(path, largest))
+    from bayes_toe.data.parquet import is_parquet, parquet_header, require_parquet
+
+    require_parquet(path)
+    data = _bytes(path, largest)
+    if is_parquet(path):
+        return parquet_header(source, data, largest)
+    text, encoding = _decode(source, data)
     delimiter = _delimiter(text, names)
     row, cells = next(_records(text, delimiter), (0, None))
     if cells is None:
@@ -250,10 +274,25 @@ class Column:
         return self.texts[int(self.codes[index])]
 
 
-def _column(name: str, cells: Sequence[str]) -> Column:
+def stripped(name: str, texts: Iterable[str], codes: IntArray) -> Column:
+    """A column without the spaces around its texts, by which some of them may become one."""
     seen: dict[str, int] = {}
-    codes = np.fromiter((seen.setdefault(cell.strip(), len(seen)) for cell in cells), np.int64, len(cells))
-    return Column(name, list(seen), codes)
+    places = np.array([seen.setdefault(text.strip(), len(seen)) for text in texts], np.int64)
+    return Column(name, list(seen), places[codes])
+
+
+class _Texts:
+    """Distinct texts of a column in order of appearance, and the place of each cell's text among them."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, int] = defaultdict(itertools.count().__next__)
+        self._codes = [np.empty(0, np.int64)]
+
+    def add(self, cells: Sequence[str]) -> None:
+        self._codes.append(np.fromiter(map(self._places.__getitem__, cells), np.int64, len(cells)))
+
+    def column(self, name: str) -> Column:
+        return stripped(name, self._places, np.concatenate(self._codes))
 
 
 def _bare_names(column: Column) -> Column:
@@ -272,7 +311,7 @@ class Cells:
     fault: Fault
 
 
-def read_cells(header: Header, text: str, places: Mapping[str, int], problems: Sequence[str]) -> Cells:
+def read_cells(header: Header, text: Any, places: Mapping[str, int], problems: Sequence[str]) -> Cells:
     """The columns at these places of the records, by name.
 
     Raises
@@ -280,30 +319,34 @@ def read_cells(header: Header, text: str, places: Mapping[str, int], problems: S
     InputError
         Where the header has problems: they and the rows that cannot be split. Where there is no row below the header.
     """
-    kept: dict[str, list[str]] = {name: [] for name in places}
-    wanted = [(kept[name], place) for name, place in places.items()]
-    rows, fault = _keep(itertools.islice(_records(text, header.delimiter), 1, None), len(header.names), wanted)
+    if not isinstance(text, str):
+        from bayes_toe.data.parquet import parquet_cells
+
+        return parquet_cells(header, text, places, problems)
+    texts = [_Texts() for _ in places]
+    rows, fault = _keep(itertools.islice(_records(text, header.delimiter), 1, None), len(header.names), tuple(places.values()), texts)
     if problems:
         refuse(header.source, [*(Fault(1, ((header.row, line),)) for line in problems), fault])
-    if not rows and fault.count == 0:
-        raise InputError(f"{header.source}: row {header.row}: found a header only, allowed: at least one row below it")
-    columns = {name: _column(header.names[place], kept[name]) for name, place in places.items()}
+    if not len(rows) and fault.count == 0:
+        raise InputError(f"{header.source}: {header.place}: found a header only, allowed: at least one row below it")
+    columns = {name: kept.column(header.names[place]) for (name, place), kept in zip(places.items(), texts, strict=True)}
     columns.update({name: _bare_names(columns[name]) for name in ("subject",) if name in columns})
-    return Cells(header, columns, np.array(rows, np.int64), fault)
+    return Cells(header, columns, rows, fault)
 
 
-def _keep(records: _Records, width: int, wanted: Sequence[tuple[list[str], int]]) -> tuple[list[int], Fault]:
-    """Append the cells of the wanted columns only: files of experiments are much wider than what we read."""
-    rows: list[int] = []
-    broken: list[tuple[int, list[str] | csv.Error]] = []
-    for row, record in records:
-        if isinstance(record, csv.Error) or len(record) != width:
-            broken.append((row, record))
-            continue
-        rows.append(row)
-        for cells, place in wanted:
-            cells.append(record[place])
-    return rows, Fault(len(broken), tuple(_broken(*entry, width) for entry in broken[:MOST_SHOWN]))
+def _keep(records: _Records, width: int, places: tuple[int, ...], texts: Sequence[_Texts]) -> tuple[IntArray, Fault]:
+    """Append the cells at these places only: files of experiments are much wider than what we read."""
+    rows, count, shown = [np.empty(0, np.int64)], 0, list[tuple[int, str]]()
+    while some := list(itertools.islice(records, _ROWS)):
+        whole = [(row, record) for row, record in some if isinstance(record, list) and len(record) == width]
+        if len(whole) < len(some):
+            broken = [entry for entry in some if not isinstance(entry[1], list) or len(entry[1]) != width]
+            count += len(broken)
+            shown += [_broken(*entry, width) for entry in broken[: MOST_SHOWN - len(shown)]]
+        for kept, place in zip(texts, places, strict=True):
+            kept.add([record[place] for _, record in whole])
+        rows.append(np.fromiter(map(itemgetter(0), whole), np.int64, len(whole)))
+    return np.concatenate(rows), Fault(count, tuple(shown))
 
 
 def fault_in(cells: Cells, column: Column, bad: BoolArray, allowed: Callable[[int], str]) -> Fault:

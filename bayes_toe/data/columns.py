@@ -23,7 +23,7 @@ def number_fault(cells: Cells, column: Column, bad: BoolArray, kind: str = "a fi
 
     def allowed(index: int) -> str:
         text = column.text(index)
-        if not cells.header.decimal_comma and "," in text and not math.isnan(number(text, True)):
+        if cells.header.delimiter == "," and "," in text and not math.isnan(number(text, True)):
             return f"{kind}; decimal commas need ';' or tab between cells"
         if "," in text or text.count(".") > 1:
             return f"{kind}, without thousands separators"

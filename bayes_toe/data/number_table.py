@@ -57,4 +57,4 @@ def _places(header: Header, needed: Sequence[str], optional: Sequence[str]) -> t
     missing = [f"column {bare(name)}: missing, found {found}, allowed: a column of this name" for name in needed if counts[name] == 0]
     twice = [f"column {bare(name)}: found {count} columns of this name, allowed: one" for name, count in counts.items() if count > 1]
     places = {name: header.names.index(name) for name, count in counts.items() if count}
-    return places, [f"row {header.row}, {line}" for line in (*missing, *twice)]
+    return places, [f"{header.place}, {line}" for line in (*missing, *twice)]

@@ -73,11 +73,11 @@ def probe(path: Path) -> None:
 
 
 def put_in_place(new: Path, final: Path, overwrite: bool) -> None:
-    """Give a finished file its name; without `overwrite`, never at the cost of a file that appeared meanwhile.
+    """Give a finished file, or a store, its name; without `overwrite`, never at the cost of a file that appeared meanwhile.
 
     The temporary name may remain: whoever made it removes it.
     """
-    if overwrite:
+    if overwrite or (new.is_dir() and not os.path.lexists(final)):  # a folder has no second name, and replaces none
         os.replace(new, final)
         return
     try:

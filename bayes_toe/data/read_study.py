@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading, order_of_trials
 from bayes_toe.data.cells import (
     DELIMITERS,
@@ -38,7 +38,7 @@ from bayes_toe.data.cells import (
 )
 from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
 from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like
-from bayes_toe.data.study import Study, Subject, said_intervals
+from bayes_toe.data.study import Study, Subject, distinct_intervals, said_intervals, subjects_of_rows
 from bayes_toe.errors import InputError
 
 _SYNTHETIC, _ISI = "synthetic", "isi"
@@ -60,7 +60,8 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     Parameters
     ----------
     path : str or Path
-        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark.
+        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
+        the extra `parquet`): the same columns, of text or numbers; its rows count from 1.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -106,7 +107,7 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
             lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
     places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
     marked = {_SYNTHETIC: header.names.index(_SYNTHETIC)} if _SYNTHETIC in header.names else {}
-    return places | marked, [f"row {header.row}, {line}" for line in lines]
+    return places | marked, [f"{header.place}, {line}" for line in lines]
 
 
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
@@ -177,6 +178,11 @@ class _Pairs:
     s2: FloatArray
     interval: Column | None = None
     isi: FloatArray | None = None
+
+    @property
+    def keys(self) -> list[FloatArray]:
+        """What makes a pair."""
+        return [self.s1, self.s2, *([] if self.isi is None else [self.isi])]
 
 
 def _pairs(cells: Cells, options: ReadOptions) -> _Pairs:
@@ -326,6 +332,8 @@ def _total_fault(cells: Cells, subject: Column, trials: Column, n: IntArray) -> 
 
 def _format(cells: Cells, numbers: Sequence[Column]) -> str:
     header = cells.header
+    if not header.delimiter:
+        return header.encoding
     comma = header.decimal_comma and any("," in text for column in numbers for text in column.texts)
     return f"{DELIMITERS[header.delimiter]}-separated, {header.encoding}{', decimal comma' if comma else ''}"
 
@@ -338,7 +346,7 @@ def _interval_notes(pairs: _Pairs, subjects: Sequence[Subject]) -> list[str]:
     """Which intervals were read: a column that has a meaning is never read in silence."""
     if pairs.interval is None:
         return []
-    distinct = sorted({isi for subject in subjects for isi in subject.intervals})
+    distinct = distinct_intervals(subjects)
     return [f"{counted(len(distinct), 'interval')} in column {bare(pairs.interval.name)}: {said_intervals(distinct)}"]
 
 
@@ -387,38 +395,43 @@ def _grouping_notes(subject: Column, subjects: Sequence[Subject], n: IntArray) -
 # --- The study ------------------------------------------------------------------------------------
 
 
-def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> list[Subject]:
+def _subjects(pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> tuple[Subject, ...]:
     """Subjects with an answered trial, in order of first appearance."""
-    columns = (pairs.s1, pairs.s2, n_equal, n_trials, *([] if pairs.isi is None else [pairs.isi]))
-    return [Subject.from_counts(pairs.subject.text(part[0]), *(column[part] for column in columns)) for part in _parts(pairs, n_trials)]
-
-
-def _parts(pairs: _Pairs, n_trials: IntArray) -> list[IndexArray]:
-    """The answered rows of each subject."""
-    rows = np.flatnonzero(n_trials > 0)
-    rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
-    return np.split(rows, 1 + np.flatnonzero(np.diff(pairs.subject.codes[rows])))
+    return subjects_of_rows(pairs.subject.texts, pairs.subject.codes, pairs.keys, n_equal, n_trials)
 
 
 def _answers(cells: Cells, pairs: _Pairs, n_equal: IntArray, n_trials: IntArray) -> tuple[dict[str, Answers], list[str]]:
     """What each subject answered, in order, and a note where column trial does not tell the order."""
-    keys = np.column_stack([pairs.s1, pairs.s2, *([] if pairs.isi is None else [pairs.isi])])
     trials, block, trial = "response" in cells.columns, cells.columns.get("block"), cells.columns.get("trial")
-    rank = np.zeros(len(keys), np.int64) if block is None else _rank_of_blocks(cells, block)
-    number = None if trial is None or not trials else numbers(cells, trial)
-    answers, unordered = dict[str, Answers](), list[str]()
-    for part in _parts(pairs, n_trials):
-        name = pairs.subject.text(part[0])
-        order = None if number is None else order_of_trials(number[part], rank[part])
-        if number is not None and order is None:
-            unordered.append(bare(name))
-        rows = part if order is None else part[order]
-        first = np.unique(rank[rows], return_index=True)[1]
-        codes = None if block is None else np.unique(rank[rows], return_inverse=True)[1].astype(np.int64)
-        names = () if block is None else tuple(block.text(rows[index]) for index in first)
-        answers[name] = Answers(keys[rows], n_equal[rows], n_trials[rows], codes, names, trials)
-    note = "column {} does not tell the order of all trials, so that of the file stands: {}"
-    return answers, [note.format(bare(trial.name), listed(unordered))] if trial is not None and unordered else []
+    rank = np.zeros(len(n_trials), np.int64) if block is None else _rank_of_blocks(cells, block)
+    rows = np.flatnonzero(n_trials > 0)
+    rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
+    starts = run_starts(pairs.subject.codes[rows])
+    names, notes = [pairs.subject.text(row) for row in rows[starts]], list[str]()
+    owner = np.repeat(np.arange(len(names)), np.diff(starts, append=len(rows)))
+    if trial is not None and trials:
+        order, unknown = order_of_trials(owner, numbers(cells, trial)[rows], rank[rows])
+        rows, who = rows[order], listed([bare(names[one]) for one in np.flatnonzero(unknown)])
+        notes = [f"column {bare(trial.name)} does not tell the order of all trials, so that of the file stands: {who}"] if who else []
+    keys, k, n = np.column_stack(pairs.keys)[rows], n_equal[rows], n_trials[rows]
+    place, blocks = (None, [()] * len(names)) if block is None else _blocks(block, rows, owner, rank[rows])
+    found = {}
+    for name, start, end, called in zip(names, starts.tolist(), [*starts[1:].tolist(), len(rows)], blocks, strict=True):
+        at = slice(start, end)
+        found[name] = Answers(keys[at], k[at], n[at], None if place is None else place[at], called, trials)
+    return found, notes
+
+
+def _blocks(block: Column, rows: IntArray, owner: IntArray, rank: IntArray) -> tuple[IntArray, list[tuple[str, ...]]]:
+    """The place of each row's block among those of its subject, by rank, and of each subject their names."""
+    order = np.lexsort((rank, owner))
+    first = run_starts(owner[order], rank[order])
+    begins = run_starts(owner[order][first])
+    number = np.empty(len(owner), np.int64)
+    number[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(owner)))
+    names = [block.text(row) for row in rows[order[first]]]
+    ends = zip(begins.tolist(), [*begins[1:].tolist(), len(first)], strict=True)
+    return number - begins[owner], [tuple(names[start:end]) for start, end in ends]
 
 
 def _rank_of_blocks(cells: Cells, block: Column) -> IntArray:

@@ -6,15 +6,18 @@ million trials cost what their distinct pairs cost.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
+from bayes_toe.data.cells import listed
 from bayes_toe.errors import InputError
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
@@ -103,12 +106,8 @@ class Subject:
             raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(keys)])}, n_equal and n_trials must have one common length")
         if np.any((k < 0) | (k > n)):  # checked before adding up, where two wrongs could cancel
             raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
-        answered = n > 0
-        pairs, index = np.unique(np.column_stack(keys)[answered], axis=0, return_inverse=True)
-        k_sum, n_sum = (np.zeros(len(pairs), np.int64) for _ in range(2))
-        np.add.at(k_sum, index.ravel(), k[answered])
-        np.add.at(n_sum, index.ravel(), n[answered])
-        return cls(name, pairs[:, 0], pairs[:, 1], k_sum, n_sum, None if isi is None else pairs[:, 2])
+        pairs, k_sum, n_sum = _added_up(keys, k, n)
+        return cls(name, pairs[0], pairs[1], k_sum, n_sum, None if isi is None else pairs[2])
 
     @classmethod
     def from_trials(
@@ -200,11 +199,11 @@ class Study:
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
         names = [subject.name for subject in subjects]
-        repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
         if not subjects:
             raise InputError("a study needs at least one subject")
         if repeated:
-            raise InputError(f"subject names must be unique, repeated: {', '.join(map(repr, repeated))}")
+            raise InputError(f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}")
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
         object.__setattr__(self, "subjects", subjects)
@@ -222,15 +221,18 @@ class Study:
         return iter(self.subjects)
 
     def __getitem__(self, name: str) -> Subject:
-        for subject in self.subjects:
-            if subject.name == name:
-                return subject
-        raise InputError(f"no subject {name!r} in {self.source}; there are: {', '.join(map(repr, self.names))}")
+        if name not in self._by_name:
+            raise InputError(f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}")
+        return self._by_name[name]
 
-    @property
+    @cached_property
+    def _by_name(self) -> dict[str, Subject]:
+        return {subject.name: subject for subject in self.subjects}
+
+    @cached_property
     def intervals(self) -> tuple[float, ...]:
         """Distinct inter-stimulus intervals of all subjects, seconds, shortest first; empty where the study has no column isi."""
-        return tuple(sorted({isi for subject in self for isi in subject.intervals}))
+        return distinct_intervals(self)
 
     def at_isi(self, isi: float) -> Study:
         """The study at one interval (seconds), for everything that knows one interval only; subjects that never met it are left out.
@@ -248,6 +250,55 @@ class Study:
     def select(self, names: Sequence[str]) -> Study:
         """The same study with only these subjects, in the order asked for."""
         return replace(self, subjects=tuple(self[name] for name in names))
+
+
+def subjects_of_rows(names: Sequence[str], owner: IntArray, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> tuple[Subject, ...]:
+    """What :meth:`Subject.from_counts` makes of the rows of each subject, of 100,000 subjects at once; rows and names are valid already.
+
+    Parameters
+    ----------
+    names : sequence of str
+    owner : array of int, shape (rows,)
+        Whose row it is, a place in `names`, by which subjects are ordered; who has no answer is left out.
+    keys : sequence of array, shape (rows,)
+        s1 and s2 (natural-log intensities), and isi (seconds) where there are intervals.
+    k, n : array of int, shape (rows,)
+        Answers 'equal' and answers.
+
+    Examples
+    --------
+    >>> zero, one = np.zeros(3), np.ones(3, np.int64)
+    >>> [one.total_trials for one in subjects_of_rows(("a", "b"), np.array([1, 0, 1]), (zero, zero), one, one)]
+    [1, 2]
+    """
+    (of, *pairs), k_sum, n_sum = _added_up((owner, *keys), k, n)
+    columns = dict(zip((*_KEYS[: len(keys)], "n_equal", "n_trials"), (*pairs, k_sum, n_sum), strict=True))
+    for values in columns.values():
+        values.setflags(write=False)  # parts of them are read-only, too
+    ends = [*(starts := run_starts(of)).tolist(), len(of)]
+    found = []
+    for code, start, end in zip(of[starts].tolist(), ends[:-1], ends[1:], strict=True):
+        subject = object.__new__(Subject)
+        subject.__dict__.update({key: values[start:end] for key, values in columns.items()}, name=names[code])
+        found.append(subject)
+    return tuple(found)
+
+
+def _added_up(keys: Sequence[npt.NDArray[Any]], k: IntArray, n: IntArray) -> tuple[list[npt.NDArray[Any]], IntArray, IntArray]:
+    """Distinct keys of answered rows, in their order, and the sums of both counts."""
+    answered = n > 0
+    some = [key[answered] for key in keys]
+    order = np.lexsort(some[::-1])
+    ordered = [key[order] for key in some]
+    starts = run_starts(*ordered)
+    k_sum, n_sum = (np.add.reduceat(count[answered][order], starts) for count in (k, n))
+    return [key[starts] for key in ordered], k_sum, n_sum
+
+
+def distinct_intervals(subjects: Iterable[Subject]) -> tuple[float, ...]:
+    """Distinct inter-stimulus intervals of subjects, seconds, shortest first."""
+    known = [subject.isi for subject in subjects if subject.isi is not None]
+    return tuple(np.unique(np.concatenate(known)).tolist()) if known else ()
 
 
 def said_intervals(intervals: Sequence[float]) -> str:

@@ -1,14 +1,16 @@
-"""Tables of results: rows to go through and to look up, as a frame, and in a CSV file that is whole or not there."""
+"""Tables of results: rows to go through and to look up, as a frame, and in a CSV or Parquet file that is whole or not there."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from bayes_toe.data.cells import listed, quoted, runs
+from bayes_toe.data.parquet import is_parquet, require_parquet, write_parquet
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -50,7 +52,7 @@ class Table(ABC, Generic[Row]):
         """The table with the columns of its CSV file."""
 
     def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
-        """Write the table as a CSV file, whole or not at all: see :func:`write_table`."""
+        """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
         return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
 
 
@@ -65,14 +67,19 @@ class SubjectTable(Table[SubjectRow]):
     """
 
     def __getitem__(self, name: str) -> SubjectRow:
-        for row in self.rows:
-            if row.subject == name:
-                return row
-        raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
+        if name not in self._by_name:
+            raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, SubjectRow]:
+        return {row.subject: row for row in reversed(self.rows)}  # the first of equals
 
 
 def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty.
+
+    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`): no spreadsheet runs it, so nothing is made safe.
 
     Parameters
     ----------
@@ -95,6 +102,8 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     ------
     OutputError
         If the file cannot be written, or exists and may not be replaced.
+    InputError
+        If it is a Parquet file and there is no pyarrow.
 
     Examples
     --------
@@ -106,9 +115,13 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     ['subject,q0', 'S01,0.30000000000000004']
     """
     target = Path(path)
-    if spreadsheet_safe:
+    require_parquet(target)
+    if spreadsheet_safe and not is_parquet(target):
         frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:
+        if is_parquet(target):
+            write_parquet(frame, temporary)
+            return target
         frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
 

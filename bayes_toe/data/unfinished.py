@@ -1,4 +1,4 @@
-"""What is not finished yet: its hidden name, which says whose it is, and how what was left of it goes."""
+"""What is not finished yet: its hidden name, which says whose it is, how what was left of it goes, and how far the work is."""
 
 from __future__ import annotations
 
@@ -8,10 +8,41 @@ import platform
 import re
 import secrets
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 HIDDEN = ".bayes_toe-"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far the work is whose results a folder keeps.
+
+    Attributes
+    ----------
+    taken : int
+        Results that were there before.
+    done, jobs : int
+        Results that are there, and how many there will be.
+    what : str
+        What they are of.
+    """
+
+    taken: int
+    done: int
+    jobs: int
+    what: str
+
+
+#: By folder, as far as this process knows: for whoever has to say so when it is stopped.
+under_way: dict[Path, Standing] = {}
+
+
+def said_kept() -> str:
+    """What another call need not compute again; empty where that is nothing."""
+    said = [f"{one.done} of {one.jobs} {one.what} kept in {folder}" for folder, one in under_way.items() if one.done]
+    return f"{', '.join(said)}, go on with --resume" if said else ""
 
 
 def free_name(folder: Path, suffix: str) -> Path:

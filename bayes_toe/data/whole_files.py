@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove, reporting, shown, taken
+from bayes_toe.data.stores import is_store, named_store
 from bayes_toe.data.unfinished import free_name, sweep
 from bayes_toe.errors import OutputError
 
@@ -82,7 +83,8 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
 
 def _refuse_taken(target: Path, overwrite: bool) -> None:
     refuse_impossible(target)
-    if os.path.isdir(target):
-        raise OutputError(f"{shown(target)}: is a folder, choose the name of a file")
+    if os.path.isdir(target) and not is_store(target):
+        what = "holds something else than draws, choose another name" if named_store(target) else "is a folder, choose the name of a file"
+        raise OutputError(f"{shown(target)}: {what}")
     if not overwrite and os.path.lexists(target):
         raise taken(target)

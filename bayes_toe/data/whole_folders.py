@@ -2,6 +2,7 @@
 
 A folder that does not exist yet takes its name in one rename. Into a folder that exists, files go one by one under a journal: an error
 puts back what was there; where the process was killed, the next one that writes to this folder does. Files of others are never touched.
+A store (:mod:`bayes_toe.data.stores`) goes as one file does.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
+from bayes_toe.data.stores import is_store, named_store
 from bayes_toe.data.unfinished import HIDDEN, free_name
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
@@ -136,6 +138,9 @@ def _require_plain(names: Sequence[str]) -> None:
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
     if os.path.lexists(target) and not os.path.isdir(target):
         raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
+    other = [name for name in names if named_store(target / name) and os.path.isdir(target / name) and not is_store(target / name)]
+    if other:
+        raise OutputError(f"{shown(target / other[0])}: holds something else than draws, choose another folder")
     taken = [] if overwrite else [name for name in names if os.path.lexists(target / name)]
     if taken:
         more = f" and {len(taken) - 3} more" if len(taken) > 3 else ""
@@ -212,7 +217,7 @@ def _reporting_as(new: Path, target: Path) -> Iterator[None]:
 def _produced(workshop: Path, target: Path, names: Sequence[str], required: Sequence[str]) -> list[str]:
     """The files that were produced, all that are required among them."""
     new = workshop / "new"
-    produced = [found.relative_to(new).as_posix() for found in sorted(new.rglob("*")) if not found.is_dir()]
+    produced = [found.relative_to(new).as_posix() for found in _pieces(new)]
     unknown = sorted({_top(file) for file in produced}.difference(names))
     if unknown:
         raise ValueError(f"produced without being named: {', '.join(unknown)}")
@@ -220,6 +225,15 @@ def _produced(workshop: Path, target: Path, names: Sequence[str], required: Sequ
     if not (workshop / "old").is_dir():  # the writer may have made new/ again
         raise _gone(target, "its temporary folder")
     return produced
+
+
+def _pieces(folder: Path) -> Iterator[Path]:
+    """All files below a folder; a store is one."""
+    for found in sorted(folder.iterdir()):
+        if found.is_dir() and not is_store(found):
+            yield from _pieces(found)
+        else:
+            yield found
 
 
 def _require_there(folder: Path, files: Sequence[str], target: Path | None = None) -> None:
@@ -247,7 +261,7 @@ class _Move:
         with reporting(final):
             final.parent.mkdir(parents=True, exist_ok=True)
             if overwrite and os.path.lexists(final):
-                if final.is_dir() and not final.is_symlink():
+                if final.is_dir() and not final.is_symlink() and not is_store(final):
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
                 kept.parent.mkdir(parents=True, exist_ok=True)
                 try:
@@ -310,6 +324,9 @@ def _roll_back(workshop: Path) -> None:
             free = not os.path.lexists(final)
             # Empty: the name that is taken first where there are no hard links.
             ours = not free and file in put and (_mark(final) == put[file] or _mark(final)[0] == 0)
+            if ours and is_store(final):  # no folder can replace it
+                os.replace(final, workshop / "new" / file)
+                free, ours = True, False
             if os.path.lexists(kept) and (free or ours):
                 final.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(kept, final)
@@ -350,6 +367,6 @@ def _inside(folder: Path, file: object) -> bool:
     """Whether a manifest may speak of this file: a manifest that was edited must not make us remove anything else."""
     if not isinstance(file, str) or ".." in PurePosixPath(file).parts or PurePosixPath(file).as_posix() != file:
         return False
-    if not os.path.lexists(folder / file) or os.path.isdir(folder / file):
+    if not os.path.lexists(folder / file) or (os.path.isdir(folder / file) and not is_store(folder / file)):
         return False
     return (folder / file).parent.resolve().is_relative_to(folder.resolve())

@@ -29,7 +29,7 @@ from bayes_toe.model.closed_form import log_different, log_equal, normalised_dis
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
@@ -113,7 +113,7 @@ class Outcome:
     evidence: tuple[KnownEvidence, ...]
 
 
-def simulate_and_analyse(plan: Plan, *, workers: int | None = None, progress: Progress | None = None) -> Outcome:
+def simulate_and_analyse(plan: Plan, *, workers: Workers = None, progress: Progress | None = None) -> Outcome:
     """Make and analyse every data set of a plan; workers and progress as in :func:`bayes_toe.analysis.run`."""
     jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
     done = run_in_order([partial(work, job) for job in jobs], workers, progress, [job.names for job in jobs])

@@ -15,7 +15,7 @@ from bayes_toe.experiments.calibration import DESIGNS, RANKED, KnownEvidence, Ou
 from bayes_toe.experiments.rank_bands import POINTS, ecdf_difference, uniformity
 from bayes_toe.experiments.reliability import Reliability, log_score, reliability
 from bayes_toe.seeds import generator, root_seed
-from bayes_toe.workers import Progress
+from bayes_toe.workers import Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -201,7 +201,7 @@ def calibrate(
     studies: int = 1000,
     data_sets: int = 2000,
     seed: int | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     progress: Progress | None = None,
 ) -> CalibrationTable:
     """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.

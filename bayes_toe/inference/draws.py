@@ -6,48 +6,47 @@ constant_data, log_likelihood and posterior_predictive. A chain is an independen
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.places import shown
+from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.places import reporting, shown
+from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Errors, convergence, errors
-from bayes_toe.inference.draws_file import ALLOWED, encoding, read_tree, seal
+from bayes_toe.inference.draws_file import ALLOWED, read_tree, unreadable
+from bayes_toe.inference.draws_layout import Head, Region, filled, regions, skeleton, taken_apart
+from bayes_toe.inference.draws_store import write_store
+from bayes_toe.inference.draws_writer import write_tree
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.predictive_checks import FitSummary
-from bayes_toe.inference.sampling import Chains, SamplerSettings
-from bayes_toe.inference.subject import Settings, SubjectResult
-from bayes_toe.model.contraction import contraction
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import Settings
+from bayes_toe.inference.subject_draws import FIT_COLUMNS, SUMMARY_COLUMNS, SubjectDraws, SummaryRow, summary_rows
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.propagators import reference_interval
-from bayes_toe.model.target import Answering
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 
-QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
-_MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
-SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
+_LISTED = 20  # names in a message
 NO_FAILURES: Mapping[str, str] = MappingProxyType({})
-#: Names without a unit, with all that begin with q.
-_WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +56,19 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        All groups; ArviZ reads the saved file as it is.
+        All groups; ArviZ reads the saved file as it is. Of a large file, draws are read when they are asked for.
+    file : Path or None
+        A file that holds exactly these draws.
     """
 
     tree: xr.DataTree
+    file: Path | None = None
 
     def group(self, name: str) -> xr.Dataset:
         """One group of the tree as a Dataset, as ArviZ functions and xarray take it."""
         return self.tree[name].to_dataset()
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Subject identifiers, in the order of the study."""
         return tuple(str(name) for name in self.group("posterior")["subject"].values)
@@ -132,24 +134,26 @@ class Draws:
         """Subjects of the study that there are no draws of because their work was lost, with the reason."""
         return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
 
+    def __getitem__(self, name: str) -> Draws:
+        """Draws of one subject alone, without the pointwise groups; of a large file, no others are read."""
+        return self.select(name)
+
     def select(self, name: str) -> Draws:
-        """Draws of one subject alone, without the pointwise groups."""
+        """The same."""
         import xarray as xr
 
-        self._require(name)
-        groups = {f"/{key}": self.group(key).sel(subject=[name]) for key in ("posterior", "sample_stats")}
-        for key in ("observed_data", "constant_data"):
-            group = self.group(key)
-            groups[f"/{key}"] = group.isel(obs=group["subject"].values == name)
+        pairs = self._pairs(name)
+        with self._reading():
+            groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
+        groups |= {f"/{key}": self.group(key).isel(obs=pairs) for key in ("observed_data", "constant_data")}
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
 
     def subject(self, name: str) -> Subject:
         """The counts behind one subject's draws."""
-        self._require(name)
+        at = self._pairs(name)
         observed, constant = self.group("observed_data"), self.group("constant_data")
-        at = observed["subject"].values == name
         columns = (observed["s1"], observed["s2"], observed["n_equal"], constant["n_trials"])
         s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
         return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
@@ -160,8 +164,7 @@ class Draws:
 
     def points(self, name: str) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k), from the stored quantities."""
-        stored = self.group("posterior").sel(subject=name)
-        return self.posterior(name).points({key: np.asarray(stored[key].values, np.float64) for key in self.parameters})
+        return self.posterior(name).points({key: self._stored(name, key) for key in self.parameters})
 
     def natural(self, name: str) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
@@ -193,7 +196,7 @@ class Draws:
         """
         self._require(name)
         if parameter in self.parameters:
-            return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+            return self._stored(name, parameter)
         target = self.posterior(name)
         if parameter not in target.names.all:
             raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}")
@@ -203,7 +206,7 @@ class Draws:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
         self._require(name)
         stats = self.group("sample_stats").sel(subject=name)
-        return FitSummary(**{key: stats[column].item() for key, column in _FIT_COLUMNS.items() if column in stats})
+        return FitSummary(**{key: stats[column].item() for key, column in FIT_COLUMNS.items() if column in stats})
 
     def summary(self) -> pd.DataFrame:
         """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction, Monte Carlo errors.
@@ -215,38 +218,73 @@ class Draws:
         """
         import pandas as pd
 
-        rows = []
+        rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
-            rows += [(name, key, *_summary_row(self.values(name, key), target, key)) for key in target.names.reported]
+            rows += summary_rows(target, {key: self.values(name, key) for key in target.names.reported})
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write a NetCDF file, whole or not at all.
+        """Write a NetCDF file or, where the name ends with .zarr, a Zarr store, which is a folder; whole or not at all.
 
         Raises
         ------
+        InputError
+            For a store, if Zarr is not installed.
         OutputError
-            If the file exists and may not be replaced, or cannot be written.
+            If the file exists and may not be replaced, or cannot be written; of folders only a store of draws may be.
         """
+        final, (small, large, parts) = Path(path), taken_apart(self.tree)
+        if named_store(final):
+            with whole_together(final, overwrite=overwrite) as folder, reporting(final):
+                write_store(folder / final.name, small, large, self._read(parts))
+            return final
         with whole_file(path, overwrite=overwrite) as target:
-            # By way of memory: where HDF5 itself fails to write, on a full disk, it ends the process with a segmentation fault.
-            target.write_bytes(self.tree.to_netcdf(engine="h5netcdf", encoding=encoding(self.tree)))
-            seal(target)
-        return Path(path)
+            if self.file is None or not _linked(self.file, target):
+                write_tree(target, small, large, self._read(parts))
+        return final
+
+    def _stored(self, name: str, parameter: str) -> FloatArray:
+        with self._reading():
+            return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+
+    def _read(self, parts: Iterator[Region]) -> Iterator[Region]:
+        with self._reading():
+            yield from parts
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """What a damaged part of a file or a store says when it is asked for."""
+        try:
+            yield
+        except (OSError, ValueError) as error:
+            raise unreadable(shown(Path(self.tree["posterior"][self.parameters[0]].encoding["source"])), error) from error
+
+    @cached_property
+    def _places(self) -> Mapping[str, IndexArray]:
+        """Where the pairs of every subject stand."""
+        import pandas as pd
+
+        owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
+        return {str(name): np.asarray(at) for name, at in owner.groupby(owner).indices.items()}
+
+    def _pairs(self, name: str) -> IndexArray:
+        self._require(name)
+        return self._places[name]
 
     def _require(self, name: str) -> None:
-        if name not in self.names:
-            raise InputError(f"no subject {name!r} among the draws; there are: {', '.join(map(repr, self.names))}")
+        if name not in self._places:
+            more = f" and {len(self.names) - _LISTED} more" if len(self.names) > _LISTED else ""
+            raise InputError(f"no subject {name!r} among the draws; there are: {', '.join(map(repr, self.names[:_LISTED]))}{more}")
 
 
 def load(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote.
+    """Read draws that :meth:`Draws.save` wrote, from a file or a store.
 
     Raises
     ------
     InputError
-        If the file is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
+        If it is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
     """
     made, name = Draws(read_tree(path)), shown(Path(path))
     try:
@@ -261,27 +299,20 @@ def load(path: str | Path) -> Draws:
     return made
 
 
-def build_draws(study: Study, results: Sequence[SubjectResult], settings: Settings, failed: Mapping[str, str] = NO_FAILURES) -> Draws:
-    """Assemble the container from the results of :func:`bayes_toe.inference.subject.infer` with chains, and say who failed."""
-    import xarray as xr
+def build_draws(study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str] = NO_FAILURES) -> Draws:
+    """Assemble the container, in memory, from the draws of every subject of a study, and say who failed."""
+    return assembled(None, study, found, settings, failed)
 
-    groups = {
-        "posterior": _posterior_group(results, settings),
-        "sample_stats": _stats_group(results),
-        "observed_data": _long_group(study, "n_equal"),
-        "constant_data": _long_group(study, "n_trials"),
-    }
-    left_out = ""
-    if all(result.pointwise is not None for result in results):
-        groups.update(_pointwise_groups(results, groups["observed_data"]))
-    else:
-        left_out = (
-            f"log_likelihood and posterior_predictive left out: {values_needed(study, settings.sampler):,} values each, more than "
-            f"{POINTWISE_LIMIT:,}; sample fewer draws or fewer subjects at a time to have them"
-        )
-    tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
-    tree.attrs.update(_attributes(study, settings, left_out) | ({"failed": json.dumps(dict(failed))} if failed else {}))
-    return Draws(tree)
+
+def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str]) -> Draws:
+    """The same into a file, where there is a path: subject by subject, so that draws which `found` reads are never in memory together."""
+    tree, large = skeleton(study, [Head.of(one) for one in found], settings, failed)
+    parts = regions(study, found, large)
+    if path is None:
+        return Draws(filled(tree, large, parts))
+    with whole_file(path, overwrite=True) as target:
+        write_tree(target, tree, large, parts)
+    return replace(load(path), file=path)
 
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
@@ -292,130 +323,9 @@ def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: st
     return 8 * stored * len(study) * (len(names) + 1) + (6 * pairs if pairs <= POINTWISE_LIMIT else 0) + 50_000
 
 
-def chains_of(result: SubjectResult) -> Chains:
-    """The chains of a result that must have them."""
-    if result.chains is None:
-        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
-    return result.chains
-
-
-def _names(results: Sequence[SubjectResult]) -> list[str]:
-    return [result.subject.name for result in results]
-
-
-def _posterior_group(results: Sequence[SubjectResult], settings: Settings) -> xr.Dataset:
-    import xarray as xr
-
-    found = [result.target.quantities(chains_of(result).x) for result in results]
-    names = dict.fromkeys(name for result in results for name in result.target.names.reported)
-    size = chains_of(results[0]).log_posterior.shape
-    nothing = np.full(size, np.nan)  # a model may have a quantity per pair, and subjects different pairs
-    dims = ("chain", "draw", "subject")
-    columns = {name: np.stack([values.get(name, nothing) for values in found], -1) for name in names}
-    data = {name: (dims, values, {"units": _unit(name, results[0])}) for name, values in columns.items()}
-    walkers = settings.sampler.walkers
-    coords: dict[str, Any] = {
-        "chain": np.arange(size[0]),
-        "draw": np.arange(size[1]),
-        "subject": _names(results),
-        "walker": ("draw", np.repeat(np.arange(walkers), size[1] // walkers)),
-    }
-    return xr.Dataset(data, coords)
-
-
-def _unit(name: str, result: SubjectResult) -> str:
-    """The unit of a quantity; at the reference interval where an interval acts on it."""
-    plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
-    reference = reference_interval(result.subject, result.target.prior.reference_interval)
-    return plain if result.subject.isi is None else result.target.model.units_at_intervals(reference).get(name, plain)
-
-
-def _stats_group(results: Sequence[SubjectResult]) -> xr.Dataset:
-    import xarray as xr
-
-    chains = [chains_of(result) for result in results]
-    about = f"log density of the unconstrained coordinates ({', '.join(results[0].target.coordinates[:6])}), unnormalised"
-    fits = [result.fit for result in results if result.fit is not None]
-    data: dict[str, Any] = {
-        "lp": (("chain", "draw", "subject"), np.stack([c.log_posterior for c in chains], -1), {"description": about}),
-        "acceptance_rate": (("chain", "subject"), np.stack([c.acceptance for c in chains], -1)),
-        "converged": ("subject", np.array([c.converged for c in chains], np.int8)),
-        "shortfall": ("subject", np.array([c.reason for c in chains], object)),
-        "min_ess": ("subject", [c.least_ess for c in chains]),
-        "max_r_hat": ("subject", [c.largest_r_hat for c in chains]),
-        "thin": ("subject", [c.thin for c in chains]),
-        "steps": ("subject", [c.steps for c in chains]),
-        "proposal_efficiency": ("subject", [result.efficiency for result in results]),
-        "pareto_k": ("subject", [result.pareto_k for result in results]),
-        **{column: ("subject", [getattr(fit, key) for fit in fits]) for key, column in _FIT_COLUMNS.items() if _known(fits, key)},
-    }
-    size = chains[0].log_posterior.shape
-    return xr.Dataset(data, {"chain": np.arange(size[0]), "draw": np.arange(size[1]), "subject": _names(results)})
-
-
-#: Where the goodness of fit is kept among the statistics.
-_FIT_COLUMNS = {
-    "deviance": "deviance",
-    "degrees_of_freedom": "degrees_of_freedom",
-    "p_overall": "predictive_p",
-    "p_overall_se": "predictive_p_se",
-    "worst_p": "worst_pair_p",
-    "worst_s1": "worst_pair_s1",
-    "worst_s2": "worst_pair_s2",
-    "worst_isi": "worst_pair_isi",
-    "p_deviance": "deviance_p",
-}
-
-
-def _known(fits: Sequence[FitSummary], key: str) -> bool:
-    return bool(fits) and all(getattr(fit, key) is not None for fit in fits)
-
-
-def _long_group(study: Study, key: str) -> xr.Dataset:
-    """One count per subject and pair, with the pair as coordinates."""
-    import xarray as xr
-
-    pairs = ("s1", "s2", "isi") if study.intervals else ("s1", "s2")
-    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in (*pairs, key)}
-    owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
-    coords = {"subject": ("obs", owner), **{name: ("obs", columns[name]) for name in pairs}}
-    return xr.Dataset({key: ("obs", columns[key])}, {"obs": np.arange(len(owner)), **coords})
-
-
-def _pointwise_groups(results: Sequence[SubjectResult], observed: xr.Dataset) -> dict[str, xr.Dataset]:
-    import xarray as xr
-
-    dims = ("chain", "draw", "obs")
-    found = [result.pointwise for result in results if result.pointwise is not None]
-    log_likelihood = np.concatenate([values.log_likelihood for values in found], axis=2)
-    predicted = np.concatenate([values.predicted for values in found], axis=2)
-    return {
-        "log_likelihood": xr.Dataset({"n_equal": (dims, log_likelihood)}, observed.coords),
-        "posterior_predictive": xr.Dataset({"n_equal": (dims, predicted)}, observed.coords),
-    }
-
-
-def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, Any]:
-    record = model_named(settings.model)
-    packages = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "xarray")
-    versions = {name: importlib.metadata.version(name) for name in packages} | {"python": platform.python_version()}
-    return {
-        "source": study.source,
-        "synthetic": int(study.synthetic),
-        "notes": "\n".join(study.notes),
-        "model": settings.model,
-        "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
-        "seed": settings.seed,
-        "prior": record.describe(settings.prior),
-        "settings": json.dumps(settings.as_dict()),
-        "versions": json.dumps(versions),
-        "inference_library": "emcee",
-        "inference_library_version": versions["emcee"],
-        "left_out": left_out,
-    }
-
-
-def _summary_row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
-    quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
-    narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
-    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed, *errors(values))
+def _linked(file: Path, target: Path) -> bool:
+    """Give a file a second name, where the file system can: no second copy of what may be large."""
+    with suppress(OSError):
+        os.link(file, target)
+        return True
+    return False

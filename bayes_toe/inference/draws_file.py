@@ -1,12 +1,11 @@
 """The file of draws, looked at before it is believed: whole, of two levels, without links, of bounded size, with the layout of draws.
 
 HDF5 follows links and external storage to other files, runs in circles, and makes memory of what was never stored. A file that was damaged,
-or that somebody else wrote, is refused in one line instead. Numbers carry Fletcher-32 checksums, the file as a whole a SHA-256.
+or that somebody else wrote, is refused in one line instead. Draws carry Fletcher-32 checksums, all else in the file a SHA-256.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import subprocess
@@ -19,14 +18,17 @@ import numpy as np
 
 from bayes_toe.data.cells import LARGEST_COUNT, quoted
 from bayes_toe.data.places import shown
+from bayes_toe.data.stores import named_store
 from bayes_toe.errors import InputError
+from bayes_toe.inference.draws_store import dangers, opened_store, require_library
+from bayes_toe.inference.draws_writer import sealed
 
 if TYPE_CHECKING:
     import h5py
     import xarray as xr
 
-ALLOWED = "allowed: a posterior.nc written by bayes-toe"
-_SEAL, _DIGITS = b"\nbayes-toe sha256 ", 64
+ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
+_AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and not when they are asked for
 _PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
 _REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
 _MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
@@ -58,62 +60,56 @@ _OPTIONAL: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
 _TEXTS, _WHOLE = ("model", "settings"), ("seed", "synthetic")
 
 
-def encoding(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
-    """Checksums of all numbers, which reading compares (HDF5 has none for texts), and light compression for the predicted counts.
-
-    These shrink to a third; what is random to the last bit hardly shrinks.
-    """
-    found: dict[str, dict[str, dict[str, Any]]] = {
-        f"/{group}": {str(name): {"fletcher32": True} for name, one in node.to_dataset().variables.items() if one.dtype.kind not in "UO"}
-        for group, node in tree.children.items()
-    }
-    if "posterior_predictive" in tree.children:
-        found["/posterior_predictive"]["n_equal"] |= {"zlib": True, "complevel": 1, "shuffle": True}
-    return found
-
-
-def seal(path: Path) -> None:
-    """Put behind the end of a finished file, where HDF5 does not look, the SHA-256 of all that is before."""
-    digest = _digest(path, path.stat().st_size)
-    with path.open("ab") as file:
-        file.write(_SEAL + digest)
-
-
-def _digest(path: Path, size: int) -> bytes:
-    """Hexadecimal digits of the SHA-256 of the beginning of a file."""
-    found = hashlib.sha256()
-    with path.open("rb") as file:
-        while size > 0 and (part := file.read(min(size, 1 << 20))):
-            found.update(part)
-            size -= len(part)
-    return found.hexdigest().encode()
-
-
 def read_tree(path: str | Path) -> xr.DataTree:
-    """All groups of a file of draws, in memory; the file is closed.
+    """All groups of a file or store of draws, with the layout of draws.
+
+    Those of a file are in memory, and it is closed; of a store, and of a large file that has its seal, draws are read when asked for.
 
     Raises
     ------
     InputError
-        If the file is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
+        If it is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
     """
     name = shown(Path(path))
     try:
-        if not _sealed(name, Path(path)):
-            _rehearse(name, path)
-        tree = opened(name, path)
+        tree, at_once = _read_store(name, Path(path)) if named_store(Path(path)) or Path(path).is_dir() else _read_file(name, Path(path))
     except InputError:
         raise
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
-        reason = "damaged: its numbers do not fit their checksums" if "filter" in str(error) else "not a NetCDF file that can be read"
-        raise InputError(f"{name}: {reason}; {ALLOWED}") from error
-    problem = next(_misfits(tree), None)
+        raise unreadable(name, error) from error
+    problem = next(_misfits(tree, at_once), None)
     if problem is not None:
         raise InputError(f"{name}: {problem}; {ALLOWED}")
     return tree
 
 
-def opened(name: str, path: str | Path) -> xr.DataTree:
+def _read_file(name: str, path: Path) -> tuple[xr.DataTree, bool]:
+    """A file's groups, and whether they are in memory."""
+    whole = _sealed(name, path)
+    if not whole:
+        _rehearse(name, path)
+    at_once = not whole or path.stat().st_size <= _AT_ONCE
+    return opened(name, path, at_once=at_once), at_once
+
+
+def _read_store(name: str, path: Path) -> tuple[xr.DataTree, bool]:
+    """A store's groups, which are not in memory."""
+    require_library()
+    problem = next(dangers(path), None)
+    if problem is not None:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    return opened_store(path), False
+
+
+def unreadable(name: str, error: Exception) -> InputError:
+    """What is raised where the libraries cannot read a file or a store, or a part of it."""
+    kind = "store of draws" if named_store(Path(name)) else "NetCDF file"
+    damaged = any(word in str(error) for word in ("filter", "checksum"))  # as HDF5 and as Zarr say it
+    reason = "damaged: its numbers do not fit their checksums" if damaged else f"not a {kind} that can be read"
+    return InputError(f"{name}: {reason}; {ALLOWED}")
+
+
+def opened(name: str, path: str | Path, *, at_once: bool = True) -> xr.DataTree:
     """All groups of a file that does nothing dangerous; raises InputError, or whatever the libraries say of a damaged file."""
     import h5py
     import xarray as xr
@@ -122,9 +118,15 @@ def opened(name: str, path: str | Path) -> xr.DataTree:
         problem = next(_dangers(file, Path(path).stat().st_size), None)
     if problem is not None:
         raise InputError(f"{name}: {problem}; {ALLOWED}")
-    # Loaded and closed: an open tree is lazy and keeps the file locked. No units are times.
-    with xr.open_datatree(path, engine="h5netcdf", decode_times=False) as lazy:
-        return lazy.load()
+    lazy = xr.open_datatree(path, engine="h5netcdf", decode_times=False)  # no units are times
+    if at_once:
+        with lazy:  # closed: an open tree keeps the file locked
+            return lazy.load()
+    for node in lazy.children.values():
+        for variable in node.variables.values():
+            if variable.ndim < len(_DRAWN):
+                variable.load()
+    return lazy
 
 
 # --- Before it is read: what HDF5 would do --------------------------------------------------------
@@ -134,15 +136,10 @@ def _sealed(name: str, path: Path) -> bool:
     """Whether a file is as it was sealed; what something else wrote, or wrote to, has no seal. Raises InputError where it is another."""
     if not path.is_file():
         raise InputError(f"{name}: {'not a file' if path.exists() else 'no such file'}; {ALLOWED}")
-    size = path.stat().st_size - len(_SEAL) - _DIGITS
-    with path.open("rb") as file:
-        file.seek(max(size, 0))
-        found = file.read()
-    if not found.startswith(_SEAL):
-        return False
-    if found[len(_SEAL) :] != _digest(path, size):
+    whole = sealed(path)
+    if whole is False:
         raise InputError(f"{name}: damaged: it does not fit its checksum; {ALLOWED}")
-    return True
+    return whole is True
 
 
 def _rehearse(name: str, path: str | Path) -> None:
@@ -217,8 +214,8 @@ def _storage(dataset: h5py.Dataset) -> Iterator[str]:
 # --- After it was read: the layout of draws -------------------------------------------------------
 
 
-def _misfits(tree: xr.DataTree) -> Iterator[str]:
-    """What differs from the layout of draws, in an order in which each rests on those before."""
+def _misfits(tree: xr.DataTree, at_once: bool) -> Iterator[str]:
+    """What differs from the layout of draws, in an order in which each rests on those before; not of draws that are read later."""
     yield from _attributes(tree.attrs)
     missing = [group for group in _LAYOUT if group not in tree.children]
     if missing:
@@ -229,7 +226,8 @@ def _misfits(tree: xr.DataTree) -> Iterator[str]:
     yield from _sizes(tree)
     yield from _subjects(tree)
     yield from _counts(tree["observed_data"].to_dataset(), tree["constant_data"]["n_trials"].values)
-    yield from _draws(tree)
+    if at_once:
+        yield from _draws(tree)
 
 
 def _attributes(attrs: Mapping[Any, Any]) -> Iterator[str]:

@@ -45,6 +45,7 @@ def pointwise(posterior: Answering, x: FloatArray, seed: int) -> Pointwise:
     shape = (*x.shape[:2], subject.n_pairs)
     log_likelihood, predicted = np.empty(shape, np.float32), np.empty(shape, np.int32)
     for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
-        log_likelihood[chain] = posterior.pair_log_likelihood(points)
-        predicted[chain] = rng.binomial(subject.n_trials, np.exp(posterior.realised_answers(rng, points)[0]))
+        answers = posterior.log_answers(points)
+        log_likelihood[chain] = posterior.pair_log_likelihood(points, answers)
+        predicted[chain] = rng.binomial(subject.n_trials, np.exp(posterior.realised_answers(rng, points, answers)[0]))
     return Pointwise(log_likelihood, predicted)

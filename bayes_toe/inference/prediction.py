@@ -14,7 +14,8 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import QUANTILES, Draws
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.subject_draws import QUANTILES
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
 from bayes_toe.model.posterior import Posterior

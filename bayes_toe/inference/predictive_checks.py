@@ -222,7 +222,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     for start in range(0, len(points), rows):
         some = points[start : start + rows]
         logs = posterior.log_answers(some)
-        q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some))
+        q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some, logs))
         expected += np.exp(logs[0]).sum(axis=0)
         for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
             total += tail.sum(axis=0)

@@ -131,7 +131,7 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
     rng = generator(seed, target.subject.name, target.model.name, "resampling")
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
     kept = rng.choice(len(weights), len(weights), p=weights / weights.sum())
-    return summarise_fit(target, draws.x[kept], seed, log_likelihood=(draws.log_posterior - draws.log_prior)[kept])
+    return summarise_fit(target, draws.x[kept], seed, log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept])
 
 
 def _result(

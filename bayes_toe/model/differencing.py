@@ -14,9 +14,9 @@ from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.links import Answers, Link, Logarithm
 
-_LOG_2PI = float(np.log(2.0 * np.pi))
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _MANY_NODES, _MANY_WEIGHTS = np.polynomial.legendre.leggauss(40)
 
@@ -65,7 +65,7 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
         d, half = distance[level], k[level]
         t = 0.5 * half[:, None] * (_NODES + 1.0)
         mean = 0.5 * (np.exp(-0.5 * np.square(t)) * np.cosh(d[:, None] * t)) @ _WEIGHTS
-        result[level] = np.log(2.0 * half * mean) - 0.5 * (np.square(d) + _LOG_2PI)
+        result[level] = np.log(2.0 * half * mean) - 0.5 * (np.square(d) + LOG_2PI)
     return np.asarray(result)
 
 
@@ -109,7 +109,7 @@ class _Criterion(NamedTuple):
     @classmethod
     def at(cls, logit_peak: FloatArray, shape: tuple[int, ...]) -> _Criterion:
         k = criterion(logit_peak)
-        rate = np.exp(log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + _LOG_2PI) - LN2)
+        rate = np.exp(log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + LOG_2PI) - LN2)
         return cls(*(np.broadcast_to(part, shape) for part in (k, rate, rate * (k * rate - np.tanh(0.5 * logit_peak)))))
 
     def chained(self, z: FloatArray, k: FloatArray, zz: FloatArray, zk: FloatArray, kk: FloatArray) -> _Peaked:
@@ -139,7 +139,7 @@ def differencing_fall(z: FloatArray, logit_peak: FloatArray) -> FloatArray:
         d, top = distance[near], k[near]
         s = 0.5 * d[:, None] * (_NODES + 1.0)
         mean = 0.5 * (np.exp(-0.5 * np.square(top[:, None] - s)) * -np.expm1(-2.0 * top[:, None] * s)) @ _WEIGHTS
-        result[near] = np.log(d * mean) - 0.5 * _LOG_2PI
+        result[near] = np.log(d * mean) - 0.5 * LOG_2PI
     return result
 
 
@@ -155,7 +155,7 @@ def _inside_slopes(z: FloatArray, at: _Criterion, log_inside: FloatArray) -> _Pe
     """
     d, wide = z - at.k, 2.0 * at.k
     easy = (d <= 2.0) & (at.k >= 1.0)
-    near = np.exp(-0.5 * (np.square(d) + _LOG_2PI) - log_inside)
+    near = np.exp(-0.5 * (np.square(d) + LOG_2PI) - log_inside)
     far = near * np.exp(-2.0 * z * at.k)
     depth = near - far - d
     if not easy.all():

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, expit, log_expit, ndtr, ndtri, xlog1py, xlogy
+from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, expit, log_expit, logit, ndtr, ndtri, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -256,6 +256,14 @@ class Beta:
         """Independent draws, shape (size,)."""
         return rng.beta(self.a, self.b, size)
 
+    def sample_logit(self, rng: Random, size: int) -> FloatArray:
+        """Logits of independent draws, shape (size,), however near an edge: x/(1 - x) is a ratio of gamma variates.
+
+        Of shape a such a variate is one of shape a + 1 times U^(1/a), and -ln U is exponential; in logs nothing underflows.
+        """
+        above, below = (np.log(rng.standard_gamma(k + 1.0, size)) - rng.standard_exponential(size) / k for k in (self.a, self.b))
+        return np.asarray(above - below)
+
     def describe(self) -> str:
         """Family, a and b."""
         return f"Beta({self.a:g}, {self.b:g})"
@@ -318,6 +326,19 @@ class LogNormal:
     def describe(self) -> str:
         """Family, median and standard deviation of the logarithm."""
         return f"LogNormal({self.median:g}, {self.sd:g})"
+
+
+def sample_logit(distribution: Distribution, rng: Random, size: int, top: float = 1.0) -> FloatArray:
+    """Logits of t/top for independent draws t, shape (size,); of a beta with a pole, also of draws that no float tells from an edge.
+
+    Examples
+    --------
+    >>> bool(np.isfinite(sample_logit(Beta(0.05, 0.05), np.random.default_rng(1), 10_000)).all())
+    True
+    """
+    if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
+        return distribution.sample_logit(rng, size)
+    return np.asarray(logit(distribution.sample(rng, size) / top))
 
 
 def log_density_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:

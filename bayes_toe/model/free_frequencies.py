@@ -92,13 +92,13 @@ class FrequencyPosterior:
         """The same: answers are independent."""
         return self.log_answers(x)
 
-    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """The same."""
-        return self.log_answers(x)
+        return answers
 
-    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+    def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
         """Log likelihood of each pair, (points, pairs) each."""
-        return log_likelihoods(self.subject, self.log_answers(x))
+        return log_likelihoods(self.subject, self.log_answers(x) if answers is None else answers)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, pairs) -> (points,)."""

@@ -136,7 +136,7 @@ class Single:
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
-        return self.scale.coordinate(self.distribution(prior).sample(rng, size))[:, None]
+        return self.scale.sample(self.distribution(prior), rng, size)[:, None]
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The quantity."""

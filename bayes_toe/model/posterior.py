@@ -210,10 +210,11 @@ class Posterior:
         rows = max(1, BLOCK // self.subject.n_pairs)
         return np.concatenate([self.pair_log_likelihood(points[i : i + rows]).sum(axis=1) for i in range(0, len(points), rows)])
 
-    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood of each pair, shape (points, k) -> (points, pairs)."""
+    def pair_log_likelihood(self, x: npt.ArrayLike, answers: Answers | None = None) -> FloatArray:
+        """Log likelihood of each pair, shape (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where known."""
         points = require_points(x, len(self.coordinates))
-        return self.model.spread.log_likelihood(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
+        known = self.log_answers(points) if answers is None else answers
+        return self.model.spread.log_likelihood(self.subject, known, *self._own(points, self.model.spread))
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
@@ -225,10 +226,9 @@ class Posterior:
         points = require_points(x, len(self.coordinates))
         return self.model.spread.given_the_rest(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
 
-    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> Answers:
-        """The same of one session for each point, in which pairs have the probabilities that the spread of counts gives them."""
-        points = require_points(x, len(self.coordinates))
-        return self.model.spread.realised(rng, self.log_answers(points), *self._own(points, self.model.spread))
+    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: Answers) -> Answers:
+        """The same, from those at x, of one session for each point: pairs have the probabilities that the spread of counts gives them."""
+        return self.model.spread.realised(rng, answers, *self._own(require_points(x, len(self.coordinates)), self.model.spread))
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""

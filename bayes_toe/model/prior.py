@@ -22,8 +22,8 @@ from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, log_noise_ratio, reach, unconstrained
+from bayes_toe.model.closed_form import MAX_PULL, pull, width
+from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, log_noise_ratio, reach
 from bayes_toe.model.distributions import LOG_2PI as LOG_2PI
 from bayes_toe.model.distributions import (
     Beta,
@@ -34,6 +34,7 @@ from bayes_toe.model.distributions import (
     Random,
     Uniform,
     log_density_of_logit,
+    sample_logit,
     share,
 )
 from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields
@@ -198,8 +199,16 @@ class Prior(PriorFields):
         return Natural(drawn["mu1"], drawn["sigma_p"], drawn["sigma_p"] * np.sqrt(drawn["gamma"]), drawn["q0"])
 
     def sample_unconstrained(self, rng: Random, size: int, sbar: float) -> FloatArray:
-        """Independent draws in unconstrained coordinates, shape (size, 4)."""
-        return unconstrained(self.sample(rng, size), sbar)
+        """Independent draws in unconstrained coordinates, shape (size, 4).
+
+        With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where gamma itself rounds to an edge.
+        """
+        mu1, sigma_p = (self.distributions[name].sample(rng, size) for name in ("mu1", "sigma_p"))
+        logit_gamma, logit_q0 = (sample_logit(self.distributions[name], rng, size) for name in ("gamma", "q0"))
+        gamma = expit(logit_gamma)
+        p = pull(gamma)
+        columns = (p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(width(sigma_p, gamma)), logit_q0)
+        return np.stack(columns, axis=-1)
 
 
 # --- parameters as functions of the unconstrained coordinates (c, a, b, l) -----------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.distributions import Distribution, log_density_of_logit, slopes_of_logit
+from bayes_toe.model.distributions import Distribution, Random, log_density_of_logit, sample_logit, slopes_of_logit
 
 Slopes = tuple[FloatArray, FloatArray]
 
@@ -28,6 +28,10 @@ class Scale(Protocol):
 
     def coordinate(self, t: FloatArray) -> FloatArray:
         """The coordinate of quantities."""
+        ...
+
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Coordinates of independent draws of the quantity, shape (size,)."""
         ...
 
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
@@ -53,6 +57,10 @@ class Plain:
         """The same."""
         return np.asarray(t)
 
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Draws of the quantity."""
+        return distribution.sample(rng, size)
+
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """That of the quantity."""
         return distribution.log_density(x)
@@ -75,6 +83,10 @@ class Log:
     def coordinate(self, t: FloatArray) -> FloatArray:
         """Its logarithm."""
         return np.log(t)
+
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Logarithms of draws."""
+        return np.log(distribution.sample(rng, size))
 
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """With log dt/dx = x."""
@@ -103,6 +115,10 @@ class Logit:
     def coordinate(self, t: FloatArray) -> FloatArray:
         """The logit."""
         return np.asarray(logit(t / self.top))
+
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Logits of draws."""
+        return sample_logit(distribution, rng, size, self.top)
 
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """With dt/dx = top expit(x) expit(-x)."""

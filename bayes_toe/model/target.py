@@ -110,9 +110,10 @@ def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
-    given = counts > 0.0
-    with np.errstate(over="ignore"):  # a product beyond the largest float is infinite to all digits
-        return counts * values if given.all() else np.where(given, counts * np.where(given, values, 0.0), 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # a product beyond the largest float is infinite to all digits; 0 times infinity
+        product = np.asarray(counts * values)
+    np.copyto(product, 0.0, where=~(counts > 0.0))
+    return product
 
 
 class Levels(Protocol):
@@ -181,8 +182,8 @@ class Answering(Protocol):
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         ...
 
-    def pair_log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """The same of every pair, (points, k) -> (points, pairs)."""
+    def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
+        """The same of every pair, (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where these are known."""
         ...
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
@@ -201,8 +202,8 @@ class Answering(Protocol):
         """The same of one answer given all others to its pair; the same where answers are independent."""
         ...
 
-    def realised_answers(self, rng: Random, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The same of a session drawn for each point, whose answers are independent; the same where they are anyway."""
+    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """The same, from those at x, of a session drawn for each point, whose answers are independent; the same where they are anyway."""
         ...
 
     @property

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison, SubjectAsymmetry
-from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, panel, plain
+from bayes_toe.plots.sorted import HIGH, MOST_NAMED
+from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_above, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +53,8 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
 
     Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ at `level` by the
     exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source: Fig. 1C and
-    Results, response asymmetries.
+    Results, response asymmetries. More than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects are sorted by their largest asymmetry,
+    without names and without the other comparisons.
 
     Parameters
     ----------
@@ -65,6 +67,10 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     rows = table.rows
     ax = panel(ax, high=asymmetry_height(table))
     ax.axvline(0.0, color="black", lw=0.8)
+    ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
+    if len(rows) > MOST_NAMED:
+        _draw_largest(ax, [row.maximal for row in rows if row.maximal is not None], len(rows), level)
+        return dress(ax)
     for i, row in enumerate(rows):
         if i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
@@ -72,7 +78,6 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in rows])
     reach = _reach(rows)
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
-    ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
     dress(ax).tick_params(axis="y", length=0)
     _draw_key(ax, level)
     return ax
@@ -80,8 +85,33 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
 
 def asymmetry_height(table: AsymmetryTable) -> float:
     """Inches that a figure of :func:`asymmetry_axes` needs: rows are higher where most subjects have many comparisons."""
+    if len(table) > MOST_NAMED:
+        return _MARGIN + HIGH
     usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0
     return _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0)
+
+
+def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int, level: float) -> None:
+    """The largest asymmetry of each subject, sorted, those that are significant in colour."""
+    ordered = sorted(largest, key=lambda one: -one.asymmetry)
+    value, error, p = (np.array([getattr(one, key) for one in ordered]) for key in ("asymmetry", "asymmetry_se", "p_adjusted"))
+    y = np.arange(len(value))
+    ax.hlines(y, value - error, value + error, color="#D9D9D9", lw=min(0.8, 250.0 / max(len(value), 1)), zorder=1)
+    for sign, (word, marker) in {1: ("stronger", "s"), -1: ("weaker", "o"), 0: ("neither", "D")}.items():
+        for sure in (False, True):
+            at = (np.sign(value) == sign) & ((p < level) == sure)
+            if at.any():
+                colour, said = _mark_of(sign)[0], f"p < {level:g} (Holm)" if sure else f"p ≥ {level:g}"
+                label = f"'equal' likelier {word} first, {said}: {at.sum():,}" if sign else f"neither order: {at.sum():,}"
+                ax.plot(value[at], y[at], marker, ms=2.6, mew=0.4, color=colour, mfc=colour if sure else "white", label=label)
+    if len(value) < subjects:
+        words = f"no pair in both orders: {subjects - len(value):,}"
+        ax.text(0.98, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=SMALL, color=EQUAL)
+    reach = min(1.05, 1.08 * float((np.abs(value) + error).max(initial=0.1)))
+    ax.set(
+        ylim=(len(value) - 0.5, -0.5), xlim=(-reach, reach), ylabel=f"{subjects:,} subjects, sorted by their largest asymmetry", yticks=[]
+    )
+    legend_above(ax)
 
 
 def _draw_row(ax: Axes, i: int, row: SubjectAsymmetry, level: float) -> None:

@@ -10,9 +10,11 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.words import KINDS
+from bayes_toe.plots.sorted import HIGH, MOST_NAMED, ranked, stacked_shares
 from bayes_toe.plots.style import COLUMN, EQUAL, POSTERIOR, SMALL, WEAKER_FIRST, dress, legend_above, legend_below, new_figure, panel, plain
 
 _OF_KINDS = ("#BDBDBD", "#E69F00", POSTERIOR)  # told apart by their lightness too
+_LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +30,9 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     synthetic : bool
         Whether to say that the data are synthetic.
     """
-    figure = new_figure(9.6, 2.2 + 0.27 * len(table.rows))
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 0.8))
+    crowded = len(table) > MOST_NAMED
+    figure = new_figure(9.6, 1.6 + HIGH if crowded else 2.2 + 0.27 * len(table))
+    left, right = figure.subplots(1, 2, sharey=not crowded, width_ratios=(1.0, 0.8))
     order_effect_axes(table, left)
     evidence_axes(right, table)
     right.tick_params(labelleft=False)
@@ -44,43 +47,66 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
 def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     """Probabilities of the three kinds of order effect, one bar a subject; a cross beside the bar where H1 does not describe the answers.
 
-    A subject of whom an evidence is withheld has words in the place of the bar.
+    A subject of whom an evidence is withheld has words in the place of the bar. More than :data:`~bayes_toe.plots.sorted.MOST_NAMED`
+    subjects have no names and are sorted by their likeliest kind.
     """
-    ax = panel(ax, high=1.2 + 0.2 * len(table.rows))
+    crowded = len(table) > MOST_NAMED
+    ax = panel(ax, high=1.2 + (HIGH if crowded else 0.2 * len(table)))
     y = np.arange(len(table.rows))
     share = np.array([row.order_probabilities for row in table], np.float64).reshape(-1, len(KINDS))  # None becomes NaN: no bar
+    wrong = np.array([row.misfit for row in table], bool)
+    ax.set(xlim=(0.0, 1.07), xlabel="probability", xticks=np.linspace(0.0, 1.0, 6))
+    if crowded:
+        stacked_shares(ax, share, KINDS, _OF_KINDS, wrong)
+        return ax
     start = np.zeros(len(y))
     for kind, colour, values in zip(KINDS, _OF_KINDS, share.T, strict=True):
         ax.barh(y, values, left=start, height=0.62, color=colour, label=kind)
         start = start + values
-    wrong = np.array([row.misfit for row in table], bool)
     if wrong.any():
         ax.plot(np.full(wrong.sum(), 1.035), y[wrong], "x", color="#C00000", ms=6, mew=1.8, label="misfit of H1", clip_on=False)
     for i in np.flatnonzero(np.isnan(start)).tolist():
         ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
     ax.set_yticks(y, [plain(row.subject, 24) for row in table])
-    ax.set(xlim=(0.0, 1.07), ylim=(len(y) - 0.5, -0.5), xlabel="probability", xticks=np.linspace(0.0, 1.0, 6))
+    ax.set_ylim(len(y) - 0.5, -0.5)
     return ax
 
 
 def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
-    """Log Bayes factor of H1 against H0 of every subject: the default estimate with twice its standard error, and Laplace's."""
+    """Log Bayes factor of H1 against H0 of every subject: the default estimate with twice its standard error, and Laplace's.
+
+    More than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects are sorted by it, without names and without Laplace's.
+    """
     rows = table.rows
     y = list(range(len(rows)))
     value = np.array([np.nan if row.log_bayes_factor is None else row.log_bayes_factor for row in rows])
     error = np.array([np.nan if row.log_evidence_h1_se is None else row.log_evidence_h1_se for row in rows])
     laplace = np.array([np.nan if row.log_bayes_factor_laplace is None else row.log_bayes_factor_laplace for row in rows])
     ax.axvline(0.0, color="black", lw=1.0)
+    ax.set_xlabel("log Bayes factor (nats)\n$\\leftarrow$ free frequencies (H0)  |  predictive update (H1) $\\rightarrow$")
+    if len(rows) > MOST_NAMED:
+        _draw_ranked(ax, value, error)
+        return ax
     for i in y:
         ax.axhline(i, color="#EEEEEE", lw=0.8, zorder=0)
     ax.errorbar(value, y, xerr=2.0 * error, fmt="o", ms=6, color=POSTERIOR, label="importance sampling, 2 s.e.")
     ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
     ax.set_yticks(y, [plain(row.subject, 24) for row in rows])
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xlabel("log Bayes factor (nats)\n$\\leftarrow$ free frequencies (H0)  |  predictive update (H1) $\\rightarrow$")
     ax.margins(x=0.08)
     _say_missing(ax, rows, value, laplace)
     return ax
+
+
+def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
+    """Values of many subjects in their order; what lies far out is drawn nearer."""
+    known = np.abs(value[~np.isnan(value)])
+    above = int((value > 0).sum())
+    ranked(ax, value, 2.0 * error, f"importance sampling, above 0 for {above:,} of {len(known):,}", POSTERIOR)
+    ax.set_ylabel("subjects, sorted by their log Bayes factor")
+    if len(known) and known.max() > _LINEAR:
+        ax.set_xscale("symlog", linthresh=_LINEAR)
+    ax.margins(x=0.08)
 
 
 def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:

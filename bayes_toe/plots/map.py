@@ -12,6 +12,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
+from bayes_toe.plots.sorted import MOST_NAMED
 from bayes_toe.plots.style import (
     COLUMN,
     EQUAL,
@@ -38,6 +39,7 @@ Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
 COLOURS = "viridis"
 MOST_INSETS = 8
 _ACROSS = 2
+_ENOUGH = 2000  # draws for an ellipse that is one of many
 #: How many times the range of the stimuli the map reaches beyond them at most; what lies farther out is named at its edge.
 _FARTHEST = 4.0
 #: Points from its subject beyond which a name is joined to it by a line.
@@ -67,7 +69,8 @@ def map_axes(
     stimuli : array_like, optional
         Natural-log intensities of the stimuli, shown as a grey range with lines.
     names : mapping of str to str, optional
-        What to write at each subject; by default its name.
+        What to write at each subject; by default its name, and of more than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects those
+        of the eight farthest out.
     mass : float
         Share of the points in each ellipse.
 
@@ -79,18 +82,27 @@ def map_axes(
     if not clouds:
         raise InputError("a map needs at least one subject")
     ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
-    labels = {name: plain(name, 12) for name in clouds} if names is None else dict(names)
     found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
     centres = {name: _centre(found[name], *clouds[name]) for name in clouds}
     _set_limits(ax, centres, found, None if stimuli is None else np.asarray(stimuli, np.float64))
     colours = _colours(ax, clouds, sigma_l)
+    weight = min(1.0, MOST_NAMED / len(clouds))
     for name in clouds:
-        _draw_subject(ax, found[name], centres[name], colours[name])
+        _draw_subject(ax, found[name], centres[name], colours[name], weight)
     ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
+    labels = {name: plain(name, 12) for name in _named(centres)} if names is None else dict(names)
     with any_characters():
         _write_names(ax, centres, labels)
     return ax
+
+
+def _named(centres: Mapping[str, FloatArray]) -> list[str]:
+    """Who is named: everybody, or of very many subjects a few whose prior means lie farthest out."""
+    known = [name for name, centre in centres.items() if np.isfinite(centre).all()]
+    if len(centres) <= MOST_NAMED:
+        return known
+    return [known[i] for i in farthest([float(centres[name][0]) for name in known], MOST_INSETS)]
 
 
 def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None) -> Figure:
@@ -150,8 +162,14 @@ def study_map_axes(
 
 
 def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them."""
-    return {name: (draws.values(name, "mu1").ravel(), draws.values(name, "sigma_p").ravel()) for name in draws.names}
+    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them; of very many subjects some 2,000 draws each."""
+    chains, size = (draws.group("posterior").sizes[name] for name in ("chain", "draw"))
+    step = max(1, chains * size // _ENOUGH) if len(draws.names) > MOST_NAMED else 1
+    return {name: (_every(draws, name, "mu1", step), _every(draws, name, "sigma_p", step)) for name in draws.names}
+
+
+def _every(draws: Draws, name: str, parameter: str, step: int) -> FloatArray:
+    return draws.values(name, parameter).ravel()[::step].copy()  # a view would keep all of them
 
 
 def without_pointwise(draws: Draws) -> Draws:
@@ -229,14 +247,15 @@ def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> d
     return {name: scale.to_rgba(np.array([value]))[0] for name, value in zip(clouds, values, strict=True)}
 
 
-def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any) -> None:
+def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any, weight: float) -> None:
+    """An ellipse around its centre; fainter where `weight`, at most 1, is less."""
     if ellipse is None:
         ax.plot(*centre, "x", ms=4.0, mew=1.0, color=colour)
         return
     outline = ellipse.outline()
-    ax.fill(*outline.T, color=colour, alpha=0.35, lw=0)
-    ax.plot(*outline.T, color=colour, lw=0.9)
-    ax.plot(*centre, "o", ms=2.2, color=colour)
+    ax.fill(*outline.T, color=colour, alpha=0.35 * weight, lw=0)
+    ax.plot(*outline.T, color=colour, lw=0.9 * weight, alpha=weight**0.5)
+    ax.plot(*centre, "o", ms=1.2 + weight, color=colour)
 
 
 # --- names at their subjects ------------------------------------------------------------------------------------------------------
@@ -253,7 +272,7 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
     shown = {n: np.clip(c, [low, bottom], [high, top]) for n, c in centres.items() if np.isfinite(c).all()}
     marks = {name: at.transform(point) for name, point in shown.items()}
     taken: list[Any] = [_box_around(point, 2.0) for point in marks.values()]
-    for name in sorted(marks, key=lambda n: (marks[n][0], marks[n][1])):
+    for name in sorted((one for one in marks if one in labels), key=lambda n: (marks[n][0], marks[n][1])):
         beyond = bool(np.any(shown[name] != centres[name]))
         words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
         text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)

@@ -22,7 +22,7 @@ from bayes_toe.seeds import generator
 
 def observed(posterior: Posterior, x: FloatArray, rng: np.random.Generator) -> Subject:
     """The subject with new answers of an observer at x, shape (k,); counts are drawn session by session, as its spread has them."""
-    equal, _ = posterior.realised_answers(rng, x[None])
+    equal, _ = posterior.realised_answers(rng, x[None], posterior.log_answers(x[None]))
     return replace(posterior.subject, n_equal=rng.binomial(posterior.subject.n_trials, np.exp(equal[0])))
 
 

@@ -5,6 +5,7 @@ import pytest
 from reference.hard_cases import hard_cases
 from scipy.special import log_expit
 
+from bayes_toe.classical import penalised_likelihood
 from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
 from bayes_toe.model.distributions import Normal
 from bayes_toe.model.ladder import posterior_of
@@ -94,3 +95,12 @@ def test_an_impossible_answer_has_no_likelihood():
     subject = CASES["reversed answers"]  # 'different' was answered where z can be 0
     y = np.array([[0.0], [-np.inf], [0.0], [0.0]])
     assert objective(subject).evaluate(y, np.zeros(1, int))[0] == -np.inf
+
+
+def test_pairs_after_one_another_add_up_to_all_at_once(monkeypatch):
+    of, (_, y) = objective(CASES["400 pairs with 3 trials"]), points()
+    monkeypatch.setattr(penalised_likelihood, "_PAIRS", 1000)
+    at_once = of.evaluate(y, np.arange(y.shape[1]))
+    monkeypatch.setattr(penalised_likelihood, "_PAIRS", 37)
+    for part, whole in zip(of.evaluate(y, np.arange(y.shape[1])), at_once, strict=True):
+        assert part == pytest.approx(whole, rel=1e-12, abs=1e-11 * np.abs(whole).max())

@@ -83,6 +83,10 @@ def drawing(running):
     return any(running.folder.glob(".bayes_toe-*/new/evidence.csv"))
 
 
+def said(kept):
+    return f"{kept} of 3 subjects kept in out.partial, go on with --resume" if kept else "nothing written"
+
+
 @pytest.fixture
 def running(folder):
     """A command at work, whose results are never there in time, and whose processes are gone in the end."""
@@ -103,20 +107,23 @@ CASES = [
 
 
 @pytest.mark.parametrize(("number", "when"), CASES, ids=lambda value: getattr(value, "name", None) or value.__name__)
-def test_a_signal_ends_a_command_with_one_line_and_leaves_nothing(running, number, when):
+def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(running, number, when):
     until(lambda: when(running))
     os.kill(running.pid, number)
     until_gone(running.pid)
     _, errors = running.communicate()
-    assert errors == f"stopped by {number.name}: nothing written\n"
+    kept = len(list(running.folder.glob("out.partial/*.kept")))
+    assert (kept == 3) if when is drawing else (kept < 3), errors
+    assert errors == f"stopped by {number.name}: {said(kept)}\n"
     assert running.returncode == 128 + number
-    assert [path.name for path in running.folder.iterdir()] == ["study.csv"]
+    assert sorted(path.name for path in running.folder.iterdir()) == (["out.partial", "study.csv"] if kept else ["study.csv"])
 
 
 def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
     until(lambda: sampling(running))
     os.killpg(running.pid, signal.SIGINT)
-    assert running.communicate()[1] == "stopped by SIGINT: nothing written\n"
+    errors = running.communicate()[1]
+    assert errors == f"stopped by SIGINT: {said(len(list(running.folder.glob('out.partial/*.kept'))))}\n"
     assert running.returncode == 130
 
 
@@ -127,5 +134,5 @@ def test_what_a_killed_command_leaves_is_ended_and_swept(running):
     until_gone(running.pid)
     assert list(running.folder.glob(".bayes_toe-*"))
     again = start("run", "none.csv", "-o", "out", cwd=running.folder)
-    assert "none.csv" in again.communicate()[1]
+    assert "out.partial: holds 3 results of a stopped command" in again.communicate()[1]
     assert not list(running.folder.glob(".bayes_toe-*"))

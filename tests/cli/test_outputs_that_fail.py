@@ -46,13 +46,12 @@ def one_line(done):
     return done.stderr
 
 
-@pytest.mark.parametrize("command", ["sample", "run"])
-def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, command):
-    """HDF5 ended the process with a segmentation fault here."""
+@pytest.mark.parametrize(("command", "name"), [("sample", "posterior.nc.partial"), ("run", "out.partial")])
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, command, name):
+    limit = 100_000  # of a file, in bytes
     out = tmp_path / "out"
     out.mkdir()
     (out / "posterior.nc").write_text("old")
-    limit = 100_000  # of a file, in bytes: posterior.nc takes more
     words = [command, place / "study.csv", "-o", out / "posterior.nc" if command == "sample" else out, "--draws", 100, "--seed", 1]
     done = subprocess.run(
         [*PROGRAM, *map(str, words), "--workers", "1", "--overwrite", "-q"],
@@ -61,7 +60,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
-    assert "posterior.nc: cannot be written (File too large)" in one_line(done)
+    assert f"{name}: cannot be written (File too large)" in one_line(done)
     assert ".bayes_toe" not in done.stderr
     assert content(out) == {"posterior.nc": b"old"}
 
@@ -70,7 +69,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
 def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch, command):
     free = 10**6 if command != "evidence" else 10**4
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(free, 0, free))
-    monkeypatch.setattr("bayes_toe.analysis.run_or_fail", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
     done = inside(command, place / "study.csv", "-o", tmp_path / "out", "-q")
     assert "MB are needed, " in one_line(done)
     assert list(tmp_path.iterdir()) == []
@@ -79,7 +78,7 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_path, monkeypatch):
     from bayes_toe.cli import results_folder
 
-    out, write = tmp_path / "out", results_folder.write_corners
+    out, write = tmp_path / "out", results_folder.write_report
     out.mkdir()
 
     def deleted(*given):
@@ -87,12 +86,15 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
         write(*given)
 
     words = ("run", place / "study.csv", "-o", out, "--draws", 100, "--seed", 1, "--workers", 1)
-    monkeypatch.setattr(results_folder, "write_corners", deleted)
+    monkeypatch.setattr(results_folder, "write_report", deleted)
     done = inside(*words)
-    assert "deleted meanwhile" in one_line(done)
+    assert "cannot be written" in one_line(done)
     assert "results in" not in done.stdout
-    monkeypatch.setattr(results_folder, "write_corners", lambda *_: None)
-    assert "corner/S01.png is missing" in one_line(inside(*words))
+    monkeypatch.setattr(results_folder, "write_report", lambda *_: None)
+    assert "report.html is missing" in one_line(inside(*words, "--resume"))
+    monkeypatch.setattr(results_folder, "write_report", write)
+    monkeypatch.setattr(results_folder, "_draw_corner", lambda *_, **options: None)
+    assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))
 
 
 @pytest.mark.parametrize("moved", [0, 1, 2])

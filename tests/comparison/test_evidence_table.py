@@ -21,7 +21,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.laplace import laplace_evidence
 from bayes_toe.inference.modes import find_maxima
-from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 
@@ -144,6 +144,13 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit(analysis):
         assert one.predictive_p == pytest.approx(other.predictive_p, abs=5 * math.sqrt(2) * error)
         assert one.fit.deviance == pytest.approx(other.fit.deviance, abs=0.2)
         assert analysis.draws.fit(one.subject).p_deviance == other.fit.p_deviance
+
+
+def test_the_draws_asked_for_are_behind_each_evidence(small_study):
+    subject, few = small_study["A"], Wanted(evidence_draws=2000)
+    row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
+    found = {name: infer(posterior_of(subject, model=name), 5, few).evidence.value for name in ("symmetric", "constant bias")}
+    assert (row.log_evidence_symmetric, row.log_evidence_constant_error) == tuple(found.values())
 
 
 def test_no_probability_without_every_evidence(analysis):

@@ -17,6 +17,7 @@ from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
 from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, with_differences
+from bayes_toe.comparison.sampled_random_effects import sampled_random_effects
 from bayes_toe.errors import InputError
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
@@ -105,6 +106,7 @@ MODEL_COLUMNS = [
     *("expected_exact", "exceedance_exact", "protected_exact", "omnibus_risk_exact"),
     *("elpd_loo_trial_subjects", "elpd_loo_pair_subjects"),
     *("elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se"),
+    *("exact_how", "expected_exact_se", "exceedance_exact_se", "omnibus_risk_exact_se"),
 ]
 
 
@@ -136,21 +138,26 @@ def test_exact_columns_are_the_sum_over_all_assignments():
     equal = kept.mean(axis=1).prod()
     assert frame["omnibus_risk_exact"].to_numpy() == pytest.approx(np.full(3, equal / (equal + total)), rel=1e-12)
     assert frame["expected_exact"].to_numpy() == pytest.approx(mean / total, rel=1e-12)
+    assert set(frame["exact_how"]) == {"exact sum"}
+    assert not frame["expected_exact_se"].any()
     assert (frame["omnibus_risk"] > frame["omnibus_risk_exact"]).all()  # the variational bound lies below the evidence
     risk = frame["omnibus_risk_exact"]
     assert frame["protected_exact"].to_numpy() == pytest.approx(((1 - risk) * frame["exceedance_exact"] + risk / 3).to_numpy(), rel=1e-12)
 
 
-def test_beyond_the_limit_exact_columns_are_empty_and_the_terminal_says_why(capsys):
+def test_beyond_the_limit_exact_columns_are_sampled_and_say_so(capsys):
     evidence = np.random.default_rng(1).normal(size=(21, 8))
     assert is_affordable(20, 8)
-    frame = made(evidence).study_frame()
-    assert frame[[name for name in MODEL_COLUMNS if name.endswith("_exact")]].isna().all(axis=None)
-    assert frame["omnibus_risk"].notna().all()
-    say_comparison(new_console(False), made(evidence))
+    table = made(evidence)
+    frame, found = table.study_frame(), sampled_random_effects(evidence, seed=table.seed)
+    assert set(frame["exact_how"]) == {"sampled"}
+    assert np.array_equal(frame["expected_exact"], found.expected)
+    assert np.array_equal(frame["exceedance_exact_se"], found.exceedance_se)
+    assert (frame[["expected_exact_se", "exceedance_exact_se", "omnibus_risk_exact_se"]] > 0).all(axis=None)
+    say_comparison(new_console(False), table)
     said = capsys.readouterr().out
-    assert "random effects (variational)" in said
-    assert f"probability {frame['omnibus_risk'][0]:.3f} (variational); too many subjects and models for the exact value" in said
+    assert "random effects (sampled)" in said
+    assert f"probability {found.omnibus_risk:.3f} ± {found.omnibus_risk_se:.1g} (sampled), {frame['omnibus_risk'][0]:.3f} (vari" in said
 
 
 def test_the_terminal_shows_both_risks(capsys):
@@ -158,7 +165,7 @@ def test_the_terminal_shows_both_risks(capsys):
     exact, variational = table.exact_frequencies().omnibus_risk, table.frequencies().omnibus_risk
     say_comparison(new_console(False), table)
     said = capsys.readouterr().out
-    assert f"all models equally frequent with probability {exact:.3f} (exact), {variational:.3f} (variational)" in said
+    assert f"all models equally frequent with probability {exact:.3f} (exact sum), {variational:.3f} (variational)" in said
     assert "LOO by" not in said.split("all models")[1]  # every value is there: nothing to say
 
 

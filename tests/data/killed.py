@@ -6,11 +6,15 @@ import signal
 import sys
 from pathlib import Path
 
+from bayes_toe.data.stores import SEAL
 from bayes_toe.data.whole_folders import MANIFEST, require_folder, whole_folder
 
-NAMES = ("table.csv", "corner", "new.csv")
+NAMES = ("table.csv", "corner", "new.csv", "p.zarr", "stale.zarr")
+STORE = f'{{"attributes": {{"{SEAL}": ""}}}}'
 OLD = {"table.csv": "1", "corner/a.png": "1", "corner/stale.png": "1", "mine.txt": "m"}
+OLD |= {"p.zarr/zarr.json": STORE, "p.zarr/g/v/c/0": "1", "p.zarr/g/v/c/1": "1", "stale.zarr/zarr.json": STORE}
 NEW = {"table.csv": "2", "corner/a.png": "2", "new.csv": "2", "corner/deep/b.png": "2", "mine.txt": "m"}
+NEW |= {"p.zarr/zarr.json": STORE, "p.zarr/g/v/c/0": "2"}
 
 
 def produce(files):
@@ -64,7 +68,7 @@ def check(*steps):
     reached = killed_at(steps[0], lambda: produce(NEW)) and all([killed_at(step, put_back) for step in steps[1:]])
     put_back()
     assert tree() in (OLD, NEW), (steps, tree())
-    assert sorted(path.name for path in Path("out").iterdir() if path.is_dir()) == ["corner"], steps
+    assert {path.name for path in Path("out").iterdir() if path.is_dir()} - {"stale.zarr"} == {"corner", "p.zarr"}, steps
     return reached
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, subjects_of_rows
 from bayes_toe.errors import InputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
@@ -196,3 +196,16 @@ def test_counts_beyond_exact_numbers_are_refused() -> None:
 def test_stimuli_that_are_not_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="must be numbers"):
         Subject.from_counts("S01", ["a"], [0.3], [0], [1])
+
+
+@FUZZ
+@given(rows=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 2), st.integers(0, 2), st.integers(0, 3), st.integers(0, 3)), min_size=1))
+def test_subjects_of_many_rows_are_those_of_the_rows_of_each(rows: list[tuple[int, ...]]) -> None:
+    owner, first, second, equal, more = np.array(rows).T
+    counts = first * 0.5, second - 0.25, equal, equal + more
+    names = ("b", "", "a", "0")
+    found = subjects_of_rows(names, owner, counts[:2], *counts[2:])
+    alone = [Subject.from_counts("x", *(part[owner == code] for part in counts)) for code in np.unique(owner[counts[3] > 0])]
+    assert [columns(one) for one in found] == [columns(one) for one in alone]
+    assert [one.name for one in found] == [names[code] for code in np.unique(owner[counts[3] > 0])]
+    assert not any(getattr(one, key).flags.writeable for one in found for key in COLUMNS)

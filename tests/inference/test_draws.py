@@ -12,7 +12,7 @@ import bayes_toe as bt
 from bayes_toe import analysis as analysis_module
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.inference.diagnostics import pareto_k
-from bayes_toe.inference.draws import SUMMARY_COLUMNS
+from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
 
 PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width")
 

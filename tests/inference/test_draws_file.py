@@ -1,10 +1,13 @@
 """Files of draws that were damaged, or come from elsewhere: one line, whatever HDF5 would have done with them."""
 
+import subprocess
+import sys
 import zlib
 
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from commands import call
 
 import bayes_toe as bt
@@ -142,7 +145,7 @@ def test_one_altered_bit_anywhere_is_noticed(path, place):
     data = bytearray(path.read_bytes())
     data[int(place * len(data))] ^= 4
     path.write_bytes(data)
-    with pytest.raises(InputError, match="damaged: it does not fit its checksum"):
+    with pytest.raises(InputError, match=r"damaged: (it does|its numbers do) not fit"):
         bt.load(path)
 
 
@@ -180,3 +183,47 @@ def test_the_command_says_one_line_and_ends_with_2(path, tmp_path):
     result = call("predict", path, tmp_path / "pairs.csv", "-o", tmp_path / "out.csv")
     assert (result.returncode, len(result.stderr.splitlines())) == (2, 1)
     assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.fixture
+def large(analysis, tmp_path, monkeypatch):
+    """A file of three subjects that is taken for a large one."""
+    monkeypatch.setattr("bayes_toe.inference.draws_file._AT_ONCE", 0)
+    return analysis.draws.save(tmp_path / "posterior.nc")
+
+
+def test_draws_of_a_large_file_are_read_when_they_are_asked_for(large, analysis, tmp_path):
+    draws = bt.load(large)
+    one = draws["B"]
+    xr.testing.assert_identical(one.group("posterior"), analysis.draws.select("B").group("posterior"))
+    assert draws.points("C").tolist() == analysis.draws.points("C").tolist()
+    assert not any(one.variable._in_memory for one in draws.tree["posterior"].to_dataset().data_vars.values())
+    draws.save(tmp_path / "again.nc")
+    assert (tmp_path / "again.nc").read_bytes() == large.read_bytes()
+    xr.testing.assert_identical(bt.load(large).tree.load(), analysis.draws.tree)
+
+
+def test_a_damaged_subject_of_a_large_file_is_noticed_when_it_is_asked_for(large):
+    with h5py.File(large, "r") as file:
+        chunk = file["posterior/q0"].id.get_chunk_info(1)
+    data = bytearray(large.read_bytes())
+    data[chunk.byte_offset + 100] ^= 4
+    large.write_bytes(data)
+    draws = bt.load(large)
+    assert draws.values("A", "q0").size > 0
+    for read in (draws.select, draws.points):
+        with pytest.raises(InputError, match=r"posterior\.nc: damaged: its numbers do not fit their checksums"):
+            read("B")
+
+
+def test_a_full_disk_is_an_error_and_not_the_end_of_the_process(path, tmp_path):
+    """HDF5 ended the process with a segmentation fault here."""
+    saves = (
+        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)); draws.save(sys.argv[2])"
+    )
+    ended = subprocess.run([sys.executable, "-c", saves, str(path), str(tmp_path / "new.nc")], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert "OutputError: " in ended.stderr.splitlines()[-1]
+    assert "new.nc: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
+    assert [file.name for file in tmp_path.iterdir()] == ["posterior.nc"]

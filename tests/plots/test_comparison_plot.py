@@ -21,7 +21,7 @@ def made(evidence, models=NAMES, probability=None):
     evidence = np.asarray(evidence, float)
     subjects = tuple(f"P{i + 1}" for i in range(len(evidence)))
     rows = [
-        ModelRow(subject, model, 2, None if np.isnan(value) else float(value), 0.0, None, Checks(), (), probability)
+        ModelRow(subject, model, 2, None if np.isnan(value) else float(value), 0.0, None, Checks(), (), model_probability=probability)
         for subject, values in zip(subjects, evidence, strict=True)
         for model, value in zip(models, values, strict=True)
     ]
@@ -97,12 +97,11 @@ def test_the_study_panel_shows_the_exact_frequencies_where_they_exist():
     assert f"{exact.omnibus_risk:.2f} (variational {table.frequencies().omnibus_risk:.2f})" in title
 
 
-def test_beyond_the_exact_sum_the_study_panel_is_variational_and_says_so():
+def test_beyond_the_exact_sum_the_study_panel_is_sampled_and_says_so():
     table = made(np.random.default_rng(2).normal(size=(40, 8)))
     ax = bt.plots.model_frequency_axes(table)
-    assert table.exact_frequencies() is None
-    assert np.array_equal(lines(ax)["expected frequency, 95 % interval"], table.frequencies().expected)
-    assert "40 of 40 subjects, random effects, variational" in ax.get_title(loc="left")
+    assert np.array_equal(lines(ax)["expected frequency, 95 % interval"], table.exact_frequencies().expected)
+    assert "40 of 40 subjects, random effects, sampled" in ax.get_title(loc="left")
     assert "exact" not in ax.get_title(loc="left")
 
 

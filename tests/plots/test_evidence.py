@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.plots.sorted import sorted_by_kind, stacked_shares
+from bayes_toe.plots.style import panel
 
 
 def test_evidence_figure_leads_with_the_order_effect_of_every_subject(analysis):
@@ -26,3 +29,47 @@ def test_misfits_and_missing_estimates_are_marked(analysis):
     [crosses] = left.lines
     assert list(crosses.get_ydata()) == [1]
     assert [(text.get_text(), text.get_position()[1]) for text in left.texts] == [("no reliable estimate", 2)]
+
+
+def many(table, size):
+    """A table of so many subjects: the rows of another one under other names, the last without an estimate and the one before misfit."""
+    rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(size)]
+    rows[-2] = replace(rows[-2], fit=replace(rows[-2].fit, p_overall=0.001))
+    rows[-1] = replace(rows[-1], log_evidence_h1=None, log_evidence_h1_se=None)
+    return bt.EvidenceTable(tuple(rows))
+
+
+def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
+    named, crowded, more = (bt.plots.evidence_figure(many(analysis.evidence, size)) for size in (60, 61, 500))
+    assert len(named.axes[0].get_yticklabels()) == 60
+    assert named.get_figheight() > crowded.get_figheight() == more.get_figheight()
+    left, right = more.axes
+    assert not left.get_yticklabels()
+    values = right.lines[1].get_xdata()
+    assert sum(values != values) == 1
+    assert (values[:-1][1:] <= values[:-1][:-1]).all()
+    said = [text.get_text() for text in more.legends[0].get_texts()]
+    assert {"misfit of H1: 1", "no reliable estimate: 1", "importance sampling, above 0 for 499 of 499"} < set(said)
+    assert sum(int(text.rsplit(" ", 1)[1]) for text in said if "likeliest for" in text) == 499
+
+
+def test_stacked_shares_of_many_subjects_lie_in_the_order_of_their_kinds():
+    share = np.array([[0.2, 0.1, 0.7], [0.6, 0.3, 0.1], [np.nan] * 3, [0.9, 0.1, 0.0], [0.1, 0.0, 0.9]])
+    order, kind = sorted_by_kind(share)
+    assert order.tolist() == [3, 1, 4, 0, 2]
+    assert kind.tolist() == [2, 0, -1, 0, 2]
+    ax = panel(None)
+    stacked_shares(ax, share, ("a", "b", "c"), ("red", "green", "blue"), np.array([False, True, False, False, False]))
+    areas = [one for one in ax.collections if str(one.get_label())[0] in "abc"]
+    assert [one.get_label() for one in areas] == ["a: likeliest for 2", "b: likeliest for 0", "c: likeliest for 2"]
+    corners = areas[0].get_paths()[0].vertices
+    assert {(x, y) for x, y in corners.round(6).tolist() if x > 0} >= {
+        (0.9, -0.5),
+        (0.9, 0.5),
+        (0.6, 0.5),
+        (0.6, 1.5),
+        (0.1, 1.5),
+        (0.2, 3.5),
+    }
+    [marks] = [one for one in ax.collections if one.get_label() == "misfit of H1: 1"]
+    assert marks.get_segments()[0][0, 1] == 1

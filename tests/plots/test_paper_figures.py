@@ -1,7 +1,9 @@
 """The paper's figures: what is drawn in them, that words stay apart, that files are the same each time."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -200,6 +202,29 @@ def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
 def test_rows_of_many_comparisons_are_higher(table):
     wild = AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
     assert asymmetry_height(wild) > asymmetry_height(AsymmetryTable(table.rows[:1]))
+
+
+def test_many_subjects_are_sorted_by_their_largest_asymmetry_in_a_figure_of_one_height(table):
+    rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(200)]
+    many = AsymmetryTable((*rows, replace(rows[0], subject="none", comparisons=())))
+    ax = bt.plots.asymmetry_axes(many)
+    assert asymmetry_height(many) == asymmetry_height(AsymmetryTable(tuple(rows[:61]))) < asymmetry_height(AsymmetryTable(tuple(rows[:60])))
+    drawn = sorted(point for line in ax.lines[1:] for point in zip(*reversed(line.get_data()), strict=True))
+    assert [x for _, x in drawn] == sorted((row.maximal.asymmetry for row in rows), reverse=True)
+    assert sum(int(text.get_text().rsplit(" ", 1)[1]) for text in ax.get_legend().get_texts()) == 200
+    assert [text.get_text() for text in ax.texts] == ["no pair in both orders: 1"]
+
+
+def test_of_very_many_subjects_the_map_names_a_few_and_thins_their_draws(analysis):
+    rng = np.random.default_rng(2)
+    clouds = {f"S{i}": tuple(rng.normal([[i / 100], [0.3]], 0.02, (2, 60))) for i in range(70)}
+    words = {text.get_text() for text in bt.plots.map_axes(clouds).texts} - {""}
+    assert words == {f"S{i}" for i in (*range(4), *range(66, 70))}
+    tree = analysis.draws.tree["posterior"].to_dataset().isel(subject=np.arange(61) % 3)
+    draws = SimpleNamespace(names=range(61), group=lambda _: tree, values=lambda i, key: tree[key].values[..., i])
+    x, _ = posterior_clouds(draws)[0]
+    assert 2000 <= len(x) < 4000
+    assert np.isin(x, analysis.draws.values("A", "mu1")).all()
 
 
 # --- words ------------------------------------------------------------------------------------------------------------------------

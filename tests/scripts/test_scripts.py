@@ -132,6 +132,16 @@ def test_the_bootstrap_benchmark_finds_the_same_optima(folder):
     assert "3 / 0 / 0" in done.stdout
 
 
+def test_the_benchmark_of_reading_has_a_line_for_each_size(folder):
+    done = inside("reading_speed.py", "--subjects", "2,6", "--pairs", "5", "--repeats", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert [line.split(", ")[0] for line in done.stdout.splitlines()[1:]] == [
+        *["5 pairs a subject"] * 2,
+        *["10 trials a subject"] * 2,
+        "evidence of one subject",
+    ]
+
+
 def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder):
     done = call("error_bars.py", "-o", "bars", "--seeds", "12", "--cases", "one batch", "--workers", "1", cwd=folder)
     assert done.returncode in (0, 3), done.stdout + done.stderr

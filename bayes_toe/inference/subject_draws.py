@@ -1,0 +1,138 @@
+"""What a file of draws keeps of one subject: plain arrays, numbers and texts, made where the chains are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.inference.diagnostics import Errors, convergence, errors
+from bayes_toe.inference.pointwise import Pointwise
+from bayes_toe.inference.sampling import Chains
+from bayes_toe.inference.subject import SubjectResult
+from bayes_toe.model.contraction import contraction
+from bayes_toe.model.propagators import reference_interval
+from bayes_toe.model.target import Answering
+
+QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
+_MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
+SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
+#: Where the goodness of fit is kept among the statistics.
+FIT_COLUMNS = {
+    "deviance": "deviance",
+    "degrees_of_freedom": "degrees_of_freedom",
+    "p_overall": "predictive_p",
+    "p_overall_se": "predictive_p_se",
+    "worst_p": "worst_pair_p",
+    "worst_s1": "worst_pair_s1",
+    "worst_s2": "worst_pair_s2",
+    "worst_isi": "worst_pair_isi",
+    "p_deviance": "deviance_p",
+}
+#: Names without a unit, with all that begin with q.
+_WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
+
+SummaryRow: TypeAlias = tuple[str | float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectDraws:
+    """Draws of one subject under one model, and what is said of them.
+
+    Attributes
+    ----------
+    subject : Subject
+        The counts.
+    quantities : mapping of str to array, shape (chains, draws)
+        Those that are reported.
+    units : mapping of str to str
+    coordinates : tuple of str
+        Of the unconstrained space in which `log_posterior` is a density.
+    log_posterior : array, shape (chains, draws)
+    acceptance : array, shape (chains,)
+    statistics : mapping of str to number or str
+        By column: convergence, effort, the proposal's quality and goodness of fit, as far as these are known.
+    pointwise : Pointwise or None
+        Values of every draw and pair, where these are stored.
+    summary : tuple of tuple
+        Rows with the columns of summary.csv; empty where not asked for.
+    """
+
+    subject: Subject
+    quantities: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    coordinates: tuple[str, ...]
+    log_posterior: FloatArray
+    acceptance: FloatArray
+    statistics: Mapping[str, float | int | str]
+    pointwise: Pointwise | None
+    summary: tuple[SummaryRow, ...]
+
+
+def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
+    """What is kept of a result with chains, with or without rows of a summary.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    target, chains = result.target, chains_of(result)
+    found = target.quantities(chains.x)
+    quantities = {name: found[name] for name in target.names.reported}
+    return SubjectDraws(
+        result.subject,
+        quantities,
+        {name: _unit(name, target) for name in quantities},
+        target.coordinates,
+        chains.log_posterior,
+        chains.acceptance,
+        _statistics(result, chains),
+        result.pointwise,
+        summary_rows(target, quantities) if summarised else (),
+    )
+
+
+def chains_of(result: SubjectResult) -> Chains:
+    """The chains of a result that must have them."""
+    if result.chains is None:
+        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
+    return result.chains
+
+
+def summary_rows(target: Answering, values: Mapping[str, FloatArray]) -> tuple[SummaryRow, ...]:
+    """Rows with the columns of summary.csv from values of shape (chains, draws)."""
+    return tuple((target.subject.name, name, *_row(draws, target, name)) for name, draws in values.items())
+
+
+def _row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
+    quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
+    narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed, *errors(values))
+
+
+def _unit(name: str, target: Answering) -> str:
+    """The unit of a quantity; at the reference interval where an interval acts on it."""
+    plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
+    reference = reference_interval(target.subject, target.prior.reference_interval)
+    return plain if target.subject.isi is None else target.model.units_at_intervals(reference).get(name, plain)
+
+
+def _statistics(result: SubjectResult, chains: Chains) -> dict[str, float | int | str]:
+    fit = {} if result.fit is None else {FIT_COLUMNS[key]: value for key, value in asdict(result.fit).items() if key in FIT_COLUMNS}
+    return {
+        "converged": int(chains.converged),
+        "shortfall": chains.reason,
+        "min_ess": chains.least_ess,
+        "max_r_hat": chains.largest_r_hat,
+        "thin": chains.thin,
+        "steps": chains.steps,
+        "proposal_efficiency": result.efficiency,
+        "pareto_k": result.pareto_k,
+        **{column: value for column, value in fit.items() if value is not None},
+    }

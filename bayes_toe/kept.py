@@ -1,0 +1,211 @@
+"""Finished work, kept on the disk until all of it is done: an interrupted command goes on where it was.
+
+Every result has a file of its own with a checksum, named after all that decides it: the job's function with counts, names, model, settings
+and seed, and the versions of the libraries. What does not fit is computed again.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from bayes_toe.data.places import make_folders, remove_empty, reporting, shown
+from bayes_toe.data.unfinished import Standing, sweep, under_way
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.errors import InputError, OutputError
+from bayes_toe.records import fingerprint, is_whole, packed, unpacked
+from bayes_toe.seeds import root_seed
+from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail
+
+Result = TypeVar("Result")
+_SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
+_DECIDING = ("bayes_toe", "numpy", "scipy", "emcee", "arviz")
+
+
+@dataclass(frozen=True)
+class Done(Generic[Result]):
+    """Results of jobs in the jobs' order, without those that failed; read as they are asked for where they are kept on the disk.
+
+    Attributes
+    ----------
+    failed : mapping of int to Failed
+        By the index of the job.
+    """
+
+    size: int
+    failed: Mapping[int, Failed]
+    read: Callable[[int], Result]
+
+    def __iter__(self) -> Iterator[Result]:
+        return (self.read(index) for index in range(self.size) if index not in self.failed)
+
+
+def work(
+    jobs: Sequence[Callable[[], Result]],
+    workers: Workers,
+    progress: Progress | None,
+    names: Sequence[tuple[str, ...]],
+    kept: Kept | None,
+) -> Done[Result]:
+    """Do jobs, as :func:`bayes_toe.workers.run_or_fail` does; where results are kept, only those whose are not there."""
+    if kept is not None:
+        return kept.work(jobs, workers, progress, names)
+    results = run_or_fail(jobs, workers, progress, names)
+    failed = {index: one for index, one in enumerate(results) if isinstance(one, Failed)}
+    return Done(len(jobs), failed, results.__getitem__)  # type: ignore[arg-type]  # those that failed are left out
+
+
+class Kept:
+    """A folder of finished results, held by this process: see :func:`keeping`."""
+
+    def __init__(self, folder: Path, what: str) -> None:
+        self.folder, self.what = folder, what
+
+    @property
+    def draws(self) -> Path:
+        """Where draws are put together."""
+        return self.folder / _DRAWS
+
+    def seed(self, seed: int | None) -> int:
+        """The root seed: the one given, or else the one that the results here were made with, or a fresh one."""
+        file = self.folder / _SEED
+        with suppress(OSError, ValueError, InputError):
+            seed = int(file.read_text(encoding="utf-8")) if seed is None else seed
+        root = root_seed(seed)
+        self._put(file, str(root).encode())
+        return root
+
+    def work(
+        self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    ) -> Done[Result]:
+        """Do the jobs whose results are not here, and keep each as it comes."""
+        files = [self.folder / f"{fingerprint((_versions(), job))}{_SUFFIX}" for job in jobs]
+        missing = [index for index, file in enumerate(files) if not _is_whole(file)]
+        failed: dict[int, Failed] = {}
+        taken = len(jobs) - len(missing)
+        under_way[self.folder] = Standing(taken, taken, len(jobs), self.what)
+        _tell(progress, [names[index] for index in sorted(set(range(len(jobs))).difference(missing))])
+        for at, result in run_jobs([jobs[index] for index in missing], workers):
+            index = missing[at]
+            if isinstance(result, Failed):
+                failed[index] = result
+            else:
+                self._put(files[index], packed(result))
+                under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
+            _tell(progress, [names[index]])
+        return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
+
+    def _put(self, file: Path, content: bytes) -> None:
+        try:
+            with whole_file(file, overwrite=True) as target:
+                target.write_bytes(content)
+        except OutputError as error:  # names of these files say nothing to a reader
+            raise OutputError(str(error).replace(shown(file), shown(self.folder))) from error
+
+
+@contextmanager
+def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept | None]:
+    """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it; None for none.
+
+    Raises
+    ------
+    OutputError
+        If another process holds it, or it cannot be written to.
+    """
+    if folder is None:
+        yield None
+        return
+    path = Path(folder)
+    with ExitStack() as made, ExitStack() as held:
+        make_folders(path, made)
+        made.callback(_remove_unless_used, path)
+        sweep(path)
+        _hold(path, held)
+        yield Kept(path, what)
+        made.pop_all()
+
+
+def kept_in(folder: Path) -> int:
+    """How many results a folder holds."""
+    return sum(1 for _ in folder.glob(f"*{_SUFFIX}"))
+
+
+def discard(folder: Path) -> None:
+    """Remove what is kept, and the folder where nothing else is in it."""
+    under_way.pop(folder, None)
+    with reporting(folder):
+        for file in [*folder.glob(f"*{_SUFFIX}"), *(folder / name for name in (_DRAWS, _SEED, _LOCK))]:
+            file.unlink(missing_ok=True)
+    remove_empty(folder)
+
+
+def _remove_unless_used(folder: Path) -> None:
+    if not kept_in(folder):
+        with suppress(OutputError):
+            discard(folder)
+
+
+def _is_whole(file: Path) -> bool:
+    with suppress(OSError):
+        return is_whole(file.read_bytes())
+    return False
+
+
+def _tell(progress: Progress | None, names: Sequence[tuple[str, ...]]) -> None:
+    if progress is not None:
+        for name in (one for of_job in names for one in of_job):
+            progress(name)
+
+
+@cache
+def _versions() -> tuple[str, ...]:
+    """Everything outside a job that decides its result."""
+    return (*(importlib.metadata.version(name) for name in _DECIDING), platform.python_version(), platform.machine())
+
+
+def _hold(folder: Path, held: ExitStack) -> None:
+    """Take the lock of a folder, which says who has it; it ends with the process, however that ends."""
+    with reporting(folder):
+        opened = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    held.callback(os.close, opened)
+    holder = _holder(os.read(opened, 4096))
+    if not _locked(opened) or holder.get("host", platform.node()) != platform.node():
+        who = f"process {holder.get('pid')} on {holder.get('host')}" if holder else "another process"
+        raise OutputError(f"{shown(folder)}: in use by {who}; wait for it, or remove {shown(folder / _LOCK)} if that is gone")
+    with reporting(folder):
+        os.ftruncate(opened, 0)
+        os.pwrite(opened, json.dumps({"host": platform.node(), "pid": os.getpid()}).encode(), 0)
+    held.callback(_release, opened)
+
+
+def _release(opened: int) -> None:
+    with suppress(OSError):
+        os.ftruncate(opened, 0)
+
+
+def _holder(content: bytes) -> dict[str, Any]:
+    with suppress(ValueError):
+        found = json.loads(content)
+        return found if isinstance(found, dict) else {}
+    return {}
+
+
+def _locked(opened: int) -> bool:
+    """Whether this process now has the lock of an open file; assumed where the system has no such locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,151 @@
+"""Results as bytes: records of arrays, numbers and texts, whole and exact to the bit; nothing in them can be run.
+
+Records are the package's own dataclasses and named tuples. They are stored as what they are made from, and are made again from that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import partial
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.errors import InputError
+
+_MAGIC, _DIGEST = b"bayes-toe record 1\n", 32
+_OURS = "bayes_toe."
+_RECORD, _TUPLE, _DICT, _ARRAY, _SCALAR = "record", "tuple", "dict", "array", "scalar"
+
+
+def packed(value: object) -> bytes:
+    """A record, or a tuple, list or dict of such, as bytes that begin with their own checksum.
+
+    Raises
+    ------
+    TypeError
+        If something in it is neither a record nor an array, a number, a text or None.
+
+    Examples
+    --------
+    >>> unpacked(packed({"mean": np.float32(0.1), "draws": np.arange(3.0), "note": None}))
+    {'mean': np.float32(0.1), 'draws': array([0., 1., 2.]), 'note': None}
+    """
+    arrays: list[npt.NDArray[Any]] = []
+    text = json.dumps(_plain(value, arrays, _refuse))
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, text=np.array(text), **{f"a{i}": array for i, array in enumerate(arrays)})
+    body = content.getvalue()
+    return _MAGIC + hashlib.sha256(body).digest() + body
+
+
+def unpacked(content: bytes) -> Any:
+    """The inverse of :func:`packed`.
+
+    Raises
+    ------
+    InputError
+        If the bytes are not whole, or hold something else than records of this package.
+    """
+    body = content[len(_MAGIC) + _DIGEST :]
+    if not is_whole(content):
+        raise InputError("damaged: it does not fit its checksum")
+    with np.load(io.BytesIO(body), allow_pickle=False) as members:
+        return _made(json.loads(str(members["text"])), members)
+
+
+def is_whole(content: bytes) -> bool:
+    """Whether bytes are as :func:`packed` made them."""
+    head = len(_MAGIC) + _DIGEST
+    return content[:head] == _MAGIC + hashlib.sha256(content[head:]).digest()
+
+
+def fingerprint(value: object) -> str:
+    """SHA-256 of everything that a value is made of, hexadecimal; functions, and calls still to be made, count by name and arguments.
+
+    Examples
+    --------
+    >>> fingerprint(partial(max, 1, 2)) == fingerprint(partial(max, 1, 2)) != fingerprint(partial(max, 1, 3))
+    True
+    """
+    arrays: list[npt.NDArray[Any]] = []
+    found = hashlib.sha256(json.dumps(_plain(value, arrays, _named), sort_keys=True).encode())
+    for array in arrays:
+        found.update(f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()
+
+
+def _plain(value: object, arrays: list[npt.NDArray[Any]], other: Callable[[object], object]) -> object:
+    """A value as JSON has it, its arrays aside."""
+    inner = partial(_plain, arrays=arrays, other=other)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        arrays.append(np.asarray(value))
+        return {_ARRAY if isinstance(value, np.ndarray) else _SCALAR: len(arrays) - 1}
+    if isinstance(value, list):
+        return [inner(one) for one in value]
+    if isinstance(value, Mapping):
+        return {_DICT: [[inner(key), inner(one)] for key, one in value.items()]}
+    names = _fields(value)
+    if names is not None:
+        kind = type(value)
+        return {_RECORD: f"{kind.__module__}:{kind.__qualname__}", "fields": {name: inner(getattr(value, name)) for name in names}}
+    if isinstance(value, tuple):
+        return {_TUPLE: [inner(one) for one in value]}
+    return inner(other(value))
+
+
+def _fields(value: object) -> tuple[str, ...] | None:
+    """What a record is made from; None where a value is none."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return tuple(one.name for one in fields(value) if one.init)
+    return getattr(value, "_fields", None) if isinstance(value, tuple) else None
+
+
+def _refuse(value: object) -> object:
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+def _named(value: object) -> object:
+    """A function by its name, a call that is still to be made by what it calls with what."""
+    if isinstance(value, partial):
+        return value.func, value.args, value.keywords
+    if not callable(value) or "<" in getattr(value, "__qualname__", "<"):
+        _refuse(value)
+    own = getattr(value, "__self__", None)  # a method counts with the object it belongs to
+    return f"{value.__module__}:{value.__qualname__}", None if isinstance(own, type | ModuleType) else own  # type: ignore[attr-defined]
+
+
+def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:
+    """The inverse of :func:`_plain`."""
+    if isinstance(plain, list):
+        return [_made(one, members) for one in plain]
+    if not isinstance(plain, dict):
+        return plain
+    ((kind, content),) = ((key, one) for key, one in plain.items() if key != "fields")
+    if kind == _ARRAY:
+        return members[f"a{content}"]
+    if kind == _SCALAR:
+        return members[f"a{content}"][()]
+    if kind == _TUPLE:
+        return tuple(_made(one, members) for one in content)
+    if kind == _DICT:
+        return {_made(key, members): _made(one, members) for key, one in content}
+    return _class(content)(**{name: _made(one, members) for name, one in plain["fields"].items()})
+
+
+def _class(name: str) -> Any:
+    """A record of this package; anything else is refused."""
+    module, _, qualified = name.partition(":")
+    found = getattr(import_module(module), qualified, None) if module.startswith(_OURS) else None
+    if not isinstance(found, type) or not (is_dataclass(found) or hasattr(found, "_fields")):
+        raise InputError(f"{name} is not a record of this package")
+    return found

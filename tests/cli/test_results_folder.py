@@ -1,0 +1,101 @@
+"""The results folder of a study: whose pictures are drawn, one report or an index with pages, jobs that carry keys."""
+
+import pickle
+import re
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from commands import inside
+
+from bayes_toe.cli import report, results_folder
+from bayes_toe.cli.attention import flagged
+from bayes_toe.cli.results_folder import Drawing, Drawn, draw_corners, write_results
+from bayes_toe.comparison.presets import UnderPresets
+from bayes_toe.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def marked(analysis):
+    """The analysis of three subjects, of whom one is misfit and named differently by the presets, and one lacks an evidence."""
+    first, second, third = analysis.evidence
+    rows = (replace(first, fit=replace(first.fit, p_overall=0.001)), second, replace(third, log_evidence_symmetric=None))
+    moved = UnderPresets("A", {"paper": (0.0, -9.0, -9.0), "stimuli": (-9.0, -9.0, 0.0)})
+    return replace(
+        analysis, evidence=replace(analysis.evidence, rows=rows), presets=(moved, UnderPresets("B", dict.fromkeys("ab", (0.0, 0.0, 0.0))))
+    )
+
+
+def test_who_must_be_looked_at_and_why(marked):
+    assert flagged(marked.evidence, (), marked.presets) == {"A": ("misfit", "prior decides"), "C": ("evidence withheld",)}
+    assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)
+    assert set(results_folder.PICTURE_BYTES) == {"all", "flagged", "none"}
+
+
+@pytest.mark.parametrize(("which", "drawn"), [("all", "ABC"), ("flagged", "AC"), ("none", "")])
+def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn):
+    told = []
+    write_results(marked, tmp_path / "out", pictures=Drawn(which), workers=1, progress=told.append)
+    corners = tmp_path / "out" / "corner"
+    assert sorted(file.stem for file in corners.glob("*")) == list(drawn)
+    assert corners.exists() == bool(drawn)
+    assert told == list(drawn)
+    text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
+    assert text.count("data:image/png") == 4 + 2 * len(drawn)
+    assert text.count("Not drawn (--pictures") == 3 - len(drawn)
+    said = {
+        "all": "Answers and fitted curves",
+        "flagged": "drawn of 2 subjects (--pictures flagged: misfit, ",
+        "none": "drawn of no subjects",
+    }
+    assert said[which] in text
+    assert {path.name for path in (tmp_path / "out").iterdir()} <= {*results_folder.PRODUCTS, ".bayes_toe_files.json"}
+    summary = marked.draws.summary()
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "summary.csv", keep_default_na=False), summary, check_exact=True)
+
+
+def test_an_unknown_choice_of_pictures_is_refused_before_the_work(tmp_path):
+    with pytest.raises(InputError, match="allowed are all, flagged, none"):
+        Drawn("some")
+    done = inside("run", "-o", tmp_path / "out", "--pictures", "some")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marked, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "MOST_IN_ONE", 2)
+    out = tmp_path / "out"
+    write_results(marked, out, pictures=Drawn("flagged"), workers=1)
+    index = (out / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r'href="(subjects/[^"]+)"', index) == ["subjects/A.html", "subjects/C.html", "subjects/B.html"]  # flagged ones first
+    assert index.count("data:image/png") == 4
+    assert "<section" not in index.split('id="prior"')[0]
+    assert "2 of 3 must be looked at" in index
+    pages = {name: (out / "subjects" / f"{name}.html").read_text(encoding="utf-8") for name in "ABC"}
+    assert {name: text.count("data:image/png") for name, text in pages.items()} == {"A": 2, "B": 0, "C": 2}
+    assert "H1 does not describe the answers" in pages["A"]
+    assert "The choice of the prior decides: A: no order effect" in pages["A"]
+    assert all('href="../report.html#method"' in text and "sigma_p" in text for text in pages.values())
+    monkeypatch.setattr(report, "MOST_IN_ONE", 200)
+    write_results(marked, out, overwrite=True, pictures=Drawn("none"), workers=1)  # leaves none of the pages behind
+    assert not (out / "subjects").exists()
+    assert not (out / "corner").exists()
+
+
+def test_a_drawing_job_carries_a_key_and_a_process_opens_the_file_once(analysis, tmp_path, monkeypatch):
+    file = analysis.draws.save(tmp_path / "posterior.nc")
+    loads, load = [], results_folder.load
+    monkeypatch.setattr(results_folder, "load", lambda path: loads.append(path) or load(path))
+    results_folder._opened.cache_clear()
+    draw_corners(file, {"A": "a.png", "B": "b.png"}, tmp_path, workers=1)
+    assert loads == [file]
+    assert (tmp_path / "a.png").read_bytes() == results_folder.png(results_folder.corner(analysis.draws, "A"), dpi=110)
+    assert len(pickle.dumps(Drawing(file, 1, "A"))) < 500
+    assert Drawing(file, 1, "A").draws.names == ("A", "B", "C")
+    assert len(loads) == 2  # the file may be another one: its time is
+    results_folder._opened.cache_clear()
+
+
+def test_what_a_page_lists_ends_with_a_count():
+    assert report._head({"a": 1, "b": 2, "c": 3}, 2) == ([("a", 1), ("b", 2)], 1)
+    assert report._head(["a"], None) == (["a"], 0)

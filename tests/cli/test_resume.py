@@ -1,0 +1,56 @@
+"""Commands that are killed, and go on: the same results to the bit, and nothing left of the way there."""
+
+import random
+import time
+
+import pytest
+from commands import call, inside
+from conftest import grouped_csv
+from processes import needs_proc, start, until, until_gone
+
+import bayes_toe as bt
+
+pytestmark = needs_proc
+PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Four subjects with few pairs."""
+    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABCD")]
+    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    return tmp_path
+
+
+def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(folder):
+    """Killed without warning, three times, a moment after the next subject is there."""
+    options, random_moment = ("--seed", "1", "--draws", "100"), random.Random(7)
+    for kill in range(3):
+        running = start("run", "study.csv", "-o", "out", "--resume", "--workers", "2", *options, cwd=folder)
+        until(lambda kill=kill, running=running: len(list(folder.glob("out.partial/*.kept"))) > kill or running.poll() is not None)
+        time.sleep(random_moment.random() * 0.5)
+        running.kill()
+        running.communicate()
+        until_gone(running.pid)
+    refused = inside("run", "study.csv", "-o", "out", *options, cwd=folder)
+    if not (folder / "out").exists():
+        assert refused.returncode == 2
+        assert "go on with --resume or begin anew with --overwrite" in refused.stderr
+        resumed = call("run", "study.csv", "-o", "out", "--resume", *options, cwd=folder)
+        assert resumed.returncode == 0
+        assert "of 4 subjects taken from out.partial" in resumed.stdout
+    assert sorted(path.name for path in folder.iterdir()) == ["out", "study.csv"]
+    assert inside("run", "study.csv", "-o", "calm", *options, cwd=folder).returncode == 0
+    for name in PRODUCTS:
+        assert (folder / "out" / name).read_bytes() == (folder / "calm" / name).read_bytes()
+
+
+def test_what_was_kept_is_thrown_away_where_that_is_asked_for(folder):
+    (folder / "evidence.csv.partial").mkdir()
+    (folder / "evidence.csv.partial" / "0.kept").write_text("of another time")
+    options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1")
+    refused = inside(*options, cwd=folder)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "evidence.csv.partial: holds 1 results of a stopped command" in refused.stderr
+    assert inside(*options, "--overwrite", cwd=folder).returncode == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["evidence.csv", "study.csv"]

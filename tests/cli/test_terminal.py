@@ -1,0 +1,65 @@
+"""What the terminal says of very many subjects: so much as can be read, those first that need attention, and a count of the rest."""
+
+from dataclasses import replace
+
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.cli.summaries import say_draws, say_evidence, say_fits
+from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, new_console, once, say_lines, say_table
+
+
+def rows_of(text, names):
+    """Which of the names begin a row of a table, in their order."""
+    first = [line.strip("│ ").split(" ")[0] for line in text.splitlines() if line.startswith("│")]
+    return [one for one in first if one in names]
+
+
+@pytest.fixture
+def many(analysis):
+    """A hundred subjects, of whom the last is misfit and the one before lacks an evidence."""
+    rows = [replace(analysis.evidence.rows[i % 3], subject=f"S{i}", notes=("the same note",)) for i in range(100)]
+    rows[98] = replace(rows[98], log_evidence_symmetric=None)
+    rows[99] = replace(rows[99], fit=replace(rows[99].fit, p_overall=0.001))
+    return bt.EvidenceTable(tuple(rows))
+
+
+def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(many, capsys):
+    say_evidence(new_console(False), many, "evidence.csv")
+    said = capsys.readouterr().out
+    shown = rows_of(said, {row.subject for row in many})
+    assert shown == 2 * ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]  # both tables
+    assert said.count("... and 50 more in evidence.csv") == 2
+    assert "misfit S99: predictive p" in said
+    assert f"S{MOST_NAMES - 1}, ... and 80 more: the same note" in said
+
+
+def test_up_to_so_many_rows_all_are_there_in_their_order(many, capsys):
+    few = bt.EvidenceTable((many.rows[99], *many.rows[: MOST_ROWS - 1]))
+    say_evidence(new_console(False), few)
+    said = capsys.readouterr().out
+    assert rows_of(said, {row.subject for row in few}) == 2 * [row.subject for row in few]
+    assert "more in" not in said
+
+
+def test_medians_of_many_are_of_those_first_that_did_not_converge(analysis, capsys, monkeypatch):
+    monkeypatch.setattr("bayes_toe.cli.terminal.MOST_ROWS", 2)
+    monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
+    say_draws(new_console(False), analysis.draws, "summary.csv")
+    said = capsys.readouterr().out
+    assert rows_of(said, set("ABC")) == ["C", "A"]
+    assert "... and 1 more in summary.csv" in said
+    assert "not converged C: few draws" in said
+
+
+def test_a_table_lines_and_notes_that_are_cut_say_so(analysis, capsys):
+    console = new_console(False)
+    say_table(console, "title", [{"subject": f"S{i}"} for i in range(1100)])
+    assert "... and 1,050 more in the output" in capsys.readouterr().out
+    say_lines(console, ((f"line {i}", "yellow" if i == 70 else None) for i in range(80)))
+    lines = capsys.readouterr().out.splitlines()
+    assert (lines[:2], lines[-1]) == (["line 70", "line 0"], "... and 30 more in the output")
+    fit = replace(analysis.fits.rows[0], notes=tuple(f"note {i}" for i in range(25)))
+    say_fits(console, replace(analysis.fits, rows=(fit,)))
+    assert "... and 5 more in the output" in capsys.readouterr().out
+    assert once([(f"S{i}", "short") for i in range(MOST_NAMES + 1)])[0].endswith("S19, ... and 1 more: short")

@@ -1,0 +1,216 @@
+"""Work shared on a real Dask cluster: two worker processes of this machine."""
+
+import os
+import signal
+import socket
+import time
+from _thread import interrupt_main
+from contextlib import closing
+from functools import partial
+from threading import Timer
+
+import numpy as np
+import pytest
+import xarray as xr
+from commands import inside
+from conftest import grouped_csv
+from processes import until
+
+import bayes_toe as bt
+from bayes_toe import cluster
+from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.workers import Failed, run_in_order, run_or_fail
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def dask():
+    """A cluster that tries a job once more whose worker died."""
+    from dask import config
+
+    with config.set({"distributed.scheduler.allowed-failures": 1}):
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2")  # as where Dask's own setting of 1 is not in force
+        made = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0, env=threads)
+    with made:
+        yield made
+
+
+@pytest.fixture
+def client(dask):
+    with distributed.Client(dask) as made:
+        made.wait_for_workers(2)
+        yield made
+
+
+@pytest.fixture(scope="module")
+def two():
+    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("AB")]
+    return bt.Study(few)
+
+
+def tasks_of(client):
+    return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
+
+
+def die(main, marks, deaths):
+    """Kill the worker that is at it, as often as told."""
+    assert os.getpid() != main
+    with open(marks, "a") as file:
+        file.write("x")
+    if marks.stat().st_size <= deaths:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def slow(value):
+    time.sleep(0.1)
+    return value
+
+
+def test_numbers_are_those_of_this_process(client, two, tmp_path):
+    there, here = (bt.sample(two, model="symmetric", draws=300, seed=1, workers=workers) for workers in (client, 1))
+    there.save(tmp_path / "draws.nc")  # beside a client that is the session's
+    for group in ("posterior", "sample_stats"):
+        xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), here.group(group))
+
+
+def test_jobs_wait_here_and_results_do_not_stay_there(client):
+    jobs, there = [partial(slow, k) for k in range(20)], []
+    assert run_in_order(jobs, client, lambda _: there.append(tasks_of(client)), [("",)] * 20) == [*range(20)]
+    assert max(there) <= 3  # what both workers are at, and the result that is in hand
+    until(lambda: tasks_of(client) == 0)
+
+
+def test_an_interrupt_cancels_what_is_there(client):
+    press = Timer(0.1, interrupt_main)
+    with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
+        run_in_order([partial(slow, k) for k in range(50)], client, lambda _: press.start(), [("",), *((),) * 49])
+    until(lambda: tasks_of(client) == 0)
+    assert error.tb is not None
+
+
+def test_a_large_job_is_no_reason_to_warn(client):
+    assert run_in_order([partial(len, bytes(11_000_000))], client, None, [()]) == [11_000_000]
+
+
+def blas():
+    from threadpoolctl import threadpool_info
+
+    np.linalg.inv(np.eye(2))
+    return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+
+
+def test_every_worker_has_one_blas_thread(client):
+    for threads in run_in_order([blas] * 2, client, None, [()] * 2):
+        assert set(threads) == {1}
+
+
+@pytest.fixture
+def other_version(monkeypatch):
+    """This process has another version than the cluster."""
+    other = {**cluster.versions(), "bayes_toe": "9.9"}
+    monkeypatch.setattr(cluster, "versions", lambda: other)
+    return r" has bayes_toe [\d.]+, this process 9\.9: they have to be the same$"
+
+
+def test_another_version_there_is_refused_in_one_line(client, two, other_version, monkeypatch):
+    monkeypatch.setattr(client, "run_on_scheduler", lambda _: {**cluster.versions(), "bayes_toe": "0.1"})
+    with pytest.raises(InputError, match="^the scheduler" + other_version):
+        bt.sample(two, draws=300, seed=1, workers=client)
+
+
+def test_a_worker_that_comes_later_refuses_work_of_another_version(client, other_version, monkeypatch):
+    monkeypatch.setattr(cluster, "_require_same_versions", lambda _: None)
+    with pytest.raises(InputError, match=r"^the worker on \S+" + other_version):
+        run_in_order([partial(slow, 1)], client, None, [()])
+
+
+def test_a_cluster_without_the_package_is_refused():
+    cluster._require_same("tcp://a:1", cluster.versions(), cluster.versions())
+    with pytest.raises(InputError, match=r"^tcp://a:1 lacks what this process has: No module named 'bayes_toe'$"):
+        cluster._require_same("tcp://a:1", ModuleNotFoundError("No module named 'bayes_toe'"), cluster.versions())
+
+
+def test_errors_of_a_job_are_those_of_this_process(client):
+    with pytest.raises(InputError, match=r"^no$"):
+        run_in_order([partial(refuse)], client, None, [()])
+
+
+def refuse():
+    raise InputError("no")
+
+
+@pytest.mark.parametrize("workers", ["4", 2.5, object()])
+def test_what_is_no_client_is_refused(two, workers):
+    with pytest.raises(InputError, match=r"allowed is a number of processes from 1, or a distributed\.Client"):
+        bt.sample(two, workers=workers)
+
+
+def test_a_closed_client_is_refused(dask, two):
+    with distributed.Client(dask, set_as_default=False) as closed:
+        pass
+    with pytest.raises(WorkerError, match=r"^the Dask client is closed$"):
+        bt.sample(two, workers=closed)
+
+
+# --- commands -----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, two):
+    grouped_csv(tmp_path / "study.csv", two)
+    yield tmp_path
+    cluster.leave()
+
+
+def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
+    options = ("fit", "study.csv", "--replicates", "20", "--seed", "1")
+    there = inside(*options, "-o", "there.csv", "--engine", "dask", "--scheduler", dask.scheduler_address, cwd=folder)
+    assert there.returncode == 0, there.stderr
+    assert f"workers: 2 at {dask.scheduler_address}" in there.stdout
+    inside(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
+    assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--engine", "ray"), "--engine ray: allowed: local, dask"),
+        (("--engine", "dask"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
+        (
+            ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"),
+            "--workers 2 is of --engine local: the workers of a cluster are those it has",
+        ),
+        (("--engine", "dask", "--scheduler", "nonsense"), "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'"),
+        (("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s"),
+    ],
+)
+def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    done = inside("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder)
+    assert (done.returncode, done.stderr) == (2, f"error: {said}\n")
+
+
+def test_something_else_that_listens_is_no_scheduler(folder, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    with closing(socket.create_server(("127.0.0.1", 0))) as silent, pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"):
+        cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+
+
+def test_a_worker_is_no_scheduler(client):
+    worker = next(iter(client.nthreads()))
+    with pytest.raises(WorkerError, match=f"^no Dask scheduler at '{worker}': that is a worker$"):
+        cluster.connect(worker)
+
+
+# --- deaths, last: a fresh worker loads everything anew --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("deaths", "expected"), [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))])
+def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(client, tmp_path, deaths, expected):
+    jobs, said = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k) for k in range(8))], []
+    assert run_or_fail(jobs, client, said.append, [(str(k),) for k in range(9)]) == [expected, *range(8)]
+    assert (tmp_path / "marks").stat().st_size == 2
+    assert sorted(said) == sorted(map(str, range(9)))

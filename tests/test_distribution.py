@@ -1,0 +1,43 @@
+"""What is handed on: the sdist has what its texts link to, and the constraints are versions of everything that is required."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).resolve().parents[1]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+INCLUDED = [ROOT / name for name in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]]
+TEXTS = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+PYTHONS = [words.rsplit(" ", 1)[1] for words in SETTINGS["project"]["classifiers"] if words.startswith("Programming Language")]
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda text: text.name)
+def test_the_sdist_has_every_text_and_what_it_links_to(text):
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text.read_text(encoding="utf-8"))
+    for path in [text, *((text.parent / link).resolve() for link in links)]:
+        assert path.exists(), path
+        assert any(path.is_relative_to(included) for included in INCLUDED), path
+
+
+def _required(extra):
+    """The requirements of an extra, those of the extras that it names in their place."""
+    for words in SETTINGS["project"]["optional-dependencies"][extra]:
+        wanted = Requirement(words)
+        if wanted.name == "bayes_toe":
+            for other in wanted.extras:
+                yield from _required(other)
+        else:
+            yield wanted
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_constraints_are_versions_of_all_that_is_required(python):
+    lines = (ROOT / "constraints" / f"python{python}.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.replace("_", "-").lower().split("==") for line in lines if not line.startswith("#"))
+    for wanted in [*map(Requirement, SETTINGS["project"]["dependencies"]), *_required("test")]:
+        if wanted.marker is None or wanted.marker.evaluate({"python_version": python}):
+            name = wanted.name.replace("_", "-").lower()
+            assert wanted.specifier.contains(pinned[name]), wanted
