@@ -167,8 +167,11 @@ def _tell(progress: Progress | None, names: Sequence[tuple[str, ...]]) -> None:
 
 @cache
 def _versions() -> tuple[str, ...]:
-    """Everything outside a job that decides its result."""
-    return (*(importlib.metadata.version(name) for name in _DECIDING), platform.python_version(), platform.machine())
+    """Everything outside a job that decides its result; the last digits also by the kind of processor, for which BLAS has its kernels."""
+    from threadpoolctl import threadpool_info
+
+    kernels = sorted({one["architecture"] for one in threadpool_info() if one.get("architecture")})
+    return (*(importlib.metadata.version(name) for name in _DECIDING), platform.python_version(), platform.machine(), *kernels)
 
 
 def _hold(folder: Path, held: ExitStack) -> None:

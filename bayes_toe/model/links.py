@@ -226,8 +226,9 @@ class Lapsing:
         With the share rho of the part that attends, g = rho g_b + (1 - rho) g_a and
         H = rho H_b + (1 - rho) H_a + rho (1 - rho) (g_b - g_a)(g_b - g_a)'. In the logit of lambda, g is G = lambda (1 - lambda) (q0 - Q)/P
         for 'equal' and its like of other sign for 'different', by the fall q0 - Q of the curve, and the second derivative is
-        G (1 - 2 lambda - G). In the logit of the peak, g_b - g_a of 'equal' is what the shape of a curve changes with its peak (nothing,
-        where P(equal) is the peak times a shape), and that of 'different' is (q0 - Q)/(1 - Q) less Q/(1 - Q) times that.
+        G (1 - 2 lambda - G) = G ((1 - lambda) rho - lambda (1 - rho)), which does not cancel where lapses alone explain an answer. In the
+        logit of the peak, g_b - g_a of 'equal' is what the shape of a curve changes with its peak (nothing, where P(equal) is the peak
+        times a shape), and that of 'different' is (q0 - Q)/(1 - Q) less Q/(1 - Q) times that.
         """
         fall, base, log_q = self.link.log_fall(z, *own[:-1]), self.link.slopes(z, *own[:-1]), self.link.log_answers(z, *own[:-1])
         shape = base[0].own[0] - expit(-own[0])
@@ -272,7 +273,7 @@ def _mixed(
         attended * base.stretch + both * base.z * (z * base.z),
         (attended * base.own[0] + lapsed * blind, *(attended * part for part in base.own[1:]), moved),
         (*(attended * mixed + both * base.z * part for mixed, part in zip(base.z_own, apart, strict=True)), -both * base.z),
-        (*triangle, (*(-both * part for part in apart), moved * (1.0 - 2.0 * expit(rate) - moved))),
+        (*triangle, (*(-both * part for part in apart), moved * (expit(-rate) * attended - expit(rate) * lapsed))),
     )
 
 

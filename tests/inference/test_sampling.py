@@ -11,9 +11,11 @@ import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
+from bayes_toe.inference.draws import build_draws
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.inference.subject import Settings, Wanted, infer
+from bayes_toe.inference.subject_draws import subject_draws
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
@@ -125,7 +127,7 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     [result] = sampled(hard, settings)
     assert not result.chains.converged
     assert "required" in result.chains.reason
-    draws = bt.Draws(__import__("bayes_toe.inference.draws", fromlist=["build_draws"]).build_draws(hard, [result], settings).tree)
+    draws = build_draws(hard, [subject_draws(result)], settings)
     assert list(draws.not_converged) == ["guessing at 0.5"]
 
 

@@ -132,3 +132,19 @@ def test_slopes_exist_where_a_steep_curve_has_fallen_beyond_the_largest_float():
     for one in (equal, different, EXPONENT.slopes(z, *own)[1]):
         assert [float(part[0, 0]) for part in (one.z, one.zz, one.stretch, one.own[1], one.z_own[0], one.z_own[1])] == 6 * [0.0]
         assert np.isfinite([part[0, 0] for row in (one.own, *one.own_own) for part in row]).all()
+
+
+@pytest.mark.parametrize("rate", [-5.0, -12.0, -30.0])
+@pytest.mark.parametrize("z", [0.3, 4.0, 9.0])
+def test_the_curvature_in_rare_lapses_is_exact_where_they_alone_explain_an_answer(rate, z):
+    """1 - 2 lambda - G lost the digits of lambda: at a lapse in a million, six."""
+    peak = 1.3
+    found = Lapsing(BELL).slopes(np.array([[z]]), np.array([[peak]]), np.array([[rate]]))
+    with mp.workdps(60):
+        q0, lapses = (1 / (1 + mp.exp(-mp.mpf(x))) for x in (peak, rate))
+        curve = q0 * mp.mpf(2) ** (-(mp.mpf(z) ** 2))
+        for blind, attended, of in ((q0, curve, found[0]), (1 - q0, 1 - curve, found[1])):
+            both = lapses * blind + (1 - lapses) * attended
+            first = lapses * (1 - lapses) * (blind - attended) / both
+            truth = first * (1 - 2 * lapses - first)
+            assert of.own_own[-1][-1][0, 0] == pytest.approx(float(truth), rel=1e-13, abs=0)
