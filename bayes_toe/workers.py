@@ -231,7 +231,7 @@ def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple
         while left:
             own = sharing.next()
             if own is not None:
-                yield own, jobs[own]()
+                yield own, _apart(jobs[own])()
                 left -= 1
             while left and (own is None or not sharing.done.empty()):
                 found = sharing.heard()
@@ -243,6 +243,17 @@ def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple
         raise
     finally:
         sharing.waiting.clear()
+
+
+def _apart(job: Callable[[], Result]) -> Callable[[], Result]:
+    """A job as a worker receives it.
+
+    A thread makes others ready to be sent meanwhile, and what jobs share must not change under it: objects remember what they computed.
+    """
+    from cloudpickle import dumps, loads
+
+    copy: Callable[[], Result] = loads(dumps(job))
+    return copy
 
 
 class _Sharing(Generic[Result]):

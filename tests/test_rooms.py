@@ -44,6 +44,7 @@ OWNERS = {
     "matplotlib": {"plots"},
     "corner": {"plots"},
     "loky": {"workers"},
+    "cloudpickle": {"workers"},
     "distributed": {"cluster", "workers"},
     "typer": {"cli"},
     "rich": {"cli"},

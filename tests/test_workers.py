@@ -75,3 +75,22 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(
     names = [("a",), (), ("b", "c"), ("d",)]
     assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, said.append, names) == [1, 2, 4, 8]
     assert sorted(said) == ["a", "b", "c", "d"]
+
+
+class Remembering:
+    """An object that grows while it is used, as one with cached properties does."""
+
+    def __init__(self):
+        self.size = 3000
+
+    def used(self, index):
+        for k in range(self.size):
+            setattr(self, f"{index}_{k}", k)
+        return index
+
+
+def test_jobs_may_share_what_remembers_what_it_computed():
+    shared = Remembering()
+    jobs = [partial(shared.used, index) for index in range(40)]
+    assert run_in_order(jobs, 2, None, [()] * 40) == list(range(40))
+    assert vars(shared) == {"size": 3000}
