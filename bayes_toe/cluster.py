@@ -12,6 +12,7 @@ from importlib.metadata import version
 from itertools import islice
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
+from uuid import uuid4
 
 from bayes_toe.errors import InputError, WorkerError
 
@@ -80,31 +81,30 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[
     require_open(client)
     _require_same_versions(client)
     from dask import config
-    from distributed import as_completed
+    from distributed import Future, as_completed
 
     waiting, done = iter(enumerate(jobs)), as_completed(loop=client.loop)
-    under_way: dict[Future, int] = {}
+    there: dict[str, int] = {}  # every key that may be known there: an interrupt can come between any two lines
     begin = partial(_job_there, versions())
 
-    def fill() -> None:
-        for index, job in islice(waiting, max(0, _places(client) - len(under_way))):
+    def fill(places: int) -> None:
+        for index, job in islice(waiting, max(0, places - len(there))):
+            there[key := f"bayes_toe-{uuid4().hex}"] = index
             with config.set(_LARGE_JOBS):
-                future = client.submit(partial(begin, job), pure=False)
-            under_way[future] = index
-            done.add(future)
+                done.add(client.submit(partial(begin, job), key=key, pure=False))
 
     try:
-        fill()
+        fill(_places(client))
         for future in done:
-            index = under_way.pop(future)
             if future.cancelled():
                 raise WorkerError(_GONE)
-            fill()  # before the result is fetched: nobody there waits for it
-            yield index, _result(future, lost)
+            fill(_places(client) + 1)  # before the result is fetched: nobody there waits for it
+            yield there[future.key], _result(future, lost)
             future.release()
+            del there[future.key]
     finally:
-        if under_way and client.status == "running":
-            client.cancel(list(under_way))
+        if there and client.status == "running":
+            client.cancel([Future(key, client) for key in there])
 
 
 def aside() -> AbstractContextManager[object]:

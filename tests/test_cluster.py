@@ -63,8 +63,8 @@ def die(main, marks, deaths):
     return "alive"
 
 
-def slow(value):
-    time.sleep(0.1)
+def slow(value, seconds=0.1):
+    time.sleep(seconds)
     return value
 
 
@@ -82,10 +82,12 @@ def test_jobs_wait_here_and_results_do_not_stay_there(client):
     until(lambda: tasks_of(client) == 0)
 
 
-def test_an_interrupt_cancels_what_is_there(client):
-    press = Timer(0.1, interrupt_main)
+@pytest.mark.parametrize("delay", np.linspace(0.0, 0.15, 10).round(3))
+def test_an_interrupt_cancels_what_is_there(client, delay):
+    """Wherever it comes: while jobs are handed over, waited for or fetched."""
+    press = Timer(delay, interrupt_main)
     with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
-        run_in_order([partial(slow, k) for k in range(50)], client, lambda _: press.start(), [("",), *((),) * 49])
+        run_in_order([partial(slow, k, 0.01) for k in range(500)], client, lambda _: press.start(), [("",), *((),) * 499])
     until(lambda: tasks_of(client) == 0)
     assert error.tb is not None
 
