@@ -25,7 +25,7 @@ _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the su
 _COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
-_LARGE = 10_000  # draws of the round after these, which shows more of the tails
+_LARGE = 4000  # draws of the round after these, which shows more of the tails
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Stage:
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
 STAGES = (
-    Stage(components=16, draws=2000, rounds=6, enough=0.75, cover_share=0.05),
+    Stage(components=8, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 _POOR = 0.5  # efficiency below which the second stage runs
@@ -88,7 +88,8 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxim
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
     best = _best(history)
-    judged = [_judged(_refitted([_round(best.proposal, rng, _LARGE)], stage, _PATCHES), rng, draws)]
+    sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
+    judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
     chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)

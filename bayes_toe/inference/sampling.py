@@ -10,7 +10,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, quantile_errors
-from bayes_toe.inference.moves import moves
+from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
 from bayes_toe.seeds import generator, stream
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
+_USUAL_BURN_IN = 5
+#: Efficiency of a proposal below which two draws of successive steps are worth less than one effective draw.
+_SLOW = 0.86
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,17 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16.
+        """Steps kept of every walker: enough for twice the effective draws asked for, and never fewer than 16.
 
         Where quantiles are judged, enough for 10,000 draws.
         """
-        kept = max(5 * self.draws, 2 * _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
-        return max(16, -(-kept // (2 * self.ensembles * self.walkers)))
+        kept = max(2 * self.draws, _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
+        return max(16, -(-kept // (self.ensembles * self.walkers)))
+
+    @property
+    def proposals(self) -> int:
+        """About how many proposals the ensembles need: by so many draws a proposal is judged, and these are then the first of them."""
+        return self.ensembles * self.walkers * (self.kept_steps + _USUAL_BURN_IN)
 
     @property
     def required(self) -> int:
@@ -151,7 +159,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
-    thin = 1
+    thin = 2 if fitted.efficiency < _SLOW and settings.max_thin > 1 else 1
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
@@ -181,7 +189,9 @@ class _Ensemble:
         posterior = fitted.proposal.posterior
         name = posterior.subject.name
         random = np.random.RandomState(np.random.MT19937(stream(seed, name, posterior.model.name, "ensemble", index)))
-        self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
+        judging = len(fitted.draws.x) // settings.ensembles
+        stock = Stock(fitted.proposal, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
+        self._sampler = _sampler(posterior, settings.walkers, moves(fitted, stock))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
         start = _dispersed(fitted, random, settings.walkers)
