@@ -19,7 +19,7 @@ from pathlib import Path, PurePosixPath
 
 from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
 from bayes_toe.data.stores import is_store, named_store
-from bayes_toe.data.unfinished import HIDDEN, free_name
+from bayes_toe.data.unfinished import HIDDEN, flocked, free_name
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
 
@@ -169,16 +169,11 @@ def _workshop(target: Path) -> Iterator[Path]:
 
 
 def _lock(folder: Path, held: ExitStack) -> bool:
-    """Whether this process now holds the folder; the lock ends with the process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: nothing is known of other processes, and nothing of theirs is swept
-        return False
+    """Whether this process now holds the folder."""
     with suppress(OSError):
         opened = os.open(folder, os.O_RDONLY)
         held.callback(os.close, opened)
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
+        return flocked(opened) is True  # without locks nothing is known of other processes, and nothing of theirs is swept
     return False
 
 

@@ -5,7 +5,6 @@ Large variables have a part for every subject, which lies in one chunk of the fi
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,6 +20,7 @@ from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.subject import Settings
 from bayes_toe.inference.subject_draws import SubjectDraws
 from bayes_toe.model.ladder import model_named
+from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -214,8 +214,7 @@ def _long_group(study: Study, key: str) -> xr.Dataset:
 
 def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, Any]:
     record = model_named(settings.model)
-    packages = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "xarray")
-    versions = {name: importlib.metadata.version(name) for name in packages} | {"python": platform.python_version()}
+    versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,
         "synthetic": int(study.synthetic),

@@ -241,7 +241,7 @@ def test_commands_write_and_take_stores(small_study, tmp_path):
     ],
 )
 def test_refusals_are_one_line_before_the_work(study_csv, tmp_path, monkeypatch, words, said):
-    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     (tmp_path / "theirs" / "posterior.zarr").mkdir(parents=True)
     (tmp_path / "theirs" / "posterior.zarr" / "zarr.json").write_text('{"attributes": {}}')
     done = inside(*(study_csv if word == "STUDY" else word for word in words), cwd=tmp_path)
@@ -253,6 +253,6 @@ def test_refusals_are_one_line_before_the_work(study_csv, tmp_path, monkeypatch,
 @pytest.mark.parametrize("words", [("run", "STUDY", "--store", "zarr"), ("sample", "STUDY", "-o", "p.zarr"), ("corner", "STORE")])
 def test_without_the_library_one_line_names_the_extra(store, study_csv, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "zarr.codecs", None)
-    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     done = inside(*({"STUDY": study_csv, "STORE": store}.get(word, word) for word in words), cwd=store.parent)
     assert (done.returncode, done.stderr) == (2, "error: Zarr 3 is not installed: pip install 'bayes_toe[zarr]'\n")
