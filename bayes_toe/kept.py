@@ -17,7 +17,7 @@ from itertools import compress
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from bayes_toe.data.places import make_folders, remove_empty, reporting, shown
+from bayes_toe.data.places import make_folders, naming, remove_empty, reporting, shown
 from bayes_toe.data.unfinished import Standing, flocked, sweep, under_way
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
@@ -104,11 +104,8 @@ class Kept:
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
     def _put(self, file: Path, content: bytes) -> None:
-        try:
-            with whole_file(file, overwrite=True) as target:
-                target.write_bytes(content)
-        except OutputError as error:  # names of these files say nothing to a reader
-            raise OutputError(str(error).replace(shown(file), shown(self.folder))) from error
+        with naming(file, self.folder), whole_file(file, overwrite=True) as target:
+            target.write_bytes(content)
 
 
 @contextmanager
