@@ -1,7 +1,6 @@
 """Work shared on a real Dask cluster: two worker processes of this machine."""
 
 import os
-import signal
 import socket
 import time
 from _thread import interrupt_main
@@ -14,7 +13,7 @@ import pytest
 import xarray as xr
 from commands import inside
 from conftest import grouped_csv
-from processes import until
+from processes import die, until
 
 import bayes_toe as bt
 from bayes_toe import cluster
@@ -51,16 +50,6 @@ def two():
 
 def tasks_of(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
-
-
-def die(main, marks, deaths):
-    """Kill the worker that is at it, as often as told."""
-    assert os.getpid() != main
-    with open(marks, "a") as file:
-        file.write("x")
-    if marks.stat().st_size <= deaths:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "alive"
 
 
 def slow(value, seconds=0.1):

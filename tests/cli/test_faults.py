@@ -108,8 +108,8 @@ CASES = [
 
 @pytest.mark.parametrize(("number", "when"), CASES, ids=lambda value: getattr(value, "name", None) or value.__name__)
 def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(running, number, when):
-    until(lambda: when(running))
-    os.kill(running.pid, number)
+    until(lambda: when(running), running)
+    running.send_signal(number)
     until_gone(running.pid)
     _, errors = running.communicate()
     kept = len(list(running.folder.glob("out.partial/*.kept")))
@@ -120,7 +120,7 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(runni
 
 
 def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
-    until(lambda: sampling(running))
+    until(lambda: sampling(running), running)
     os.killpg(running.pid, signal.SIGINT)
     errors = running.communicate()[1]
     assert errors == f"stopped by SIGINT: {said(len(list(running.folder.glob('out.partial/*.kept'))))}\n"
@@ -128,7 +128,7 @@ def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
 
 
 def test_what_a_killed_command_leaves_is_ended_and_swept(running):
-    until(lambda: drawing(running))
+    until(lambda: drawing(running), running)
     running.kill()
     running.communicate()
     until_gone(running.pid)

@@ -27,7 +27,7 @@ def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(f
     options, random_moment = ("--seed", "1", "--draws", "100"), random.Random(7)
     for kill in range(3):
         running = start("run", "study.csv", "-o", "out", "--resume", "--workers", "2", *options, cwd=folder)
-        until(lambda kill=kill, running=running: len(list(folder.glob("out.partial/*.kept"))) > kill or running.poll() is not None)
+        until(lambda kill=kill: len(list(folder.glob("out.partial/*.kept"))) > kill, running)
         time.sleep(random_moment.random() * 0.5)
         running.kill()
         running.communicate()
