@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import compress
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -24,7 +24,7 @@ from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, is_whole, packed, unpacked
 from bayes_toe.seeds import root_seed
 from bayes_toe.version import library_versions
-from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail
+from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
 
 Result = TypeVar("Result")
 _SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
@@ -92,7 +92,7 @@ class Kept:
         missing = [index for index, taken in enumerate(there) if not taken]
         failed: dict[int, Failed] = {}
         under_way[self.folder] = Standing(sum(there), sum(there), len(jobs), self.what)
-        _tell(progress, [*compress(names, there)])
+        tell(progress, chain.from_iterable(compress(names, there)))
         for at, result in run_jobs([jobs[index] for index in missing], workers):
             index = missing[at]
             if isinstance(result, Failed):
@@ -100,7 +100,7 @@ class Kept:
             else:
                 self._put(files[index], packed(result))
                 under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
-            _tell(progress, [names[index]])
+            tell(progress, names[index])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
     def _put(self, file: Path, content: bytes) -> None:
@@ -154,12 +154,6 @@ def _is_whole(file: Path) -> bool:
     with suppress(OSError):
         return is_whole(file.read_bytes())
     return False
-
-
-def _tell(progress: Progress | None, names: Sequence[tuple[str, ...]]) -> None:
-    if progress is not None:
-        for name in (one for of_job in names for one in of_job):
-            progress(name)
 
 
 @cache
