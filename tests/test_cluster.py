@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from commands import inside
-from conftest import grouped_csv
+from conftest import few_pairs, grouped_csv
 from processes import die, until
 
 import bayes_toe as bt
@@ -44,8 +44,7 @@ def client(dask):
 
 @pytest.fixture(scope="module")
 def two():
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("AB")]
-    return bt.Study(few)
+    return few_pairs("AB")
 
 
 def tasks_of(client):

@@ -8,6 +8,7 @@ from functools import partial
 
 import pytest
 import xarray as xr
+from conftest import few_pairs
 
 import bayes_toe as bt
 from bayes_toe import kept as store
@@ -38,9 +39,7 @@ def interrupted(monkeypatch, after):
 
 @pytest.fixture(scope="module")
 def few():
-    return bt.Study(
-        [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABC")]
-    )
+    return few_pairs("ABC")
 
 
 QUICK = {"draws": 100, "workers": 1}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import grouped_csv
+from conftest import few_pairs, grouped_csv
 from processes import kill_workers, members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
@@ -19,8 +19,7 @@ FATAL = "left out A: failed: 2 workers died of it (killed, or out of memory)"
 @pytest.fixture
 def folder(tmp_path):
     """Three subjects with few pairs."""
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABC")]
-    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     return tmp_path
 
 

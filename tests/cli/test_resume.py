@@ -5,10 +5,8 @@ import time
 
 import pytest
 from commands import call, inside
-from conftest import grouped_csv
+from conftest import few_pairs, grouped_csv
 from processes import needs_proc, start, until, until_gone
-
-import bayes_toe as bt
 
 pytestmark = needs_proc
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
@@ -17,8 +15,7 @@ PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
 @pytest.fixture
 def folder(tmp_path):
     """Four subjects with few pairs."""
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABCD")]
-    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
     return tmp_path
 
 
