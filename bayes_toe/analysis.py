@@ -23,12 +23,11 @@ from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, Wanted, fitted_result, infer, weighted_fit
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
-from bayes_toe.kept import Done, Kept, keeping, work
+from bayes_toe.kept import Done, Kept, Unkept, keeping
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
-from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Cluster, Progress, Workers
 
 if TYPE_CHECKING:
@@ -95,12 +94,12 @@ def run(
         not grow in memory with the subjects. Without a seed, that of what is kept is used.
     """
     with keeping(keep) as kept:
-        settings = _settings(study, draws, _seed(kept, seed), prior)
+        settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
         presets = _presets(study)
         jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
         study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
-        made = assembled(None if kept is None else kept.draws, study, _Drawn(done), settings, failed)
+        made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
     moved = tuple(one.presets for one in small if one.presets is not None)
@@ -173,11 +172,11 @@ def draw(
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
     model_named(model)  # refuses a wrong word before any work
     with keeping(keep) as kept:
-        settings = _settings(study, draws, _seed(kept, seed), prior, model)
+        settings = _settings(study, draws, kept.seed(seed), prior, model)
         wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
         jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        return assembled(None if kept is None else kept.draws, study, done, settings, failed)
+        return assembled(kept.draws, study, done, settings, failed)
 
 
 def evidence(
@@ -209,7 +208,7 @@ def evidence(
     True
     """
     with keeping(keep) as kept:
-        settings, wanted = _settings(study, draws, _seed(kept, seed), prior), Wanted(evidence_draws=draws)
+        settings, wanted = _settings(study, draws, kept.seed(seed), prior), Wanted(evidence_draws=draws)
         jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
         _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         return _table(done, settings, failed)
@@ -268,8 +267,8 @@ def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -
     return found.evidence, fitted
 
 
-def _settings(study: Study, draws: int, seed: int | None, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
-    return Settings(root_seed(seed), prior_for(study, prior), SamplerSettings(draws=draws), model)
+def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
+    return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
 def _affordable(study: Study, settings: Settings) -> bool:
@@ -277,19 +276,15 @@ def _affordable(study: Study, settings: Settings) -> bool:
     return values_needed(study, settings.sampler) <= POINTWISE_LIMIT
 
 
-def _seed(kept: Kept | None, seed: int | None) -> int | None:
-    return seed if kept is None else kept.seed(seed)
-
-
 def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:
     return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed)
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept | None
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept | Unkept
 ) -> tuple[Study, Done[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
-    done = work(jobs, workers, progress, [(name,) for name in study.names], kept)
+    done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
     failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))

@@ -8,21 +8,19 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
-from importlib.metadata import version
 from itertools import islice
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 from uuid import uuid4
 
 from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 Result = TypeVar("Result")
 Lost = TypeVar("Lost")
-#: What numbers depend on, and what carries them.
-_LIBRARIES = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "distributed")
 #: Dask warns of what it would rather have on the cluster already; what a job brings along is used once.
 _LARGE_JOBS = {"distributed.admin.large-graph-warning-threshold": "1 TB"}
 _GONE = "the connection to the Dask scheduler is lost"
@@ -136,7 +134,7 @@ def require_open(client: Client) -> None:
 @cache
 def versions() -> Mapping[str, str]:
     """What has to be the same everywhere, with its version in this process."""
-    return {"Python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+    return {"Python": platform.python_version(), **library_versions("distributed")}
 
 
 def _require_same_versions(client: Client) -> None:

@@ -6,7 +6,6 @@ and seed, and the versions of the libraries. What does not fit is computed again
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import platform
@@ -14,20 +13,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from bayes_toe.data.places import make_folders, remove_empty, reporting, shown
-from bayes_toe.data.unfinished import Standing, sweep, under_way
+from bayes_toe.data.places import make_folders, naming, remove_empty, reporting, shown
+from bayes_toe.data.unfinished import Standing, flocked, sweep, under_way
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, is_whole, packed, unpacked
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail
+from bayes_toe.version import library_versions
+from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
 
 Result = TypeVar("Result")
 _SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
-_DECIDING = ("bayes_toe", "numpy", "scipy", "emcee", "arviz")
 
 
 @dataclass(frozen=True)
@@ -48,19 +48,19 @@ class Done(Generic[Result]):
         return (self.read(index) for index in range(self.size) if index not in self.failed)
 
 
-def work(
-    jobs: Sequence[Callable[[], Result]],
-    workers: Workers,
-    progress: Progress | None,
-    names: Sequence[tuple[str, ...]],
-    kept: Kept | None,
-) -> Done[Result]:
-    """Do jobs, as :func:`bayes_toe.workers.run_or_fail` does; where results are kept, only those whose are not there."""
-    if kept is not None:
-        return kept.work(jobs, workers, progress, names)
-    results = run_or_fail(jobs, workers, progress, names)
-    failed = {index: one for index, one in enumerate(results) if isinstance(one, Failed)}
-    return Done(len(jobs), failed, results.__getitem__)  # type: ignore[arg-type]  # those that failed are left out
+class Unkept:
+    """In place of :class:`Kept`, where nothing is kept."""
+
+    draws: Path | None = None
+    seed = staticmethod(root_seed)
+
+    def work(
+        self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    ) -> Done[Result]:
+        """Do all jobs, as :func:`bayes_toe.workers.run_or_fail` does."""
+        results = run_or_fail(jobs, workers, progress, names)
+        failed = {index: one for index, one in enumerate(results) if isinstance(one, Failed)}
+        return Done(len(jobs), failed, results.__getitem__)  # type: ignore[arg-type]  # those that failed are left out
 
 
 class Kept:
@@ -88,11 +88,11 @@ class Kept:
     ) -> Done[Result]:
         """Do the jobs whose results are not here, and keep each as it comes."""
         files = [self.folder / f"{fingerprint((_versions(), job))}{_SUFFIX}" for job in jobs]
-        missing = [index for index, file in enumerate(files) if not _is_whole(file)]
+        there = [_is_whole(file) for file in files]
+        missing = [index for index, taken in enumerate(there) if not taken]
         failed: dict[int, Failed] = {}
-        taken = len(jobs) - len(missing)
-        under_way[self.folder] = Standing(taken, taken, len(jobs), self.what)
-        _tell(progress, [names[index] for index in sorted(set(range(len(jobs))).difference(missing))])
+        under_way[self.folder] = Standing(sum(there), sum(there), len(jobs), self.what)
+        tell(progress, chain.from_iterable(compress(names, there)))
         for at, result in run_jobs([jobs[index] for index in missing], workers):
             index = missing[at]
             if isinstance(result, Failed):
@@ -100,20 +100,17 @@ class Kept:
             else:
                 self._put(files[index], packed(result))
                 under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
-            _tell(progress, [names[index]])
+            tell(progress, names[index])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
     def _put(self, file: Path, content: bytes) -> None:
-        try:
-            with whole_file(file, overwrite=True) as target:
-                target.write_bytes(content)
-        except OutputError as error:  # names of these files say nothing to a reader
-            raise OutputError(str(error).replace(shown(file), shown(self.folder))) from error
+        with naming(file, self.folder), whole_file(file, overwrite=True) as target:
+            target.write_bytes(content)
 
 
 @contextmanager
-def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept | None]:
-    """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it; None for none.
+def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept | Unkept]:
+    """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it.
 
     Raises
     ------
@@ -121,7 +118,7 @@ def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept 
         If another process holds it, or it cannot be written to.
     """
     if folder is None:
-        yield None
+        yield Unkept()
         return
     path = Path(folder)
     with ExitStack() as made, ExitStack() as held:
@@ -159,19 +156,13 @@ def _is_whole(file: Path) -> bool:
     return False
 
 
-def _tell(progress: Progress | None, names: Sequence[tuple[str, ...]]) -> None:
-    if progress is not None:
-        for name in (one for of_job in names for one in of_job):
-            progress(name)
-
-
 @cache
 def _versions() -> tuple[str, ...]:
     """Everything outside a job that decides its result; the last digits also by the kind of processor, for which BLAS has its kernels."""
     from threadpoolctl import threadpool_info
 
     kernels = sorted({one["architecture"] for one in threadpool_info() if one.get("architecture")})
-    return (*(importlib.metadata.version(name) for name in _DECIDING), platform.python_version(), platform.machine(), *kernels)
+    return (*library_versions().values(), platform.python_version(), platform.machine(), *kernels)
 
 
 def _hold(folder: Path, held: ExitStack) -> None:
@@ -180,7 +171,7 @@ def _hold(folder: Path, held: ExitStack) -> None:
         opened = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     held.callback(os.close, opened)
     holder = _holder(os.read(opened, 4096))
-    if not _locked(opened) or holder.get("host", platform.node()) != platform.node():
+    if flocked(opened) is False or holder.get("host", platform.node()) != platform.node():
         who = f"process {holder.get('pid')} on {holder.get('host')}" if holder else "another process"
         raise OutputError(f"{shown(folder)}: in use by {who}; wait for it, or remove {shown(folder / _LOCK)} if that is gone")
     with reporting(folder):
@@ -199,16 +190,3 @@ def _holder(content: bytes) -> dict[str, Any]:
         found = json.loads(content)
         return found if isinstance(found, dict) else {}
     return {}
-
-
-def _locked(opened: int) -> bool:
-    """Whether this process now has the lock of an open file; assumed where the system has no such locks."""
-    try:
-        import fcntl
-    except ImportError:
-        return True
-    try:
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -118,10 +118,15 @@ def run_or_fail(
     results: dict[int, Result | Failed] = {}
     for index, result in run_jobs(jobs, workers):
         results[index] = result
-        if progress is not None:
-            for name in names[index]:
-                progress(name)
+        tell(progress, names[index])
     return [results[index] for index in range(len(jobs))]
+
+
+def tell(progress: Progress | None, names: Iterable[str]) -> None:
+    """Say to whoever wants to hear it what is done."""
+    if progress is not None:
+        for name in names:
+            progress(name)
 
 
 def stop_workers() -> None:

@@ -28,6 +28,12 @@ def small_study():
     return bt.Study([bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()], source="three kinds")
 
 
+def few_pairs(names):
+    """A study that costs little: four pairs of every subject."""
+    pairs = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
+    return bt.Study([bt.Subject(name, *pairs, [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate(names)])
+
+
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study, in this process."""

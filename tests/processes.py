@@ -1,8 +1,9 @@
-"""Commands that are killed, and processes that are left: what stands in /proc."""
+"""Processes that are killed, stopped by a full disk, or left: what stands in /proc."""
 
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -48,11 +49,33 @@ def kill_workers(running, deaths):
     assert len(killed) == deaths
 
 
-def until(true):
-    """Wait for something to become true; the limit is that of a command that hangs, not of a slow machine."""
-    begun = time.monotonic()
-    while not true():
-        assert time.monotonic() - begun < 120
+def die(main, marks, deaths):
+    """A job that kills the worker that is at it, as often as told; no job that kills is ever tried in the main process."""
+    assert os.getpid() != main
+    with open(marks, "a") as file:
+        file.write("x")
+    if marks.stat().st_size <= deaths:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def save_on_a_full_disk(source, target, room):
+    """Save draws again where no file may have more bytes than `room`: an error, and no other end of the process."""
+    saves = (
+        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = int(sys.argv[3]); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)); draws.save(sys.argv[2])"
+    )
+    ended = subprocess.run([sys.executable, "-c", saves, str(source), str(target), str(room)], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert "OutputError: " in ended.stderr.splitlines()[-1]
+    assert f"{target.name}: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
+
+
+def until(true, running=None):
+    """Wait for something to become true, or for the command to end that would make it so."""
+    last = time.monotonic() + 600  # without a command: only what hangs takes as long, on the slowest machine
+    while not true() and (running is None or running.poll() is None):
+        assert running is not None or time.monotonic() < last
         time.sleep(0.02)
 
 

@@ -1,7 +1,6 @@
 """Work shared on a real Dask cluster: two worker processes of this machine."""
 
 import os
-import signal
 import socket
 import time
 from _thread import interrupt_main
@@ -13,8 +12,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from commands import inside
-from conftest import grouped_csv
-from processes import until
+from conftest import few_pairs, grouped_csv
+from processes import die, until
 
 import bayes_toe as bt
 from bayes_toe import cluster
@@ -45,22 +44,11 @@ def client(dask):
 
 @pytest.fixture(scope="module")
 def two():
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("AB")]
-    return bt.Study(few)
+    return few_pairs("AB")
 
 
 def tasks_of(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
-
-
-def die(main, marks, deaths):
-    """Kill the worker that is at it, as often as told."""
-    assert os.getpid() != main
-    with open(marks, "a") as file:
-        file.write("x")
-    if marks.stat().st_size <= deaths:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "alive"
 
 
 def slow(value, seconds=0.1):

@@ -8,11 +8,12 @@ from functools import partial
 
 import pytest
 import xarray as xr
+from conftest import few_pairs
 
 import bayes_toe as bt
 from bayes_toe import kept as store
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.kept import discard, keeping, kept_in, work
+from bayes_toe.kept import discard, keeping, kept_in
 from bayes_toe.workers import Failed, run_jobs
 
 
@@ -38,9 +39,7 @@ def interrupted(monkeypatch, after):
 
 @pytest.fixture(scope="module")
 def few():
-    return bt.Study(
-        [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABC")]
-    )
+    return few_pairs("ABC")
 
 
 QUICK = {"draws": 100, "workers": 1}
@@ -106,7 +105,7 @@ def test_a_damaged_result_is_computed_again(few, tmp_path, computed):
 def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "run_jobs", lambda jobs, workers: iter([(0, Failed("died")), (1, 8)]))
     with keeping(tmp_path) as kept:
-        done = work([partial(pow, 2, 2), partial(pow, 2, 3)], 1, None, [("a",), ("b",)], kept)
+        done = kept.work([partial(pow, 2, 2), partial(pow, 2, 3)], 1, None, [("a",), ("b",)])
         assert (list(done), dict(done.failed)) == ([8], {0: Failed("died")})
     assert kept_in(tmp_path) == 1
 

@@ -6,21 +6,12 @@ import time
 from functools import partial
 
 import pytest
+from processes import die
 
 from bayes_toe.errors import WorkerError
 from bayes_toe.workers import Failed, run_in_order, run_or_fail
 
 FATAL = "failed: 2 workers died of it (killed, or out of memory)"
-
-
-def die(main, marks, deaths):
-    """Kill the worker that is at it, as often as told; the first job of several is always a worker's."""
-    assert os.getpid() != main  # nor is a job that kills ever tried here
-    with open(marks, "a") as file:
-        file.write("x")
-    if marks.stat().st_size <= deaths:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "alive"
 
 
 def slow(value):

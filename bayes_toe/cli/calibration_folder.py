@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 from bayes_toe.data.tables import write_table
@@ -15,6 +14,7 @@ from bayes_toe.experiments.reliability import MARGIN
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
 from bayes_toe.plots.figure_files import save_figure
+from bayes_toe.version import library_versions
 
 _OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
 _OF_EVIDENCE = (
@@ -80,7 +80,7 @@ def calibration_text(table: CalibrationTable) -> str:
         parts += _rank_section(table)
     if table.evidence:
         parts += _evidence_section(table)
-    versions = ", ".join(f"{name} {version(name)}" for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz"))
+    versions = ", ".join(map(" ".join, library_versions().items()))
     command = f"bayes-toe calibrate -o DIR --studies {plan.studies} --data-sets {plan.data_sets} --seed {plan.seed}"
     parts += ["## To make it again", "", f"`{command}`; this one with Python {platform.python_version()}, {versions}.", ""]
     return "\n".join(parts)

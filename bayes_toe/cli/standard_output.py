@@ -10,20 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-
-class _Log(io.FileIO):
-    """A stream whose first failed write is kept in `failed` and not raised: hours of work must not end because a log is full."""
-
-    failed: OSError | None = None
-
-    def write(self, data: Any, /) -> int:
-        """Write; what comes after a failure is dropped."""
-        if self.failed is None:
-            try:
-                return super().write(data)
-            except OSError as error:
-                self.failed = error
-        return memoryview(data).nbytes
+from bayes_toe.data.enduring_file import EnduringFile
 
 
 @contextmanager
@@ -50,7 +37,7 @@ def _guard() -> None:
         if stream is None:  # closed: its number must not become that of a file of ours
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
         elif mode == "w":
-            log = io.BufferedWriter(_Log(stream.fileno(), "w", closefd=False))
+            log = io.BufferedWriter(EnduringFile(stream.fileno(), "w", closefd=False))  # hours of work must not end because a log is full
             lines = stream.line_buffering
             setattr(sys, name, io.TextIOWrapper(log, stream.encoding, "backslashreplace", line_buffering=lines))
 
@@ -59,5 +46,5 @@ def _problem() -> str:
     """Why standard output is not complete; nothing where it is, or where its reader went away, as `head` does."""
     sys.stdout.flush()
     log = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    failed = log.failed if isinstance(log, _Log) else None
+    failed = log.failed if isinstance(log, EnduringFile) else None
     return "" if failed is None or failed.errno == errno.EPIPE else f"standard output: cannot be written ({failed.strerror})"

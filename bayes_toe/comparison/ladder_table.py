@@ -24,11 +24,10 @@ from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.kept import keeping, work
+from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Cluster, Progress, Workers
 
 if TYPE_CHECKING:
@@ -294,9 +293,9 @@ def compare(
     pairs = [(subject, model) for subject in study for model in records]
     names = [(f"{subject.name}: {model.name}",) for subject, model in pairs]
     with keeping(keep, "models of subjects") as kept:
-        root = root_seed(seed) if kept is None else kept.seed(seed)
+        root = kept.seed(seed)
         jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
-        done = work(jobs, workers if engine is None else engine, progress, names, kept)
+        done = kept.work(jobs, workers if engine is None else engine, progress, names)
         lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
         rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
     size = len(records)

@@ -44,6 +44,16 @@ def reporting(target: Path) -> Iterator[None]:
         raise OutputError(f"{shown(target)}: cannot be written ({reason}), choose another place") from error
 
 
+@contextmanager
+def naming(hidden: Path, target: Path) -> Iterator[None]:
+    """The same for what is written elsewhere: with the path that a reader knows in place of the other."""
+    try:
+        with reporting(target):
+            yield
+    except OutputError as error:
+        raise OutputError(str(error).replace(shown(hidden), shown(target))) from error
+
+
 def make_folders(folder: Path, made: ExitStack) -> None:
     """Make what is missing of a folder; closing `made` removes it again where it is empty."""
     missing = [part for part in (folder, *folder.parents) if not os.path.lexists(part)]

@@ -1,4 +1,4 @@
-"""What is not finished yet: its hidden name, which says whose it is, how what was left of it goes, and how far the work is."""
+"""What is not finished yet: its hidden name, which says whose it is, its lock, how what was left of it goes, and how far the work is."""
 
 from __future__ import annotations
 
@@ -63,6 +63,19 @@ def sweep(folder: Path) -> None:
                 continue
             if path.is_symlink() or not path.is_dir():
                 path.unlink()
+
+
+def flocked(opened: int) -> bool | None:
+    """Whether this process now has the lock of an open file or folder, until it ends. None where the system has no such locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 @cache

@@ -17,9 +17,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from bayes_toe.data.places import finished, make_folders, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
+from bayes_toe.data.places import finished, make_folders, naming, probe, put_in_place, refuse_impossible, remove_empty, reporting, shown
 from bayes_toe.data.stores import is_store, named_store
-from bayes_toe.data.unfinished import HIDDEN, free_name
+from bayes_toe.data.unfinished import HIDDEN, flocked, free_name
 from bayes_toe.data.whole_files import require_writable
 from bayes_toe.errors import OutputError
 
@@ -73,7 +73,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
     put_back(target)
     _refuse_taken_folder(target, names, overwrite)
     with _workshop(target) as workshop:
-        with _reporting_as(workshop / "new", target):
+        with naming(workshop / "new", target):
             yield workshop / "new"
         produced = _produced(workshop, target, names, required)
         earlier = _manifest(target)
@@ -103,7 +103,7 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
     with ExitStack() as made:
         make_folders(target, made)
         with _workshop(target) as workshop:
-            with _reporting_as(workshop / "new", target):
+            with naming(workshop / "new", target):
                 yield workshop / "new"
             _publish(_Move(workshop, target, tuple(_produced(workshop, target, names, names)), ()), overwrite)
             _require_there(target, names)
@@ -169,16 +169,11 @@ def _workshop(target: Path) -> Iterator[Path]:
 
 
 def _lock(folder: Path, held: ExitStack) -> bool:
-    """Whether this process now holds the folder; the lock ends with the process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: nothing is known of other processes, and nothing of theirs is swept
-        return False
+    """Whether this process now holds the folder."""
     with suppress(OSError):
         opened = os.open(folder, os.O_RDONLY)
         held.callback(os.close, opened)
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
+        return flocked(opened) is True  # without locks nothing is known of other processes, and nothing of theirs is swept
     return False
 
 
@@ -199,16 +194,6 @@ def _clear(workshop: Path) -> None:
     """Remove what is no longer needed; what could not be put back yet is."""
     if not os.path.lexists(workshop / _JOURNAL):
         shutil.rmtree(workshop, ignore_errors=True)
-
-
-@contextmanager
-def _reporting_as(new: Path, target: Path) -> Iterator[None]:
-    """What cannot be written, in one line that names the place to be, not the temporary one."""
-    try:
-        with reporting(target):
-            yield
-    except OutputError as error:
-        raise OutputError(str(error).replace(shown(new), shown(target))) from error
 
 
 # --- From there into place ------------------------------------------------------------------------

@@ -13,12 +13,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.cells import listed
 from bayes_toe.data.places import reporting, shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject
@@ -43,10 +43,6 @@ from bayes_toe.model.prior import Prior
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-
-_LISTED = 20  # names in a message
-NO_FAILURES: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,8 +270,7 @@ class Draws:
 
     def _require(self, name: str) -> None:
         if name not in self._places:
-            more = f" and {len(self.names) - _LISTED} more" if len(self.names) > _LISTED else ""
-            raise InputError(f"no subject {name!r} among the draws; there are: {', '.join(map(repr, self.names[:_LISTED]))}{more}")
+            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, self.names)], 20)}")
 
 
 def load(path: str | Path) -> Draws:
@@ -299,13 +294,11 @@ def load(path: str | Path) -> Draws:
     return made
 
 
-def build_draws(study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str] = NO_FAILURES) -> Draws:
-    """Assemble the container, in memory, from the draws of every subject of a study, and say who failed."""
-    return assembled(None, study, found, settings, failed)
-
-
 def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str]) -> Draws:
-    """The same into a file, where there is a path: subject by subject, so that draws which `found` reads are never in memory together."""
+    """Assemble the container from the draws of every subject of a study, and say who failed.
+
+    Where there is a path, into a file: subject by subject, so that draws which `found` reads are never in memory together.
+    """
     tree, large = skeleton(study, [Head.of(one) for one in found], settings, failed)
     parts = regions(study, found, large)
     if path is None:

@@ -10,7 +10,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from bayes_toe.data.cells import LARGEST_COUNT, quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.errors import InputError
+from bayes_toe.inference.draws_layout import BY_PAIR, BY_SUBJECT, MOST_INFLATED, load_small
 from bayes_toe.inference.draws_store import dangers, opened_store, require_library
 from bayes_toe.inference.draws_writer import sealed
 
@@ -32,15 +33,14 @@ _AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and n
 _PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
 _REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
 _MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
-_MOST_INFLATED = 200  # bytes in memory for one in the file; predicted counts, which alone are compressed, shrink to a third
 _FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher-32; others are programs that HDF5 would load
-_DRAWN, _LONG = ("chain", "draw", "subject"), {"subject": (("obs",), "UO"), "s1": (("obs",), "f"), "s2": (("obs",), "f")}
+_LONG = {"subject": (("obs",), "UO"), "s1": (("obs",), "f"), "s2": (("obs",), "f")}
 #: Of each group the variables that it must have: dimensions, and kinds of NumPy's types.
 _LAYOUT: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
     "posterior": {"chain": (("chain",), "i"), "draw": (("draw",), "i"), "subject": (("subject",), "UO")},
     "sample_stats": {
         "subject": (("subject",), "UO"),
-        "lp": (_DRAWN, "f"),
+        "lp": (BY_SUBJECT, "f"),
         "converged": (("subject",), "ib"),
         "shortfall": (("subject",), "UO"),
         **{name: (("subject",), "f") for name in ("min_ess", "max_r_hat")},
@@ -54,8 +54,8 @@ _OPTIONAL: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
     "sample_stats": {"acceptance_rate": (("chain", "subject"), "f"), **{name: (("subject",), "if") for name in ("thin", "steps")}},
     "observed_data": {"isi": (("obs",), "f")},
     "constant_data": {"isi": (("obs",), "f")},
-    "log_likelihood": {**_LONG, "n_equal": (("chain", "draw", "obs"), "f")},
-    "posterior_predictive": {**_LONG, "n_equal": (("chain", "draw", "obs"), "i")},
+    "log_likelihood": {**_LONG, "n_equal": (BY_PAIR, "f")},
+    "posterior_predictive": {**_LONG, "n_equal": (BY_PAIR, "i")},
 }
 _TEXTS, _WHOLE = ("model", "settings"), ("seed", "synthetic")
 
@@ -77,9 +77,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
         raise
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
         raise unreadable(name, error) from error
-    problem = next(_misfits(tree, at_once), None)
-    if problem is not None:
-        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    _refuse(name, _misfits(tree, at_once))
     return tree
 
 
@@ -95,10 +93,14 @@ def _read_file(name: str, path: Path) -> tuple[xr.DataTree, bool]:
 def _read_store(name: str, path: Path) -> tuple[xr.DataTree, bool]:
     """A store's groups, which are not in memory."""
     require_library()
-    problem = next(dangers(path), None)
-    if problem is not None:
-        raise InputError(f"{name}: {problem}; {ALLOWED}")
+    _refuse(name, dangers(path))
     return opened_store(path), False
+
+
+def _refuse(name: str, problems: Iterable[str]) -> None:
+    """Raise the first problem, if there is one; later ones may rest on it."""
+    for problem in problems:
+        raise InputError(f"{name}: {problem}; {ALLOWED}")
 
 
 def unreadable(name: str, error: Exception) -> InputError:
@@ -115,17 +117,12 @@ def opened(name: str, path: str | Path, *, at_once: bool = True) -> xr.DataTree:
     import xarray as xr
 
     with h5py.File(path, "r") as file:
-        problem = next(_dangers(file, Path(path).stat().st_size), None)
-    if problem is not None:
-        raise InputError(f"{name}: {problem}; {ALLOWED}")
+        _refuse(name, _dangers(file, Path(path).stat().st_size))
     lazy = xr.open_datatree(path, engine="h5netcdf", decode_times=False)  # no units are times
     if at_once:
         with lazy:  # closed: an open tree keeps the file locked
             return lazy.load()
-    for node in lazy.children.values():
-        for variable in node.variables.values():
-            if variable.ndim < len(_DRAWN):
-                variable.load()
+    load_small(lazy)
     return lazy
 
 
@@ -169,7 +166,7 @@ def _dangers(file: h5py.File, size: int) -> Iterator[str]:
             seen.add(_address(dataset))
             yield from (f"{where} {what}" for what in _storage(dataset))
             total += dataset.nbytes
-    if total > _MOST_INFLATED * size:
+    if total > MOST_INFLATED * size:
         yield f"{total:,} bytes of variables in a file of {size:,}"
 
 
@@ -256,11 +253,11 @@ def _variables(group: str, found: xr.Dataset, needed: Mapping[str, Any], allowed
         elif kinds == "UO" and not all(isinstance(text, str) for text in one.values):
             yield f"{group}/{name} has cells that are no text"
     if group == "posterior":
-        odd = [str(name) for name, one in found.data_vars.items() if one.dims != _DRAWN or one.dtype.kind != "f"]
-        yield from (f"{quoted(name)} is not a number over ({', '.join(_DRAWN)})" for name in odd)
+        odd = [str(name) for name, one in found.data_vars.items() if one.dims != BY_SUBJECT or one.dtype.kind != "f"]
+        yield from (f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})" for name in odd)
     if group == "sample_stats":
-        odd = [str(name) for name, one in found.data_vars.items() if not set(one.dims) <= set(_DRAWN) or one.dtype.kind not in "ifbUO"]
-        yield from (f"sample_stats/{quoted(name)} is not over ({', '.join(_DRAWN)})" for name in odd)
+        odd = [str(name) for name, one in found.data_vars.items() if not set(one.dims) <= set(BY_SUBJECT) or one.dtype.kind not in "ifbUO"]
+        yield from (f"sample_stats/{quoted(name)} is not over ({', '.join(BY_SUBJECT)})" for name in odd)
 
 
 def _sizes(tree: xr.DataTree) -> Iterator[str]:

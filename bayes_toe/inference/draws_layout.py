@@ -5,11 +5,12 @@ Large variables have a part for every subject, which lies in one chunk of the fi
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import platform
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -21,13 +22,15 @@ from bayes_toe.inference.pointwise import POINTWISE_LIMIT, spacing, values_neede
 from bayes_toe.inference.subject import Settings
 from bayes_toe.inference.subject_draws import SubjectDraws
 from bayes_toe.model.ladder import model_named
+from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Key: TypeAlias = tuple[str, str]  # group, variable
 Region: TypeAlias = tuple[Key, tuple[Any, ...], npt.NDArray[Any]]
-_BY_SUBJECT, _BY_PAIR = ("chain", "draw", "subject"), ("chain", "draw", "obs")
+BY_SUBJECT, BY_PAIR = ("chain", "draw", "subject"), ("chain", "draw", "obs")
+MOST_INFLATED = 200  # bytes in memory for one on the disk; predicted counts, which alone are compressed, shrink to a third
 _POINTWISE = {"log_likelihood": "float32", "posterior_predictive": "int32"}
 _STATISTICS: dict[str, type] = {"converged": np.int8, "shortfall": object}
 
@@ -115,16 +118,13 @@ def taken_apart(tree: xr.DataTree) -> tuple[xr.DataTree, dict[Key, Large], Itera
     import xarray as xr
 
     groups = {group: node.to_dataset() for group, node in tree.children.items()}
-    owner = groups["observed_data"]["subject"].values
-    ends = np.append(np.flatnonzero(owner[1:] != owner[:-1]) + 1, len(owner)).tolist()
-    pairs = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
-    sizes = [one.stop - one.start for one in pairs]
-    last = {"subject": 1, "obs": max(set(sizes), key=sizes.count)}
+    sizes = [len(list(pairs)) for _, pairs in groupby(groups["observed_data"]["subject"].values.tolist())]
+    last = {"subject": 1, "obs": _commonest(sizes)}
     large = {
         (group, str(name)): Large(tuple(map(str, one.dims)), one.shape, str(one.dtype), (*one.shape[:2], last[str(one.dims[2])]), one.attrs)
         for group, own in groups.items()
         for name, one in own.data_vars.items()
-        if one.ndim == len(_BY_SUBJECT)
+        if one.ndim == len(BY_SUBJECT)
     }
     small = xr.DataTree.from_dict(
         {f"/{group}": own.drop_vars([name for of, name in large if of == group]) for group, own in groups.items()}
@@ -132,34 +132,43 @@ def taken_apart(tree: xr.DataTree) -> tuple[xr.DataTree, dict[Key, Large], Itera
     small.attrs.update(tree.attrs)
 
     def parts() -> Iterator[Region]:
-        for i, place in enumerate(pairs):
+        for where in _places(sizes):
             for (group, name), one in large.items():
-                where = (..., place if one.dims == _BY_PAIR else slice(i, i + 1))
-                yield (group, name), where, groups[group][name][where].values
+                yield (group, name), where[one.dims[-1]], groups[group][name][where[one.dims[-1]]].values
 
     return small, large, parts()
 
 
+def load_small(tree: xr.DataTree) -> None:
+    """Read what is small of an open file or store; the large variables are read when they are asked for."""
+    for variable in (one for node in tree.children.values() for one in node.variables.values() if one.ndim < len(BY_SUBJECT)):
+        variable.load()
+
+
 def regions(study: Study, found: Iterable[SubjectDraws], large: Mapping[Key, Large]) -> Iterator[Region]:
     """Subject by subject, the parts of the large variables: variable, where in it, values."""
-    for i, (one, pairs) in enumerate(zip(found, _places(study), strict=True)):
+    for one, where in zip(found, _places(subject.n_pairs for subject in study), strict=True):
         nothing = np.full(one.log_posterior.shape, np.nan)  # a model may have a quantity per pair, and subjects different pairs
         for group, name in large:
             if group == "posterior":
-                yield (group, name), (..., slice(i, i + 1)), one.quantities.get(name, nothing)[..., None]
+                yield (group, name), where["subject"], one.quantities.get(name, nothing)[..., None]
             elif group == "sample_stats":
-                yield (group, name), (..., slice(i, i + 1)), one.log_posterior[..., None]
+                yield (group, name), where["subject"], one.log_posterior[..., None]
             elif one.pointwise is not None:
                 values = one.pointwise.log_likelihood if group == "log_likelihood" else one.pointwise.predicted
-                yield (group, name), (..., pairs), values
+                yield (group, name), where["obs"], values
 
 
-def _places(study: Study) -> Iterator[slice]:
-    """Where the pairs of every subject stand in the long groups."""
+def _places(sizes: Iterable[int]) -> Iterator[Mapping[str, tuple[Any, ...]]]:
+    """Where the part of every subject lies, by the last dimension of a large variable; sizes are their numbers of pairs."""
     end = 0
-    for subject in study:
-        yield slice(end, end + subject.n_pairs)
-        end += subject.n_pairs
+    for i, size in enumerate(sizes):
+        end += size
+        yield {"subject": (..., slice(i, i + 1)), "obs": (..., slice(end - size, end))}
+
+
+def _commonest(sizes: Sequence[int]) -> int:
+    return max(set(sizes), key=Counter(sizes).__getitem__)
 
 
 def _drawn(study: Study, heads: Sequence[Head]) -> dict[Key, Large]:
@@ -169,16 +178,16 @@ def _drawn(study: Study, heads: Sequence[Head]) -> dict[Key, Large]:
     names = dict.fromkeys(name for head in heads for name in head.units)
     about = f"log density of the unconstrained coordinates ({', '.join(heads[0].coordinates[:6])}), unnormalised"
     return {
-        **{("posterior", name): Large(_BY_SUBJECT, shape, "float64", chunk, {"units": units[name]}) for name in names},
-        ("sample_stats", "lp"): Large(_BY_SUBJECT, shape, "float64", chunk, {"description": about}),
+        **{("posterior", name): Large(BY_SUBJECT, shape, "float64", chunk, {"units": units[name]}) for name in names},
+        ("sample_stats", "lp"): Large(BY_SUBJECT, shape, "float64", chunk, {"description": about}),
     }
 
 
 def _of_pairs(study: Study, size: tuple[int, int]) -> dict[Key, Large]:
     pairs = [subject.n_pairs for subject in study]
     kept = size[0], -(-size[1] // spacing(*size))
-    shape, chunk = (*kept, sum(pairs)), (*kept, max(set(pairs), key=pairs.count))
-    return {(group, "n_equal"): Large(_BY_PAIR, shape, dtype, chunk) for group, dtype in _POINTWISE.items()}
+    shape, chunk = (*kept, sum(pairs)), (*kept, _commonest(pairs))
+    return {(group, "n_equal"): Large(BY_PAIR, shape, dtype, chunk) for group, dtype in _POINTWISE.items()}
 
 
 def _coordinates(study: Study, heads: Sequence[Head], *, walkers: int) -> xr.Dataset:
@@ -216,8 +225,7 @@ def _long_group(study: Study, key: str) -> xr.Dataset:
 
 def _attributes(study: Study, settings: Settings, left_out: str) -> dict[str, Any]:
     record = model_named(settings.model)
-    packages = ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "xarray")
-    versions = {name: importlib.metadata.version(name) for name in packages} | {"python": platform.python_version()}
+    versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,
         "synthetic": int(study.synthetic),

@@ -21,14 +21,13 @@ import numpy as np
 from bayes_toe.data.cells import quoted
 from bayes_toe.data.stores import DOCUMENT, SEAL, store_document
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws_layout import Key, Large, Region
+from bayes_toe.inference.draws_layout import MOST_INFLATED, Key, Large, Region, load_small
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _CODECS = {"bytes", "vlen-utf8", "zstd", "crc32c"}  # others may be programs
 _ITEM_BYTES = {"string": 4, "int8": 1, "int32": 4, "int64": 8, "float32": 4, "float64": 8}
-_MOST_INFLATED = 200  # bytes in memory for one in the store, as in a file
 
 
 def require_library() -> None:
@@ -78,11 +77,10 @@ def opened_store(path: Path) -> xr.DataTree:
 
     tree = xr.open_datatree(path, engine="zarr", zarr_format=3, consolidated=True, chunks=None, decode_times=False)
     del tree.attrs[SEAL]
+    load_small(tree)
     for node in tree.children.values():
         for variable in node.variables.values():
             variable.encoding["source"] = str(path)
-            if variable.ndim < 3:
-                variable.load()
         node.dataset = _with_texts(node.to_dataset(), np.str_)  # as they come from a file
     return tree
 
@@ -177,7 +175,7 @@ def _kept(path: Path, arrays: Mapping[str, Any]) -> Iterator[str]:
             yield f"{quoted(name)} is not all there"
         total += math.prod(one["shape"]) * _ITEM_BYTES[one["data_type"]]
         stored += sum(size for size in chunks.values() if size is not None)
-    if total > _MOST_INFLATED * stored:
+    if total > MOST_INFLATED * stored:
         yield f"{total:,} bytes of variables in a store of {stored:,}"
 
 

@@ -7,15 +7,15 @@ subject, so that the draws of one subject can be read, and checked, without thos
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_toe.cluster import aside
+from bayes_toe.data.enduring_file import EnduringFile
 from bayes_toe.inference.draws_layout import Key, Large, Region
 
 if TYPE_CHECKING:
@@ -51,33 +51,25 @@ def write_tree(path: Path, tree: xr.DataTree, large: Mapping[Key, Large], parts:
     seal(path)
 
 
-class _Sink(io.FileIO):
-    """A file whose first failure is kept in `failed`: of a write that fails HDF5 ends the process, with a segmentation fault."""
-
-    failed: OSError | None = None
+class _Sink(EnduringFile):
+    """What HDF5 writes to: of a write that fails it ends the process, with a segmentation fault."""
 
     def write(self, data: Any, /) -> int:
-        """Write all of it; what comes after a failure is dropped."""
+        """Write all of it, or drop it."""
         rest = memoryview(data).cast("B")
         size = rest.nbytes
-        with self._noticing():
-            while rest and self.failed is None:
-                rest = rest[super().write(rest) :]
+        while rest:
+            rest = rest[super().write(rest) :]
         return size
 
     def truncate(self, size: int | None = None, /) -> int:
         """Set the size; HDF5 makes room with it."""
         wanted = self.tell() if size is None else size
-        with self._noticing():
-            super().truncate(wanted)
-        return wanted
-
-    @contextmanager
-    def _noticing(self) -> Iterator[None]:
         try:
-            yield
+            super().truncate(wanted)
         except OSError as error:
             self.failed = self.failed or error
+        return wanted
 
 
 def _checksums(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import grouped_csv
+from conftest import few_pairs, grouped_csv
 from processes import kill_workers, members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
@@ -19,8 +19,7 @@ FATAL = "left out A: failed: 2 workers died of it (killed, or out of memory)"
 @pytest.fixture
 def folder(tmp_path):
     """Three subjects with few pairs."""
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABC")]
-    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     return tmp_path
 
 
@@ -108,8 +107,8 @@ CASES = [
 
 @pytest.mark.parametrize(("number", "when"), CASES, ids=lambda value: getattr(value, "name", None) or value.__name__)
 def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(running, number, when):
-    until(lambda: when(running))
-    os.kill(running.pid, number)
+    until(lambda: when(running), running)
+    running.send_signal(number)
     until_gone(running.pid)
     _, errors = running.communicate()
     kept = len(list(running.folder.glob("out.partial/*.kept")))
@@ -120,7 +119,7 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(runni
 
 
 def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
-    until(lambda: sampling(running))
+    until(lambda: sampling(running), running)
     os.killpg(running.pid, signal.SIGINT)
     errors = running.communicate()[1]
     assert errors == f"stopped by SIGINT: {said(len(list(running.folder.glob('out.partial/*.kept'))))}\n"
@@ -128,7 +127,7 @@ def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
 
 
 def test_what_a_killed_command_leaves_is_ended_and_swept(running):
-    until(lambda: drawing(running))
+    until(lambda: drawing(running), running)
     running.kill()
     running.communicate()
     until_gone(running.pid)

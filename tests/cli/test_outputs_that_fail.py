@@ -69,7 +69,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
 def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch, command):
     free = 10**6 if command != "evidence" else 10**4
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(free, 0, free))
-    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     done = inside(command, place / "study.csv", "-o", tmp_path / "out", "-q")
     assert "MB are needed, " in one_line(done)
     assert list(tmp_path.iterdir()) == []

@@ -5,10 +5,8 @@ import time
 
 import pytest
 from commands import call, inside
-from conftest import grouped_csv
+from conftest import few_pairs, grouped_csv
 from processes import needs_proc, start, until, until_gone
-
-import bayes_toe as bt
 
 pytestmark = needs_proc
 PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
@@ -17,8 +15,7 @@ PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
 @pytest.fixture
 def folder(tmp_path):
     """Four subjects with few pairs."""
-    few = [bt.Subject(name, [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate("ABCD")]
-    grouped_csv(tmp_path / "study.csv", bt.Study(few))
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
     return tmp_path
 
 
@@ -27,7 +24,7 @@ def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(f
     options, random_moment = ("--seed", "1", "--draws", "100"), random.Random(7)
     for kill in range(3):
         running = start("run", "study.csv", "-o", "out", "--resume", "--workers", "2", *options, cwd=folder)
-        until(lambda kill=kill, running=running: len(list(folder.glob("out.partial/*.kept"))) > kill or running.poll() is not None)
+        until(lambda kill=kill: len(list(folder.glob("out.partial/*.kept"))) > kill, running)
         time.sleep(random_moment.random() * 0.5)
         running.kill()
         running.communicate()

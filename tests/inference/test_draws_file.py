@@ -1,7 +1,5 @@
 """Files of draws that were damaged, or come from elsewhere: one line, whatever HDF5 would have done with them."""
 
-import subprocess
-import sys
 import zlib
 
 import h5py
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from commands import call
+from processes import save_on_a_full_disk
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
@@ -218,12 +217,5 @@ def test_a_damaged_subject_of_a_large_file_is_noticed_when_it_is_asked_for(large
 
 def test_a_full_disk_is_an_error_and_not_the_end_of_the_process(path, tmp_path):
     """HDF5 ended the process with a segmentation fault here."""
-    saves = (
-        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)); draws.save(sys.argv[2])"
-    )
-    ended = subprocess.run([sys.executable, "-c", saves, str(path), str(tmp_path / "new.nc")], capture_output=True, text=True)
-    assert ended.returncode == 1
-    assert "OutputError: " in ended.stderr.splitlines()[-1]
-    assert "new.nc: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
+    save_on_a_full_disk(path, tmp_path / "new.nc", 300_000)
     assert [file.name for file in tmp_path.iterdir()] == ["posterior.nc"]

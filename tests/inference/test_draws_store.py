@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from commands import inside
 from conftest import grouped_csv
+from processes import save_on_a_full_disk
 
 import bayes_toe as bt
 from bayes_toe.data.stores import SEAL
@@ -191,13 +192,7 @@ def test_a_folder_of_others_is_neither_replaced_nor_read(analysis, tmp_path, nam
 
 
 def test_a_full_disk_leaves_nothing(made, tmp_path):
-    saves = (
-        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)); draws.save(sys.argv[2])"
-    )
-    ended = subprocess.run([sys.executable, "-c", saves, str(made), str(tmp_path / "new.zarr")], capture_output=True, text=True)
-    assert ended.returncode == 1
-    assert "new.zarr: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
+    save_on_a_full_disk(made, tmp_path / "new.zarr", 100_000)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -241,7 +236,7 @@ def test_commands_write_and_take_stores(small_study, tmp_path):
     ],
 )
 def test_refusals_are_one_line_before_the_work(study_csv, tmp_path, monkeypatch, words, said):
-    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     (tmp_path / "theirs" / "posterior.zarr").mkdir(parents=True)
     (tmp_path / "theirs" / "posterior.zarr" / "zarr.json").write_text('{"attributes": {}}')
     done = inside(*(study_csv if word == "STUDY" else word for word in words), cwd=tmp_path)
@@ -253,6 +248,6 @@ def test_refusals_are_one_line_before_the_work(study_csv, tmp_path, monkeypatch,
 @pytest.mark.parametrize("words", [("run", "STUDY", "--store", "zarr"), ("sample", "STUDY", "-o", "p.zarr"), ("corner", "STORE")])
 def test_without_the_library_one_line_names_the_extra(store, study_csv, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "zarr.codecs", None)
-    monkeypatch.setattr("bayes_toe.analysis.work", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     done = inside(*({"STUDY": study_csv, "STORE": store}.get(word, word) for word in words), cwd=store.parent)
     assert (done.returncode, done.stderr) == (2, "error: Zarr 3 is not installed: pip install 'bayes_toe[zarr]'\n")

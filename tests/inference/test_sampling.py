@@ -11,7 +11,7 @@ import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
-from bayes_toe.inference.draws import build_draws
+from bayes_toe.inference.draws import assembled
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.inference.subject import Settings, Wanted, infer
@@ -128,7 +128,7 @@ def test_a_limit_too_low_is_said_and_not_hidden(small_study):
     [result] = sampled(hard, settings)
     assert not result.chains.converged
     assert "required" in result.chains.reason
-    draws = build_draws(hard, [subject_draws(result)], settings)
+    draws = assembled(None, hard, [subject_draws(result)], settings, {})
     assert list(draws.not_converged) == ["guessing at 0.5"]
 
 
