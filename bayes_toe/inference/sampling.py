@@ -194,8 +194,7 @@ class _Ensemble:
         self._sampler = _sampler(posterior, settings.walkers, moves(fitted, stock))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
-        start = _dispersed(fitted, random, settings.walkers)
-        self._state = self._run(start, burn_in(fitted), store=False)
+        self._state = self._run(_dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False)
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
         self._sampler.reset()
@@ -223,22 +222,27 @@ def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) ->
     return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
 
 
-def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:
+def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:
     """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
 
     Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
     """
+    import emcee
+
     posterior, draws = fitted.proposal.posterior, fitted.draws
-    weights = np.exp(draws.log_weights - draws.log_weights.max())
+    log_weights = draws.log_weights
+    weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     mean = weights @ draws.x
-    start = np.empty((0, draws.x.shape[1]))
+    start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
     while len(start) < walkers:
         chosen = draws.x[random.choice(len(draws.x), walkers, p=weights)]
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-        start = np.concatenate([start, points[np.isfinite(posterior.log_density(points))]])
-    return start[:walkers]
+        start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])
+        some = np.isfinite(log_density)
+        start, log_density = start[some], log_density[some]
+    return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
 def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:

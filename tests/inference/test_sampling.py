@@ -60,7 +60,7 @@ def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
     start = sampling._dispersed
 
     def on_a_line(*arguments):
-        points = start(*arguments)
+        points = start(*arguments).coords
         along = points[:, 2] - points[:, 2].mean()
         return points.mean(axis=0) + along[:, None] * np.array([1.0, 1.0, 1.0, 1.0]) * (1.0 + 1e-12 * np.arange(4))
 
