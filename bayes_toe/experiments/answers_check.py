@@ -18,7 +18,7 @@ from scipy.special import logit, ndtri
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
 from bayes_toe.classical.exact_test import hypergeometric_tails
 from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.cells import bare, counted, listed
+from bayes_toe.data.messages import bare, counted, listed
 from bayes_toe.data.read_options import LOOKED_AT, looks_like
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.experiments.checks import Finding

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.data.cells import listed, quoted, runs
+from bayes_toe.data.cells import runs
+from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 

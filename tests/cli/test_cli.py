@@ -393,7 +393,7 @@ def test_importing_the_package_is_light():
 
 
 def test_help_and_check_load_no_sampler():
-    assert loaded_by("import bayes_toe.cli.app", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
+    assert loaded_by("import bayes_toe.cli.app", "numpy", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
     example = str(Path(bt.__file__).parent / "data" / "example_study.csv")
     run = f"from bayes_toe.cli.app import app; app(['check', {example!r}, '--quiet'], standalone_mode=False)"
     assert loaded_by(run, "scipy.stats", "scipy.optimize", "pandas", "arviz", "emcee", "matplotlib") == "[]"
