@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, quantile_errors
+from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, convergences, quantile_errors
 from bayes_toe.inference.moves import moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -232,7 +232,7 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
 
 
 def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:
-    return {name: convergence(values) for name, values in posterior.judged(x).items()}
+    return convergences(posterior.judged(x))
 
 
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
