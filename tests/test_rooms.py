@@ -34,8 +34,6 @@ ORDER = (
 )
 OWNERS = {
     "emcee": {"inference.sampling", "inference.moves"},
-    "arviz": {"inference.diagnostics"},
-    "arviz_stats": {"inference.diagnostics"},
     "xarray": {"inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"},
     "h5py": {"inference.draws_file", "inference.draws_writer"},
     "h5netcdf": {"inference.draws_writer"},

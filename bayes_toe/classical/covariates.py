@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.cells import Cells, Column, Fault, Header, listed, number, quoted, read_cells, read_header, refuse
+from bayes_toe.data.cells import Cells, Column, Fault, Header, number, read_cells, read_header, refuse
 from bayes_toe.data.columns import MISSING_WORDS, name_faults, number_fault
+from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import typer
 
 from bayes_toe.cli.options import LAST_IN_HELP
-from bayes_toe.data.cells import visible
+from bayes_toe.data.messages import visible
 from bayes_toe.data.unfinished import said_kept, under_way
 from bayes_toe.errors import BayesToeError
 

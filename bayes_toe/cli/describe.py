@@ -77,10 +77,10 @@ def check(*, study: StudyFile, task: PriorTask) -> None:
     [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
     from bayes_toe.experiments.answers_check import NOTES, check_answers
-    from bayes_toe.experiments.checks import check_study, describe
+    from bayes_toe.experiments.checks import check_study, described
 
     read, prior = task.opened(study)
-    rows = describe(read).to_dict("records")
+    rows = [described(subject) for subject in read]
     terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
     findings = (*check_study(read), *check_answers(read, prior))
     warnings = [finding for finding in findings if finding.code not in NOTES]

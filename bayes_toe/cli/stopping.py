@@ -84,10 +84,9 @@ def _leave() -> None:
     """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
     import gc
 
-    from bayes_toe.cluster import leave
-    from bayes_toe.workers import stop_workers
-
-    leave()
-    stop_workers()
+    for module, end in (("cluster", "leave"), ("workers", "stop_workers")):
+        loaded = sys.modules.get(f"bayes_toe.{module}")
+        if loaded is not None:  # else there is nothing to leave, and loading them takes as long as the help
+            getattr(loaded, end)()
     gc.collect()
     gc.freeze()

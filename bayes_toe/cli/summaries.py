@@ -21,7 +21,7 @@ from bayes_toe.cli.terminal import (
     say_once,
     say_table,
 )
-from bayes_toe.data.cells import listed
+from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
     from rich.console import Console

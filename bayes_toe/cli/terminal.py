@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.cells import listed, visible
+from bayes_toe.data.messages import listed, visible
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.cells import Header, bare, listed, quoted, read_cells, read_header, refuse
+from bayes_toe.data.cells import Header, read_cells, read_header, refuse
 from bayes_toe.data.columns import name_faults, number_fault, numbers
+from bayes_toe.data.messages import bare, listed, quoted
 
 
 def read_numbers(

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.cells import MOST_SHOWN, Cells, Column, Fault, Header, bare, fault_in, quoted, refuse, stripped
+from bayes_toe.data.cells import Cells, Column, Fault, Header, fault_in, refuse, stripped
+from bayes_toe.data.messages import MOST_SHOWN, bare, quoted
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from bayes_toe.data.cells import quoted
+from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 
 COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi", "block", "trial")

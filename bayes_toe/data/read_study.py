@@ -20,23 +20,19 @@ from bayes_toe.data.cells import (
     DELIMITERS,
     LARGEST_COUNT,
     LARGEST_STUDY,
-    MOST_SHOWN,
     Cells,
     Column,
     Fault,
     Header,
-    bare,
-    counted,
     fault_in,
-    listed,
     number,
-    quoted,
     read_cells,
     read_header,
     refuse,
     whole_number,
 )
 from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
+from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted
 from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like
 from bayes_toe.data.study import Study, Subject, distinct_intervals, said_intervals, subjects_of_rows
 from bayes_toe.errors import InputError

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.cells import listed
+from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.

@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from bayes_toe.data.cells import listed, quoted, runs
+from bayes_toe.data.cells import runs
+from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.parquet import is_parquet, require_parquet, write_parquet
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError

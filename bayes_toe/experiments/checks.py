@@ -10,13 +10,17 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
-from bayes_toe.data.cells import listed, quoted, runs
+from bayes_toe.data.cells import runs
+from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
@@ -122,10 +126,13 @@ def describe(study: Study) -> pd.DataFrame:
     >>> describe(Study((subject,))).to_dict("records")[0]["n_both_orders"]
     1
     """
-    return pd.DataFrame([_row(subject) for subject in study])
+    import pandas as pd
+
+    return pd.DataFrame([described(subject) for subject in study])
 
 
-def _row(subject: Subject) -> dict[str, str | int | float]:
+def described(subject: Subject) -> dict[str, str | int | float]:
+    """The row of one subject."""
     one = len(_one_order(subject))
     equal = int(np.count_nonzero(subject.s1 == subject.s2))
     return {

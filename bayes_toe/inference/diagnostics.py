@@ -1,4 +1,7 @@
-"""Convergence and weight diagnostics, all computed by ArviZ: the only module that knows ArviZ 0.x from 1.x.
+"""Convergence and weight diagnostics: ArviZ's values, computed here, all that is asked of a quantity from one sort.
+
+Where versions of ArviZ differ: draws equal to a quantile are never above it (as in 1.x; 0.x may round them off), and the number of smoothed
+weights is rounded up (as in 0.x and in the paper's own software). Tests compare with the ArviZ that is installed.
 
 Chains here are independent ensembles and draws within a chain are walker-major; for walkers as chains, or step-major draws,
 rank R-hat and ESS are not valid because the walkers of one ensemble interact.
@@ -6,19 +9,22 @@ rank R-hat and ESS are not valid because the walkers of one ensemble interact.
 
 from __future__ import annotations
 
-import importlib.metadata
-import warnings
-from functools import cache, partial
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import betaincinv
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.inference.effective_size import Series, effective_size, r_hat, series
+from bayes_toe.inference.pareto_smoothing import smoothed_tail
+from bayes_toe.inference.rank_statistics import Ordered, folded, in_order, normal_scores, quantiles, split_chains
 
-#: Tail ESS is the smaller of the two at these probabilities; fixed here because ArviZ versions differ in their default.
+#: Tail ESS is the smaller of the two at these probabilities.
 TAIL = (0.05, 0.95)
 _ONE_SD = (0.1586553, 0.8413447)  # of a normal, below and above its mean
+_FEWEST = 4  # draws of a chain that can be judged
 
 
 class Convergence(NamedTuple):
@@ -27,29 +33,6 @@ class Convergence(NamedTuple):
     ess_bulk: float
     ess_tail: float
     r_hat: float
-
-
-def convergence(draws: npt.ArrayLike) -> Convergence:
-    """Diagnostics of draws, shape (chains, draws).
-
-    A constant quantity has no such diagnostics; all three are then NaN.
-
-    Examples
-    --------
-    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
-    >>> convergence(draws).r_hat < 1.01
-    True
-    """
-    values = np.asarray(draws, np.float64)
-    if np.ptp(values) == 0.0:
-        return Convergence(np.nan, np.nan, np.nan)
-    arviz = _arviz()
-    if _is_one():
-        axes: dict[str, Any] = {"chain_axis": 0, "draw_axis": 1}
-        bulk, tail = (arviz.ess(values, method=m, **axes, **p) for m, p in (("bulk", {}), ("tail", {"prob": TAIL})))
-        return Convergence(float(bulk), float(tail), float(arviz.rhat(values, method="rank", **axes)))
-    bulk, tail = arviz.ess(values, method="bulk"), arviz.ess(values, method="tail", prob=TAIL)
-    return Convergence(float(bulk), float(tail), float(arviz.rhat(values, method="rank")))
 
 
 class Errors(NamedTuple):
@@ -61,8 +44,33 @@ class Errors(NamedTuple):
     q95: float
 
 
+class Diagnosis(NamedTuple):
+    """All that is said of the draws of one scalar quantity: convergence, errors, and the quantiles that were asked for."""
+
+    convergence: Convergence
+    errors: Errors
+    quantiles: FloatArray
+
+
+def convergence(draws: npt.ArrayLike) -> Convergence:
+    """Diagnostics of draws, shape (chains, draws).
+
+    A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with a NaN, of fewer than four draws, and
+    R-hat of a single chain.
+
+    Source: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667-718.
+
+    Examples
+    --------
+    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
+    >>> convergence(draws).r_hat < 1.01
+    True
+    """
+    return Quantity(draws).convergence
+
+
 def errors(draws: npt.ArrayLike) -> Errors:
-    """Monte Carlo standard errors of what is said of draws, shape (chains, draws); NaN for a constant quantity.
+    """Monte Carlo standard errors of what is said of draws, shape (chains, draws); NaN where there is no convergence to judge.
 
     Examples
     --------
@@ -70,12 +78,74 @@ def errors(draws: npt.ArrayLike) -> Errors:
     >>> 0.008 < errors(draws).mean < 0.012
     True
     """
-    values = np.asarray(draws, np.float64)
-    if np.ptp(values) == 0.0:
-        return Errors(*[np.nan] * 4)
-    axes: dict[str, Any] = {"chain_axis": 0, "draw_axis": 1} if _is_one() else {}
-    mcse = partial(_arviz().mcse, values, **axes)
-    return Errors(float(mcse(method="mean")), *(float(mcse(method="quantile", prob=p)) for p in (0.05, 0.5, 0.95)))
+    return Quantity(draws).errors
+
+
+def diagnosis(draws: npt.ArrayLike, probabilities: npt.ArrayLike) -> Diagnosis:
+    """Convergence, errors and quantiles of draws, shape (chains, draws), for little more than the price of one of them.
+
+    Examples
+    --------
+    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
+    >>> found = diagnosis(draws, [0.25, 0.75])
+    >>> found.errors == errors(draws), bool((found.quantiles == np.quantile(draws, [0.25, 0.75])).all())
+    (True, True)
+    """
+    quantity = Quantity(draws)
+    return Diagnosis(quantity.convergence, quantity.errors, quantiles(quantity.ascending, probabilities))
+
+
+class Quantity:
+    """Draws of one scalar quantity, shape (chains, draws), sorted once, and what follows from the order; see :func:`convergence`."""
+
+    def __init__(self, draws: npt.ArrayLike) -> None:
+        self._draws = np.atleast_2d(np.ascontiguousarray(draws, np.float64))  # of one layout, so that sums have one order
+        halves = split_chains(self._draws)
+        self._halves, self._ordered = halves, in_order(halves)
+        whole = halves.size == self._draws.size
+        self.ascending = self._ordered.values if whole else np.sort(self._draws, axis=None)
+        # NaN is the last in order, and equal to nothing.
+        self._varies = self._draws.shape[1] >= _FEWEST and bool(self.ascending[0] < self.ascending[-1])
+        self._sizes: dict[float, float] = {}
+
+    @cached_property
+    def convergence(self) -> Convergence:
+        """Effective sizes and R-hat."""
+        if not self._varies:
+            return Convergence(*[np.nan] * 3)
+        scores = series(self._scored(self._ordered))
+        return Convergence(effective_size(scores), min(map(self._size_at, TAIL)), self._r_hat(scores))
+
+    @property
+    def errors(self) -> Errors:
+        """Monte Carlo standard errors; see :func:`errors`."""
+        if not self._varies:
+            return Errors(*[np.nan] * 4)
+        mean = self._draws.std(ddof=1) / np.sqrt(effective_size(series(self._halves)))
+        return Errors(float(mean), *(float(_errors_at(self.ascending, p, self._size_at(p))) for p in (0.05, 0.5, 0.95)))
+
+    def tail_error(self, ess: float) -> float:
+        """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them, from so many effective draws."""
+        low, high = quantiles(self.ascending, TAIL)
+        return float(_errors_at(self.ascending, TAIL, ess).max() / (high - low))
+
+    def _size_at(self, probability: float) -> float:
+        """Effective size of the share of draws up to the quantile at a probability."""
+        if probability not in self._sizes:
+            below = self._halves <= quantiles(self.ascending, probability)
+            self._sizes[probability] = effective_size(series(below.astype(np.float64)))
+        return self._sizes[probability]
+
+    def _r_hat(self, scores: Series) -> float:
+        """The larger of that of the normal scores and that of the scores of distances to the median, which tells of different spreads."""
+        if len(self._draws) < 2:
+            return np.nan
+        distances = folded(self._ordered)
+        spread = np.nan if np.isnan(distances.values[-1]) else r_hat(series(self._scored(distances)))
+        return float(np.fmax(r_hat(scores), spread))
+
+    def _scored(self, ordered: Ordered) -> FloatArray:
+        return normal_scores(ordered).reshape(self._halves.shape)
 
 
 def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: float) -> FloatArray:
@@ -91,14 +161,16 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     >>> bool(0.5 <= quantile_errors(np.arange(101.0), [0.5], 10_000)[0] <= 1.5)  # sd of the share 0.005: half a percentile, whole steps
     True
     """
-    from scipy.stats import beta
+    return _errors_at(np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64), ess)
 
-    ordered, p = np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64)
+
+def _errors_at(ascending: FloatArray, p: npt.ArrayLike, ess: float) -> FloatArray:
+    p = np.asarray(p, np.float64)
     if not ess > 0.0:
         return np.full(p.shape, np.nan)
-    low, high = (beta.ppf(level, ess * p + 1.0, ess * (1.0 - p) + 1.0) * ordered.size - 1.0 for level in _ONE_SD)
-    ends = np.maximum(np.floor(low), 0.0), np.minimum(np.ceil(high), ordered.size - 1.0)
-    return np.asarray((ordered[ends[1].astype(int)] - ordered[ends[0].astype(int)]) / 2.0)
+    low, high = (betaincinv(ess * p + 1.0, ess * (1.0 - p) + 1.0, level) * ascending.size - 1.0 for level in _ONE_SD)
+    ends = np.maximum(np.floor(low), 0.0), np.minimum(np.ceil(high), ascending.size - 1.0)
+    return np.asarray((ascending[ends[1].astype(int)] - ascending[ends[0].astype(int)]) / 2.0)
 
 
 def pareto_k(log_weights: npt.ArrayLike) -> float:
@@ -109,11 +181,11 @@ def pareto_k(log_weights: npt.ArrayLike) -> float:
     >>> pareto_k(np.log(np.random.default_rng(0).uniform(size=5000))) < 0.7
     True
     """
-    return smoothed_weights(log_weights).pareto_k
+    return smoothed_tail(np.asarray(log_weights, np.float64))[1]
 
 
 class SmoothedWeights(NamedTuple):
-    """Importance weights with a Pareto-smoothed tail: normalised log weights, shape (draws,), and k-hat."""
+    """Importance weights with a Pareto-smoothed tail: log weights, shape (draws,), and k-hat."""
 
     log_weights: FloatArray
     pareto_k: float
@@ -128,19 +200,8 @@ def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
     >>> bool(abs(np.exp(smoothed.log_weights).sum() - 1) < 1e-12), smoothed.pareto_k < 0.7
     (True, True)
     """
-    values = np.asarray(log_weights, np.float64)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ArviZ warns of a large k-hat; here the number itself is the result
-        # 0.x takes log weights; 1.x takes log likelihoods to be left out, that is, their negative.
-        smoothed, k = _arviz().psislw(-values if _is_one() else values)
-    result = np.asarray(smoothed, np.float64)
-    return SmoothedWeights(result - log_sum(result), float(np.asarray(k)))
-
-
-def log_sum(values: FloatArray) -> float:
-    """Log of the sum of exp(values), shape (draws,), the largest of them finite. scipy's does more and takes several times as long."""
-    top = values.max()
-    return float(top + np.log(np.exp(values - top).sum()))
+    shifted, k = smoothed_tail(np.asarray(log_weights, np.float64))
+    return SmoothedWeights(shifted - log_sum(shifted), k)
 
 
 def smoothed_unnormalised(log_weights: npt.ArrayLike) -> SmoothedWeights:
@@ -154,27 +215,11 @@ def smoothed_unnormalised(log_weights: npt.ArrayLike) -> SmoothedWeights:
     (True, True)
     """
     values = np.asarray(log_weights, np.float64)
-    made, k = smoothed_weights(values)
-    # All weights but the tail are the raw ones up to a constant, which the median weight tells.
-    middle = np.argsort(values)[len(values) - np.count_nonzero(np.isfinite(values)) // 2 - 1]
-    return SmoothedWeights(np.where(np.isfinite(values), made + (values[middle] - made[middle]), -np.inf), k)
+    shifted, k = smoothed_tail(values)
+    return SmoothedWeights(shifted + values.max(), k)
 
 
-@cache
-def _is_one() -> bool:
-    # hasattr(arviz, "InferenceData") would be true on 1.2 and later as well: only the version tells.
-    return int(importlib.metadata.version("arviz").split(".")[0]) >= 1
-
-
-@cache
-def _arviz() -> Any:
-    """The array functions of whichever ArviZ is installed, imported at first use because it is slow to import."""
-    if _is_one():
-        from arviz_stats.base import array_stats
-
-        return array_stats
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces its refactoring at import
-        import arviz
-
-    return arviz
+def log_sum(values: FloatArray) -> float:
+    """Log of the sum of exp(values), shape (draws,), the largest of them finite. scipy's does more and takes several times as long."""
+    top = values.max()
+    return float(top + np.log(np.exp(values - top).sum()))

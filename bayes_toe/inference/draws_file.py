@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.cells import LARGEST_COUNT, quoted
+from bayes_toe.data.cells import LARGEST_COUNT
+from bayes_toe.data.messages import quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.errors import InputError

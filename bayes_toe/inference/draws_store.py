@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.cells import quoted
+from bayes_toe.data.messages import quoted
 from bayes_toe.data.stores import DOCUMENT, SEAL, store_document
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws_layout import MOST_INFLATED, Key, Large, Region, load_small

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, quantile_errors
+from bayes_toe.inference.diagnostics import Convergence, Quantity
 from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -164,10 +164,11 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
-        diagnostics = _judge(posterior, x)
+        diagnosed = {name: Quantity(values) for name, values in posterior.judged(x).items()}
+        diagnostics = {name: one.convergence for name, one in diagnosed.items()}
         reason, last = _shortfall(diagnostics, settings), thin >= settings.max_thin
         if not reason:
-            reason, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+            reason, hopeless = _uncertain_quantile(posterior, x, diagnosed, settings.max_quantile_error)
             last = last or hopeless
         if not reason or last:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
@@ -245,10 +246,6 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
     return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
-def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:
-    return {name: convergence(values) for name, values in posterior.judged(x).items()}
-
-
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
     """What was not reached, in words; empty where everything was. A NaN diagnostic counts as not reached."""
     lowest = min(diagnostics, key=lambda name: np.nan_to_num(min(diagnostics[name][:2])))
@@ -262,26 +259,20 @@ def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -
     return "; ".join(problems)
 
 
-def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
+def _uncertain_quantile(posterior: Target, x: FloatArray, diagnosed: dict[str, Quantity], limit: float) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
     With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
     """
     if limit == np.inf:
         return "", False
-    found = posterior.quantities(x)
-    natural = {name: found[name] for name in posterior.names.natural}
-    sizes = {name: (diagnostics[name] if name in diagnostics else convergence(values)).ess_tail for name, values in natural.items()}
-    errors = {name: _relative_error(values, sizes[name]) for name, values in natural.items()}
+    names = posterior.names.natural
+    left_out = {} if diagnosed.keys() >= set(names) else posterior.quantities(x)
+    natural = {name: diagnosed[name] if name in diagnosed else Quantity(left_out[name]) for name in names}
+    errors = {name: one.tail_error(one.convergence.ess_tail) for name, one in natural.items()}
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
-    hopeless = not _relative_error(natural[worst], natural[worst].size) < limit
+    hopeless = not natural[worst].tail_error(x.shape[0] * x.shape[1]) < limit
     reason = f"a 5 or 95 % quantile of {worst} uncertain by {errors[worst]:.3f} of their range, below {limit:g} required"
     return reason + ("; more draws are needed" if hopeless else ""), hopeless
-
-
-def _relative_error(values: FloatArray, ess: float) -> float:
-    """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them."""
-    low, high = np.quantile(values, TAIL)
-    return float(quantile_errors(values, TAIL, ess).max() / (high - low))

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TypeAlias
 
-import numpy as np
-
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Errors, convergence, errors
+from bayes_toe.inference.diagnostics import Errors, diagnosis
 from bayes_toe.inference.pointwise import Pointwise
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.inference.subject import SubjectResult
@@ -111,9 +109,10 @@ def summary_rows(target: Answering, values: Mapping[str, FloatArray]) -> tuple[S
 
 
 def _row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
-    quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
+    found = diagnosis(values, list(QUANTILES.values()))
+    quantiles = found.quantiles.tolist()
     narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
-    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *convergence(values), narrowed, *errors(values))
+    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *found.convergence, narrowed, *found.errors)
 
 
 def _unit(name: str, target: Answering) -> str:

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import variance_ratio
@@ -70,6 +69,8 @@ _SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
 @cache
 def _product_quantile(of_sigma_p: Distribution, of_gamma: Distribution, parameter: str, probability: float) -> float:
     """Quantile of sigma_p h(gamma): between the smallest and the largest h times sigma_p's own, so it is looked for in that unit."""
+    from scipy.optimize import brentq  # slow to import
+
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     root = 0.5 * (nodes + 1.0)  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
     shape = _SHAPES[parameter](of_gamma.quantile(np.square(root)))

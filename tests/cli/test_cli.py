@@ -392,8 +392,16 @@ def test_importing_the_package_is_light():
     assert loaded_by("import bayes_toe", "numpy", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
 
 
-def test_help_and_check_load_no_sampler(tmp_path):
-    assert loaded_by("import bayes_toe.cli.app", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
+def test_help_and_check_load_no_sampler():
+    assert loaded_by("import bayes_toe.cli.app", "numpy", "scipy", "pandas", "arviz", "emcee", "matplotlib") == "[]"
+    example = str(Path(bt.__file__).parent / "data" / "example_study.csv")
+    run = f"from bayes_toe.cli.app import app; app(['check', {example!r}, '--quiet'], standalone_mode=False)"
+    assert loaded_by(run, "scipy.stats", "scipy.optimize", "pandas", "arviz", "emcee", "matplotlib") == "[]"
+
+
+def test_evidence_loads_no_sampler_and_no_statistics():
+    run = "import bayes_toe as bt; bt.evidence(bt.example_study().select(['S01']), seed=1, workers=1)"
+    assert loaded_by(run, "scipy.stats", "scipy.optimize", "pandas", "xarray", "arviz", "emcee", "matplotlib") == "[]"
 
 
 def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
