@@ -41,7 +41,7 @@ class Stage:
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
 STAGES = (
-    Stage(components=8, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
+    Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 _POOR = 0.5  # efficiency below which the second stage runs
@@ -122,14 +122,10 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
 
 
 def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
-    """Rounds of drawing and refitting; one more once the efficiency is enough, because it is cheap and sharpens."""
-    history: list[_Round] = []
-    left = stage.rounds
-    while left > 0:
-        history.append(_round(proposal, rng, stage.draws))
-        left = min(left - 1, 1) if history[-1].efficiency > stage.enough else left - 1
-        if left > 0:
-            proposal = _refitted(history[-_HISTORY:], stage)
+    """Rounds of drawing and refitting, until the efficiency is enough."""
+    history = [_round(proposal, rng, stage.draws)]
+    while len(history) < stage.rounds and history[-1].efficiency < stage.enough:
+        history.append(_round(_refitted(history[-_HISTORY:], stage), rng, stage.draws))
     return history
 
 
@@ -197,15 +193,14 @@ def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume
 
     y and log_volume are the draws in levelled coordinates.
     """
-    mixture, cover = proposal.mixture, proposal.cover
-    of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
-    white = y @ np.linalg.inv(np.linalg.cholesky(cover.covariance)).T
+    of_mixture, of_cover = proposal.mixture.log_density(y), proposal.cover.log_density(y)
+    white = y @ np.linalg.inv(np.linalg.cholesky(proposal.cover.covariance)).T
+    found: list[StudentMixture] = []
     for _ in range(patches):
         short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
-        patch = _patch(y, white, short)
-        mixture = mixture.joined(patch, _PATCH_SHARE)
-        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
-    return replace(proposal, mixture=mixture)
+        found.append(_patch(y, white, short))
+        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y))
+    return replace(proposal, mixture=proposal.mixture.joined(found, _PATCH_SHARE))
 
 
 def _patch(y: FloatArray, white: FloatArray, short: FloatArray) -> StudentMixture:
