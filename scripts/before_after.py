@@ -82,11 +82,15 @@ class Bar:
 
 
 def whole_process(*words: str, earlier: tuple[str, ...] | None = None) -> Callable[[Place], float]:
-    """User CPU seconds of a command from start to end; `earlier` are its words at a commit that does not know these."""
+    """User CPU seconds of a command from start to end; `earlier` are its words at a commit that refuses these."""
 
     def measure(place: Place) -> float:
-        known = earlier if earlier is not None and place.tree != HERE else words
-        return _ended(place, "-m", "bayes_toe", *known)[0]
+        try:
+            return _ended(place, "-m", "bayes_toe", *words)[0]
+        except InputError:
+            if earlier is None:
+                raise
+            return _ended(place, "-m", "bayes_toe", *earlier)[0]
 
     return measure
 
