@@ -52,7 +52,14 @@ _HARD = 2  # times the judging draws, where refits were needed
 _HEAVY = 6.0
 
 
-def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+def fit_proposal(
+    posterior: Target,
+    rng: np.random.Generator,
+    *,
+    maxima: Maxima | None = None,
+    draws: int = 20_000,
+    start: FittedProposal | None = None,
+) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
     Parameters
@@ -64,6 +71,9 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
         Local maxima, where they are known already.
     draws : int
         Size of the judging sample; twice as many where refits were needed.
+    start : FittedProposal, optional
+        A proposal for this posterior that was fitted to a similar one, and draws from it with this posterior's densities: the first
+        stages, maxima among them, are left out.
 
     Examples
     --------
@@ -73,17 +83,24 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
     >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
     True
     """
-    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws), rng)
+    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws, start=start), rng)
 
 
-def adapt_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+def adapt_proposal(
+    posterior: Target,
+    rng: np.random.Generator,
+    *,
+    maxima: Maxima | None = None,
+    draws: int = 20_000,
+    start: FittedProposal | None = None,
+) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
-    found = find_maxima(posterior) if maxima is None else maxima
     stage = STAGES[0]
-    history = _adapt(_first(posterior, found, rng), stage, rng)
+    first = _refitted([start], stage) if start is not None else _first(posterior, find_maxima(posterior) if maxima is None else maxima, rng)
+    history = _adapt(first, stage, rng)
     if _best(history).efficiency < _POOR:
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
