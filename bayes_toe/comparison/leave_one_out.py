@@ -7,7 +7,8 @@ first needs two values a pair, however many trials there are:
     elpd = sum over pairs of n_Eq ln p(equal | others) + n_Diff ln p(different | others).
 
 Models with draws: Pareto-smoothed importance sampling (Vehtari, Gelman, Gabry 2017; Vehtari et al. 2024), withheld where k-hat says that
-it cannot be trusted. Free frequencies (H0): in closed form, because there the weights of a left-out pair fail always.
+it cannot be trusted; of pairs by the draws of a proposal with wide tails where there is one (:mod:`bayes_toe.comparison.left_out_pairs`).
+Free frequencies (H0): in closed form, because there the weights of a left-out pair fail always.
 
 Values are natural logs, without binomial coefficients as the evidences are.
 """
@@ -24,12 +25,15 @@ from scipy.special import betaln
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import log_sum, smoothed_weights
+from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
+from bayes_toe.inference.proposal import efficiency
 
 Unit = Literal["trial", "pair"]
 ANSWERS = ("equal", "different")
 #: Pareto k-hat beyond which a value is withheld; with fewer than 2,200 draws less is allowed, 1 - 1/log10(draws).
 LARGEST_K = 0.7
+#: Share of weighted draws that must count for a left-out pair: with 20,000 of them the value is uncertain by 0.03 then.
+LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike, *
 
 def _weighted(unit: Unit, logs: FloatArray, counts: IntArray, pairs: Sequence[str] | None) -> LeaveOneOut:
     """From log probabilities of shape (answers, pairs, draws), of each unit given all that stays."""
-    names = tuple(str(i + 1) for i in range(counts.shape[1])) if pairs is None else tuple(pairs)
+    names = _numbers(counts) if pairs is None else tuple(pairs)
     if len(names) != counts.shape[1]:
         raise InputError(f"pairs: {len(names)} names, allowed are {counts.shape[1]}")
     values, k = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
@@ -160,6 +164,37 @@ def _weighted(unit: Unit, logs: FloatArray, counts: IntArray, pairs: Sequence[st
     bad = k > trusted_k(logs.shape[-1])
     values[bad] = np.nan
     return LeaveOneOut(unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k, _note(unit, bad, k, names))
+
+
+def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials: npt.ArrayLike, *, withheld: BoolArray) -> LeaveOneOut:
+    """The same from draws that are weighted: ln p(pair | rest) = ln Z(all) - ln Z(rest), with mean weights in the place of both evidences.
+
+    A value is withheld as well where the draws that count for the rest are below :data:`LEAST_SHARE` of all: few of a proposal that was
+    made for all answers reach where the pair forbids, and neither their number nor k-hat then says how far the mean is off.
+
+    Parameters
+    ----------
+    log_likelihood : array, shape (draws, pairs)
+        Of each pair; -inf where the draw makes its answers impossible.
+    log_weights : array, shape (draws,)
+        Log of prior over proposal density, unnormalised.
+    n_trials : array_like of int, shape (pairs,)
+    withheld : array of bool, shape (pairs,)
+        Pairs without which the posterior may have mass where no draw is.
+    """
+    tried = (np.asarray(n_trials)[None] > 0).astype(np.int64)
+    impossible = np.isneginf(log_likelihood)
+    possible, walls = np.where(impossible, 0.0, log_likelihood), impossible.sum(axis=1)
+    whole = log_weights + possible.sum(axis=1)
+    log_all = log_sum(whole[walls == 0])
+    values, k = np.full(tried.shape, np.nan), np.full(tried.shape, np.nan)
+    for pair in np.flatnonzero(tried[0]):
+        rest = np.where(walls > impossible[:, pair], -np.inf, whole - possible[:, pair])
+        smoothed, k[0, pair] = smoothed_unnormalised(rest)
+        if not withheld[pair] and k[0, pair] <= trusted_k(len(rest)) and efficiency(rest) >= LEAST_SHARE:
+            values[0, pair] = log_all - log_sum(smoothed)
+    bad = np.isnan(values) & (tried > 0)
+    return LeaveOneOut("pair", *_sum(values, tried), float(np.nanmax(k)), values, tried, k, _note("pair", bad, k, _numbers(tried)))
 
 
 def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
@@ -237,6 +272,10 @@ def _note(unit: Unit, bad: BoolArray, k: FloatArray, names: tuple[str, ...]) -> 
     which = [f"pair {names[i]}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}" for a, i in np.argwhere(bad)]
     listed = ", ".join(which[:5]) + (f" and {len(which) - 5} more" if len(which) > 5 else "")
     return f"leave-one-out by {unit} withheld: importance weights are unreliable (Pareto k-hat: {listed})"
+
+
+def _numbers(counts: IntArray) -> tuple[str, ...]:
+    return tuple(str(i + 1) for i in range(counts.shape[1]))
 
 
 def _require_unit(unit: Unit) -> Unit:

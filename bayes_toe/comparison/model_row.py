@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best, leave_one_out, leave_one_out_frequencies, leave_one_pair_out
+from bayes_toe.comparison.left_out_pairs import left_out_pairs, thinning
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import Evidence, importance_evidence
-from bayes_toe.inference.predictive_checks import FitSummary
-from bayes_toe.inference.sampling import Chains, SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, AnyPosterior, Wanted, infer
+from bayes_toe.inference.diagnostics import smoothed_weights
+from bayes_toe.inference.evidence import Evidence
+from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
+from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
 from bayes_toe.model.ladder import Record
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering, Conjugate, Target
 from bayes_toe.seeds import generator
 
-_LEFT_OUT_VALUES = 5_000_000  # values of one array of log probabilities; draws are thinned to stay below, to no fewer than _LEAST_DRAWS
-_LEAST_DRAWS = 1000
-_MOST_REFITS = 5  # a model that more pairs surprise describes the answers badly, which the other columns show
+_EQUAL_DRAWS = 2500  # at least, so that a k-hat of 0.7 is allowed
 UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
@@ -92,21 +94,15 @@ class ModelRow:
 def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
     """Everything that the table says of one subject under one model."""
     target = model.posterior(subject, prior)
-    result = infer(target, seed, Wanted(SamplerSettings(draws=draws, max_quantile_error=np.inf), EVIDENCE_DRAWS))
-    found, chains, fit = result.evidence, result.chains, result.fit
-    assert found is not None  # it was asked for, as were the others
-    assert chains is not None
-    assert fit is not None
-    notes = [*_of_intervals(target), *(note for note in (found.why_not,) if note)]
-    if chains.converged:
-        trial, pair = _left_out(target, chains, found, seed)
-        notes += [one.note for one in (trial, pair) if one.note]
-        checks, left_out = _checks(trial, pair, fit), dict(zip(UNITS, (trial, pair), strict=True))
-    else:
-        notes += [f"draws did not converge: {chains.reason}", "leave-one-out and predictive checks withheld with the draws"]
-        checks, left_out = Checks(), {}
-    evidence = found.value, found.se, found.pareto_k
-    return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=left_out)
+    settings = SamplerSettings(draws=draws, max_quantile_error=np.inf)
+    found = _exact(target, settings, seed) if isinstance(target, Conjugate) else _fitted(target, settings, seed)
+    notes = [*_of_intervals(target), *(note for note in (found.evidence.why_not,) if note)]
+    notes += [one.note for one in found.left_out.values() if one.note]
+    if found.reason:
+        notes += [f"draws did not converge: {found.reason}", "leave-one-out and predictive checks withheld with the draws"]
+    evidence = found.evidence.value, found.evidence.se, found.evidence.pareto_k
+    checks = Checks() if found.fit is None else _checks(found.left_out["trial"], found.left_out["pair"], found.fit)
+    return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=found.left_out)
 
 
 def failed_row(subject: Subject, model: Record, reason: str, *, prior: Prior) -> ModelRow:
@@ -135,44 +131,56 @@ def _of_intervals(target: Answering) -> tuple[str, ...]:
     return () if target.subject.isi is None or target.model.knows_intervals else (target.model.of_intervals,)
 
 
-def _left_out(target: AnyPosterior, chains: Chains, evidence: Evidence, seed: int) -> tuple[LeaveOneOut, LeaveOneOut]:
-    """Leave-one-out by trial and by pair: in closed form, or from draws, refitting where their weights fail."""
-    subject = target.subject
-    if isinstance(target, Conjugate):
-        trial, pair = (leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in UNITS)
-        return trial, pair
-    x = chains.x.reshape(-1, len(target.coordinates))
-    most = max(_LEAST_DRAWS, _LEFT_OUT_VALUES // subject.n_pairs)
-    some = x[:: max(1, -(-len(x) // most))]
+class _Found(NamedTuple):
+    """What a row is made of; why draws fall short where they do, and then neither fit nor what was left out."""
+
+    evidence: Evidence
+    left_out: Mapping[Unit, LeaveOneOut]
+    fit: FitSummary | None
+    reason: str = ""
+
+
+def _exact(target: Conjugate, settings: SamplerSettings, seed: int) -> _Found:
+    """In closed form, but for predictive checks."""
+    subject, result = target.subject, exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
+    assert result.evidence is not None  # it was asked for
+    left_out = {unit: leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in UNITS}
+    return _Found(result.evidence, left_out, result.fit)
+
+
+def _fitted(target: Target, settings: SamplerSettings, seed: int) -> _Found:
+    """From the draws of a fitted proposal."""
+    result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    assert result.evidence is not None  # it was asked for
+    x, log_likelihood, reason = _equal_draws(fitted, settings, seed)
+    if reason:
+        return _Found(result.evidence, {}, None, reason)
+    subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
     trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_equal, subject.n_trials)
-    pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
-    failed = np.flatnonzero(np.isnan(pair.values[0])).tolist()
-    return trial, pair.filled(_refitted(target, evidence, failed, seed)) if failed else pair
+    if fitted.trusted:
+        pair = left_out_pairs(fitted, maxima, result.evidence, seed)
+    else:
+        pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
+    fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
+    return _Found(result.evidence, {"trial": trial, "pair": pair}, fit)
 
 
-def _refitted(target: Target, evidence: Evidence, pairs: list[int], seed: int) -> dict[int, float]:
-    """Log predictive density of left-out pairs where weights fail: ln p(y_i | rest) = ln Z(all) - ln Z(rest), by a fit without the pair.
+def _equal_draws(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> tuple[FloatArray, FloatArray, str]:
+    """Posterior draws of equal weight, shape (draws, k), their log likelihoods, and why they fall short where they do.
 
-    Where either evidence is withheld, or more pairs fail than are worth a fit each, there are no values.
+    Those of the proposal, taken by their weights: they are independent. Chains where the proposal cannot be trusted, or fewer count than
+    were asked for.
     """
-    if evidence.value is None or len(pairs) > _MOST_REFITS:
-        return {}
-    found: dict[int, float] = {}
-    for pair in pairs:
-        rest = _log_evidence_without(target, pair, generator(seed, target.subject.name, target.model.name, "left out", pair))
-        if rest is not None:
-            found[pair] = evidence.value - rest
-    return found
-
-
-def _log_evidence_without(target: Target, pair: int, rng: np.random.Generator) -> float | None:
-    subject = target.subject
-    kept = np.arange(subject.n_pairs) != pair
-    if not kept.any():
-        return 0.0  # no answers: their probability is 1
-    isi = None if subject.isi is None else subject.isi[kept]
-    rest = Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept], isi)
-    return importance_evidence(fit_proposal(target.for_subject(rest), rng)).value
+    target, draws, size = fitted.proposal.posterior, fitted.draws, max(_EQUAL_DRAWS, 5 * settings.draws // 2)
+    counting = 1.0 / (1.0 / (fitted.efficiency * len(draws.x)) + 1.0 / size)
+    if not fitted.trusted or counting < settings.draws:
+        chains = sample_chains(fitted, settings, seed)
+        x = chains.x.reshape(-1, len(target.coordinates))
+        return x, chains.log_posterior.ravel() - target.log_prior(x), chains.reason
+    below = np.cumsum(np.exp(smoothed_weights(draws.log_weights).log_weights))
+    places = (np.arange(size) + generator(seed, target.subject.name, target.model.name, "equal draws").uniform()) / size
+    kept = np.searchsorted(below[:-1], places * below[-1], side="right")
+    return draws.x[kept], draws.log_posterior[kept] - draws.log_prior[kept], ""
 
 
 def _checks(trial: LeaveOneOut, pair: LeaveOneOut, summary: FitSummary) -> Checks:

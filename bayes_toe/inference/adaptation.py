@@ -25,7 +25,7 @@ _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the su
 _COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
-_LARGE = 10_000  # draws of the round after these, which shows more of the tails
+_LARGE = 4000  # draws of the round after these, which shows more of the tails
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Stage:
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
 STAGES = (
-    Stage(components=16, draws=2000, rounds=6, enough=0.75, cover_share=0.05),
+    Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 _POOR = 0.5  # efficiency below which the second stage runs
@@ -52,7 +52,14 @@ _HARD = 2  # times the judging draws, where refits were needed
 _HEAVY = 6.0
 
 
-def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+def fit_proposal(
+    posterior: Target,
+    rng: np.random.Generator,
+    *,
+    maxima: Maxima | None = None,
+    draws: int = 20_000,
+    start: FittedProposal | None = None,
+) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
     Parameters
@@ -64,6 +71,9 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
         Local maxima, where they are known already.
     draws : int
         Size of the judging sample; twice as many where refits were needed.
+    start : FittedProposal, optional
+        A proposal for this posterior that was fitted to a similar one, and draws from it with this posterior's densities: the first
+        stages, maxima among them, are left out.
 
     Examples
     --------
@@ -73,22 +83,30 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima 
     >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
     True
     """
-    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws), rng)
+    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws, start=start), rng)
 
 
-def adapt_proposal(posterior: Target, rng: np.random.Generator, *, maxima: Maxima | None = None, draws: int = 20_000) -> FittedProposal:
+def adapt_proposal(
+    posterior: Target,
+    rng: np.random.Generator,
+    *,
+    maxima: Maxima | None = None,
+    draws: int = 20_000,
+    start: FittedProposal | None = None,
+) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
-    found = find_maxima(posterior) if maxima is None else maxima
     stage = STAGES[0]
-    history = _adapt(_first(posterior, found, rng), stage, rng)
+    first = _refitted([start], stage) if start is not None else _first(posterior, find_maxima(posterior) if maxima is None else maxima, rng)
+    history = _adapt(first, stage, rng)
     if _best(history).efficiency < _POOR:
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
     best = _best(history)
-    judged = [_judged(_refitted([_round(best.proposal, rng, _LARGE)], stage, _PATCHES), rng, draws)]
+    sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
+    judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
     chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)
@@ -121,14 +139,10 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
 
 
 def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
-    """Rounds of drawing and refitting; one more once the efficiency is enough, because it is cheap and sharpens."""
-    history: list[_Round] = []
-    left = stage.rounds
-    while left > 0:
-        history.append(_round(proposal, rng, stage.draws))
-        left = min(left - 1, 1) if history[-1].efficiency > stage.enough else left - 1
-        if left > 0:
-            proposal = _refitted(history[-_HISTORY:], stage)
+    """Rounds of drawing and refitting, until the efficiency is enough."""
+    history = [_round(proposal, rng, stage.draws)]
+    while len(history) < stage.rounds and history[-1].efficiency < stage.enough:
+        history.append(_round(_refitted(history[-_HISTORY:], stage), rng, stage.draws))
     return history
 
 
@@ -196,15 +210,14 @@ def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume
 
     y and log_volume are the draws in levelled coordinates.
     """
-    mixture, cover = proposal.mixture, proposal.cover
-    of_mixture, of_cover = mixture.log_density(y), cover.log_density(y)
-    white = y @ np.linalg.inv(np.linalg.cholesky(cover.covariance)).T
+    of_mixture, of_cover = proposal.mixture.log_density(y), proposal.cover.log_density(y)
+    white = y @ np.linalg.inv(np.linalg.cholesky(proposal.cover.covariance)).T
+    found: list[StudentMixture] = []
     for _ in range(patches):
         short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
-        patch = _patch(y, white, short)
-        mixture = mixture.joined(patch, _PATCH_SHARE)
-        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + patch.log_density(y))
-    return replace(proposal, mixture=mixture)
+        found.append(_patch(y, white, short))
+        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y))
+    return replace(proposal, mixture=proposal.mixture.joined(found, _PATCH_SHARE))
 
 
 def _patch(y: FloatArray, white: FloatArray, short: FloatArray) -> StudentMixture:

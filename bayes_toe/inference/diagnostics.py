@@ -9,7 +9,7 @@ rank R-hat and ESS are not valid because the walkers of one ensemble interact.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -66,19 +66,7 @@ def convergence(draws: npt.ArrayLike) -> Convergence:
     >>> convergence(draws).r_hat < 1.01
     True
     """
-    return _Quantity(draws).convergence
-
-
-def convergences(draws: Mapping[str, npt.ArrayLike]) -> dict[str, Convergence]:
-    """The same of several quantities by name; what is said of one does not depend on the others.
-
-    Examples
-    --------
-    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
-    >>> convergences({"mu1": draws})["mu1"] == convergence(draws)
-    True
-    """
-    return {name: convergence(values) for name, values in draws.items()}
+    return Quantity(draws).convergence
 
 
 def errors(draws: npt.ArrayLike) -> Errors:
@@ -90,7 +78,7 @@ def errors(draws: npt.ArrayLike) -> Errors:
     >>> 0.008 < errors(draws).mean < 0.012
     True
     """
-    return _Quantity(draws).errors
+    return Quantity(draws).errors
 
 
 def diagnosis(draws: npt.ArrayLike, probabilities: npt.ArrayLike) -> Diagnosis:
@@ -103,12 +91,12 @@ def diagnosis(draws: npt.ArrayLike, probabilities: npt.ArrayLike) -> Diagnosis:
     >>> found.errors == errors(draws), bool((found.quantiles == np.quantile(draws, [0.25, 0.75])).all())
     (True, True)
     """
-    quantity = _Quantity(draws)
+    quantity = Quantity(draws)
     return Diagnosis(quantity.convergence, quantity.errors, quantiles(quantity.ascending, probabilities))
 
 
-class _Quantity:
-    """Draws of one scalar quantity, sorted once, and what follows from the order."""
+class Quantity:
+    """Draws of one scalar quantity, shape (chains, draws), sorted once, and what follows from the order; see :func:`convergence`."""
 
     def __init__(self, draws: npt.ArrayLike) -> None:
         self._draws = np.atleast_2d(np.ascontiguousarray(draws, np.float64))  # of one layout, so that sums have one order
@@ -120,8 +108,9 @@ class _Quantity:
         self._varies = self._draws.shape[1] >= _FEWEST and bool(self.ascending[0] < self.ascending[-1])
         self._sizes: dict[float, float] = {}
 
-    @property
+    @cached_property
     def convergence(self) -> Convergence:
+        """Effective sizes and R-hat."""
         if not self._varies:
             return Convergence(*[np.nan] * 3)
         scores = series(self._scored(self._ordered))
@@ -129,10 +118,16 @@ class _Quantity:
 
     @property
     def errors(self) -> Errors:
+        """Monte Carlo standard errors; see :func:`errors`."""
         if not self._varies:
             return Errors(*[np.nan] * 4)
         mean = self._draws.std(ddof=1) / np.sqrt(effective_size(series(self._halves)))
         return Errors(float(mean), *(float(_errors_at(self.ascending, p, self._size_at(p))) for p in (0.05, 0.5, 0.95)))
+
+    def tail_error(self, ess: float) -> float:
+        """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them, from so many effective draws."""
+        low, high = quantiles(self.ascending, TAIL)
+        return float(_errors_at(self.ascending, TAIL, ess).max() / (high - low))
 
     def _size_at(self, probability: float) -> float:
         """Effective size of the share of draws up to the quantile at a probability."""

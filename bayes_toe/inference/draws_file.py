@@ -262,12 +262,13 @@ def _variables(group: str, found: xr.Dataset, needed: Mapping[str, Any], allowed
 
 
 def _sizes(tree: xr.DataTree) -> Iterator[str]:
-    """Dimensions that are empty, or longer in one group than in another."""
-    lengths: dict[str, int] = {}
+    """Dimensions that are empty, or longer in one group than in another; values of every pair are of fewer draws."""
+    lengths: dict[tuple[str, bool], int] = {}
     for group, node in tree.children.items():
         for dim, length in node.to_dataset().sizes.items():
-            if length == 0 or lengths.setdefault(str(dim), length) != length:
-                yield f"{length} values over {quoted(str(dim))} in {group}, and {lengths.get(str(dim), 'at least one')} in another group"
+            key = str(dim), dim == "draw" and group in ("log_likelihood", "posterior_predictive")
+            if length == 0 or lengths.setdefault(key, length) != length:
+                yield f"{length} values over {quoted(str(dim))} in {group}, and {lengths.get(key, 'at least one')} in another group"
 
 
 def _subjects(tree: xr.DataTree) -> Iterator[str]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study
-from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
+from bayes_toe.inference.pointwise import POINTWISE_LIMIT, spacing, values_needed
 from bayes_toe.inference.subject import Settings
 from bayes_toe.inference.subject_draws import SubjectDraws
 from bayes_toe.model.ladder import model_named
@@ -87,7 +87,8 @@ def skeleton(study: Study, heads: Sequence[Head], settings: Settings, failed: Ma
     }
     large, left_out = _drawn(study, heads), ""
     if all(head.pointwise for head in heads):
-        groups |= {name: xr.Dataset(coords=observed.coords) for name in _POINTWISE}
+        steps = np.arange(0, heads[0].size[1], spacing(*heads[0].size))
+        groups |= {name: xr.Dataset(coords={"chain": np.arange(heads[0].size[0]), "draw": steps, **observed.coords}) for name in _POINTWISE}
         large |= _of_pairs(study, heads[0].size)
     else:
         left_out = (
@@ -184,7 +185,8 @@ def _drawn(study: Study, heads: Sequence[Head]) -> dict[Key, Large]:
 
 def _of_pairs(study: Study, size: tuple[int, int]) -> dict[Key, Large]:
     pairs = [subject.n_pairs for subject in study]
-    shape, chunk = (*size, sum(pairs)), (*size, _commonest(pairs))
+    kept = size[0], -(-size[1] // spacing(*size))
+    shape, chunk = (*kept, sum(pairs)), (*kept, _commonest(pairs))
     return {(group, "n_equal"): Large(BY_PAIR, shape, dtype, chunk) for group, dtype in _POINTWISE.items()}
 
 

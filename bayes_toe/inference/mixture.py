@@ -6,6 +6,7 @@ the sum of degrees of freedom and dimension is a whole number, so that each dens
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -110,12 +111,14 @@ class StudentMixture:
         # A thousandth of the overall spread is added, so that no component collapses onto a few points.
         return StudentMixture(held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df)
 
-    def joined(self, other: StudentMixture, share: float) -> StudentMixture:
-        """This mixture with another one of the same degrees of freedom taking a share of it."""
+    def joined(self, others: Sequence[StudentMixture], share: float) -> StudentMixture:
+        """This mixture with others of the same degrees of freedom, each of which takes a share of what was before it."""
+        left = (1.0 - share) ** np.arange(len(others), -1, -1)
+        parts = [self, *others]
         return StudentMixture(
-            np.concatenate([self.weights * (1.0 - share), other.weights * share]),
-            np.concatenate([self.means, other.means]),
-            np.concatenate([self.scales, other.scales]),
+            np.concatenate([one.weights * kept for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)]),
+            np.concatenate([one.means for one in parts]),
+            np.concatenate([one.scales for one in parts]),
             self.df,
         )
 

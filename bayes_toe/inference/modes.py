@@ -25,12 +25,15 @@ class Maxima:
         Negative Hessian; positive definite at a proper maximum.
     arrived : bool
         False where no start met the convergence criterion; the points are then the best found.
+    hopeless : array, shape (others, k)
+        Further ones, 30 nats and more below the best.
     """
 
     x: FloatArray
     value: FloatArray
     curvature: FloatArray
     arrived: bool
+    hopeless: FloatArray
 
 
 def find_maxima(target: Target) -> Maxima:
@@ -47,9 +50,11 @@ def find_maxima(target: Target) -> Maxima:
     found = ascend(_LogDensity(target), target.starts().T)
     kept = found.arrived if found.arrived.any() else np.ones_like(found.arrived)
     x, value = found.x.T[kept], found.value[kept]
-    chosen = _distinct(x, value)
+    distinct = _distinct(x, value)
+    hopeless = value[distinct] <= value.max() - 30.0
+    chosen = distinct[~hopeless]
     curvature = -target.derivatives(x[chosen])[1]
-    return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()))
+    return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()), x[distinct[hopeless]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +74,9 @@ class _LogDensity:
 
 
 def _distinct(x: FloatArray, value: FloatArray) -> IndexArray:
-    """Indices of maxima that differ visibly and are not hopeless (30 nats below the best), best first."""
+    """Indices of maxima that differ visibly, best first."""
     chosen: list[int] = []
     for i in np.argsort(-value):
-        far = all(np.abs(x[i] - x[j]).max() > 1e-3 for j in chosen)
-        if far and value[i] > value.max() - 30.0:
+        if all(np.abs(x[i] - x[j]).max() > 1e-3 for j in chosen):
             chosen.append(int(i))
     return np.array(chosen)

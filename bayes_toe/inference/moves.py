@@ -5,19 +5,43 @@ This module and :mod:`bayes_toe.inference.sampling` are the only ones that impor
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.inference.proposal import FittedProposal, Proposal
+from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 
 if TYPE_CHECKING:
     import emcee
 
 
-def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
+class Stock:
+    """Draws from a proposal with all that a step needs of them.
+
+    The first ones are those by which the proposal was judged, whose posterior densities are known; when they are used up, more are made in
+    large batches. That the proposal was accepted by the same draws leaves out of them at most points of a weight of which a refit would
+    have come: about 1/20,000 of the posterior, far below the Monte Carlo error of as many steps.
+    """
+
+    _BATCH = 1024
+
+    def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
+        self.proposal, self._left = proposal, first
+
+    def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
+        """The next draws."""
+        if len(self._left.x) < size:
+            self._left = importance_draws(self.proposal, random, max(size, self._BATCH))
+        taken, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
+        return taken
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density of the proposal at x, shape (points, k) -> (points,)."""
+        return self.proposal.log_density(x, self.proposal.posterior.log_prior(x))
+
+
+def moves(fitted: FittedProposal, stock: Stock) -> list[tuple[Any, float]]:
     """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
@@ -25,61 +49,33 @@ def moves(fitted: FittedProposal) -> list[tuple[Any, float]]:
     from emcee.moves import DEMove, StretchMove
 
     local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
-    return [(GlobalMove(fitted.proposal), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
+    return [(GlobalMove(stock), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
 
 
-def GlobalMove(proposal: Proposal) -> emcee.moves.MHMove:  # noqa: N802 (named like emcee's own moves)
+def GlobalMove(stock: Stock) -> emcee.moves.Move:  # noqa: N802 (named like emcee's own moves)
     """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
-    from emcee.moves import MHMove
+    from emcee.moves import Move
+    from emcee.state import State
 
-    stock, known = _Stock(proposal), _Known()
+    class Global(Move):  # type: ignore[misc]  # emcee has no types
+        def __init__(self) -> None:
+            self._known = np.empty((0, 0)), np.empty(0)
 
-    def propose(x: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        fresh, log_fresh = stock.take(len(x), random)
-        log_old = known.values(x, stock.log_density)
-        known.keep((x.copy(), log_old), (fresh, log_fresh))
-        return fresh, log_old - log_fresh
+        def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
+            x = state.coords
+            fresh, log_old = stock.take(len(x), model.random), self.log_proposal(x)
+            accepted = np.log(model.random.rand(len(x))) < fresh.log_weights - (state.log_prob - log_old)
+            self._known = np.where(accepted[:, None], fresh.x, x), np.where(accepted, fresh.log_proposal, log_old)
+            return self.update(state, State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
 
-    return MHMove(propose, ndim=proposal.mixture.means.shape[1])
+        def log_proposal(self, x: FloatArray) -> FloatArray:
+            """Log proposal density at the walkers: they stand where the last global step left them, but for few that were moved since."""
+            points, values = self._known
+            if points.shape != x.shape:
+                return stock.log_density(x)
+            moved = (points != x).any(axis=1)
+            if moved.any():
+                values[moved] = stock.log_density(x[moved])
+            return values
 
-
-class _Known:
-    """Log proposal densities of the last step: most walkers stand where they stood then or where it sent them, few were moved since."""
-
-    def __init__(self) -> None:
-        self._pairs: tuple[tuple[FloatArray, FloatArray], ...] = ()
-
-    def values(self, x: FloatArray, log_density: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Log density at x, shape (walkers, k); evaluated only where it is not known."""
-        result, unknown = np.empty(len(x)), np.ones(len(x), bool)
-        for points, values in self._pairs:
-            same = (points == x).all(axis=1)
-            result[same] = values[same]
-            unknown &= ~same
-        if unknown.any():
-            result[unknown] = log_density(x[unknown])
-        return result
-
-    def keep(self, *pairs: tuple[FloatArray, FloatArray]) -> None:
-        self._pairs = pairs
-
-
-class _Stock:
-    """Draws from a proposal with their log densities, made in large batches: for a few walkers at a time, overhead would be most of it."""
-
-    _BATCH = 2048
-
-    def __init__(self, proposal: Proposal) -> None:
-        self._proposal = proposal
-        self._x, self._log_density = np.empty((0, proposal.mixture.means.shape[1])), np.empty(0)
-
-    def log_density(self, x: FloatArray) -> FloatArray:
-        return self._proposal.log_density(x, self._proposal.posterior.log_prior(x))
-
-    def take(self, size: int, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """The next draws, shape (size, k), and their log densities, shape (size,)."""
-        if len(self._x) < size:
-            self._x, _, self._log_density = self._proposal.sample(random, max(size, self._BATCH))
-        taken = self._x[:size], self._log_density[:size]
-        self._x, self._log_density = self._x[size:], self._log_density[size:]
-        return taken
+    return Global()

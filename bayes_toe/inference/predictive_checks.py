@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, chdtrc, gammaln
+from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -127,14 +127,20 @@ def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q:
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
     log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
-    k = np.arange(_COUNTS, dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
+    k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
     possible, at = k <= n, np.minimum(k, n)
     log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
-    chance = np.where(possible, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0)
-    values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
+    log_chance = times_counts(at, log_rare) + times_counts(n - at, log_other)
+    chance = np.where(possible, np.exp(log_ways + log_chance), 0.0)
+    values = np.where(chance > 0.0, 2.0 * (_saturated(at, n) - log_chance), 0.0)
     mean = (chance * values).sum(axis=0)
     rare = n * np.exp(log_rare) < _OFTEN
     return np.where(rare, mean, 1.0), np.where(rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0)
+
+
+def _saturated(k: FloatArray, n: FloatArray) -> FloatArray:
+    """Log likelihood of k 'equal' answers in n where P(equal) = k/n, the largest there is, without binomial coefficients."""
+    return np.asarray(xlogy(k, k / n) + xlogy(n - k, (n - k) / n))
 
 
 def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
@@ -144,6 +150,11 @@ def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
 
 def _pair_deviance(posterior: Answering, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
+
+
+def _half_deviance(k: FloatArray, n: FloatArray, logs: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Half the deviance of counts, (points, pairs) -> (points,), to the rounding of the likelihood: counts are compared by it."""
+    return np.asarray((_saturated(k, n) - times_counts(k, logs[0]) - times_counts(n - k, logs[1])).sum(axis=-1))
 
 
 def require_draws(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
@@ -215,6 +226,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         If draws have another shape or hold a NaN.
     """
     points, subject = require_draws(x, posterior), posterior.subject
+    answers, trials = subject.n_equal.astype(np.float64), subject.n_trials.astype(np.float64)
     rng = generator(seed, subject.name, posterior.model.name, "predictive check")
     expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
     beyond = 0
@@ -226,9 +238,8 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         expected += np.exp(logs[0]).sum(axis=0)
         for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
             total += tail.sum(axis=0)
-        again = rng.binomial(subject.n_trials, q)
-        replicated = binomial_deviance(again, subject.n_trials, *logs).sum(axis=1)
-        beyond += int(np.count_nonzero(replicated >= _pair_deviance(posterior, *logs).sum(axis=1)))
+        again = rng.binomial(subject.n_trials, q).astype(np.float64)
+        beyond += int(np.count_nonzero(_half_deviance(again, trials, logs) >= _half_deviance(answers, trials, logs)))
     share = beyond / len(points)
     error = float(np.sqrt(share * (1.0 - share) / len(points)))
     return PredictiveCheck(expected / len(points), fewer / len(points), more / len(points), share, error)

@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.mixture import StudentMixture
+from bayes_toe.model.distributions import Random
 from bayes_toe.model.target import Levels, Target, require_defined
 
 #: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
@@ -48,7 +49,7 @@ class Proposal:
         fitted = np.logaddexp(np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture, np.log(self.cover_share) + of_cover)
         return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
 
-    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> ProposalDraws:
+    def sample(self, rng: Random, size: int) -> ProposalDraws:
         """Independent draws with their densities under the prior and under this proposal; cheaper than one after the other."""
         mark = rng.uniform(size=size)
         y = self.mixture.sample(rng, size)
@@ -83,6 +84,10 @@ class WeightedDraws:
         """Log of posterior over proposal density, unnormalised, shape (draws,)."""
         return self.log_posterior - self.log_proposal
 
+    def part(self, which: slice) -> WeightedDraws:
+        """Some of them, without a copy."""
+        return WeightedDraws(self.x[which], self.log_prior[which], self.log_posterior[which], self.log_proposal[which])
+
 
 def efficiency(log_weights: FloatArray) -> float:
     """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1.
@@ -100,7 +105,7 @@ def effective_number(weights: FloatArray) -> float:
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
-def importance_draws(proposal: Proposal, rng: np.random.Generator, size: int) -> WeightedDraws:
+def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:
     """Independent draws from the proposal with everything their weights need.
 
     Raises

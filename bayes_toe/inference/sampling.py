@@ -9,8 +9,8 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import TAIL, Convergence, convergence, convergences, quantile_errors
-from bayes_toe.inference.moves import moves
+from bayes_toe.inference.diagnostics import Convergence, Quantity
+from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
 from bayes_toe.seeds import generator, stream
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
+_USUAL_BURN_IN = 5
+#: Efficiency of a proposal below which two draws of successive steps are worth less than one effective draw.
+_SLOW = 0.86
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,17 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps kept of every walker: enough for two and a half times the effective draws asked for, and never fewer than 16.
+        """Steps kept of every walker: enough for twice the effective draws asked for, and never fewer than 16.
 
         Where quantiles are judged, enough for 10,000 draws.
         """
-        kept = max(5 * self.draws, 2 * _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
-        return max(16, -(-kept // (2 * self.ensembles * self.walkers)))
+        kept = max(2 * self.draws, _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
+        return max(16, -(-kept // (self.ensembles * self.walkers)))
+
+    @property
+    def proposals(self) -> int:
+        """About how many proposals the ensembles need: by so many draws a proposal is judged, and these are then the first of them."""
+        return self.ensembles * self.walkers * (self.kept_steps + _USUAL_BURN_IN)
 
     @property
     def required(self) -> int:
@@ -151,15 +159,16 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
-    thin = 1
+    thin = 2 if fitted.efficiency < _SLOW and settings.max_thin > 1 else 1
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
-        diagnostics = _judge(posterior, x)
+        diagnosed = {name: Quantity(values) for name, values in posterior.judged(x).items()}
+        diagnostics = {name: one.convergence for name, one in diagnosed.items()}
         reason, last = _shortfall(diagnostics, settings), thin >= settings.max_thin
         if not reason:
-            reason, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+            reason, hopeless = _uncertain_quantile(posterior, x, diagnosed, settings.max_quantile_error)
             last = last or hopeless
         if not reason or last:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
@@ -181,11 +190,12 @@ class _Ensemble:
         posterior = fitted.proposal.posterior
         name = posterior.subject.name
         random = np.random.RandomState(np.random.MT19937(stream(seed, name, posterior.model.name, "ensemble", index)))
-        self._sampler = _sampler(posterior, settings.walkers, moves(fitted))
+        judging = len(fitted.draws.x) // settings.ensembles
+        stock = Stock(fitted.proposal, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
+        self._sampler = _sampler(posterior, settings.walkers, moves(fitted, stock))
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self._sampler.random_state = random.get_state()
-        start = _dispersed(fitted, random, settings.walkers)
-        self._state = self._run(start, burn_in(fitted), store=False)
+        self._state = self._run(_dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False)
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
         self._sampler.reset()
@@ -213,26 +223,27 @@ def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) ->
     return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
 
 
-def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> FloatArray:
+def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:
     """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
 
     Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
     """
+    import emcee
+
     posterior, draws = fitted.proposal.posterior, fitted.draws
-    weights = np.exp(draws.log_weights - draws.log_weights.max())
+    log_weights = draws.log_weights
+    weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     mean = weights @ draws.x
-    start = np.empty((0, draws.x.shape[1]))
+    start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
     while len(start) < walkers:
         chosen = draws.x[random.choice(len(draws.x), walkers, p=weights)]
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-        start = np.concatenate([start, points[np.isfinite(posterior.log_density(points))]])
-    return start[:walkers]
-
-
-def _judge(posterior: Target, x: FloatArray) -> dict[str, Convergence]:
-    return convergences(posterior.judged(x))
+        start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])
+        some = np.isfinite(log_density)
+        start, log_density = start[some], log_density[some]
+    return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
@@ -248,26 +259,20 @@ def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -
     return "; ".join(problems)
 
 
-def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
+def _uncertain_quantile(posterior: Target, x: FloatArray, diagnosed: dict[str, Quantity], limit: float) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
     With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
     """
     if limit == np.inf:
         return "", False
-    found = posterior.quantities(x)
-    natural = {name: found[name] for name in posterior.names.natural}
-    sizes = {name: (diagnostics[name] if name in diagnostics else convergence(values)).ess_tail for name, values in natural.items()}
-    errors = {name: _relative_error(values, sizes[name]) for name, values in natural.items()}
+    names = posterior.names.natural
+    left_out = {} if diagnosed.keys() >= set(names) else posterior.quantities(x)
+    natural = {name: diagnosed[name] if name in diagnosed else Quantity(left_out[name]) for name in names}
+    errors = {name: one.tail_error(one.convergence.ess_tail) for name, one in natural.items()}
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
-    hopeless = not _relative_error(natural[worst], natural[worst].size) < limit
+    hopeless = not natural[worst].tail_error(x.shape[0] * x.shape[1]) < limit
     reason = f"a 5 or 95 % quantile of {worst} uncertain by {errors[worst]:.3f} of their range, below {limit:g} required"
     return reason + ("; more draws are needed" if hopeless else ""), hopeless
-
-
-def _relative_error(values: FloatArray, ess: float) -> float:
-    """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them."""
-    low, high = np.quantile(values, TAIL)
-    return float(quantile_errors(values, TAIL, ess).max() / (high - low))

@@ -66,6 +66,11 @@ class Wanted:
     evidence_draws: int = 0
     values_per_pair: bool = False
 
+    @property
+    def judging_draws(self) -> int:
+        """By how many draws a proposal is judged: those of an evidence, asked for or not (chains are then the same), or more for chains."""
+        return max(self.evidence_draws or EVIDENCE_DRAWS, 0 if self.chains is None else self.chains.proposals)
+
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
@@ -115,7 +120,7 @@ def exact_result(target: Conjugate, seed: int, wanted: Wanted) -> SubjectResult:
 def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
     maxima, rng = find_maxima(target), generator(seed, target.subject.name, target.model.name, "proposal")
-    adapted = adapt_proposal(target, rng, maxima=maxima, draws=wanted.evidence_draws if wanted.evidence_draws else EVIDENCE_DRAWS)
+    adapted = adapt_proposal(target, rng, maxima=maxima, draws=wanted.judging_draws)
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_fresh_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
@@ -138,6 +143,10 @@ def _result(
     target: Answering, seed: int, wanted: Wanted, quality: tuple[float, float], evidence: Evidence | None, chains: Chains | None
 ) -> SubjectResult:
     values = pointwise(target, chains.x, seed) if chains is not None and wanted.values_per_pair else None
-    known = None if values is None else values.log_likelihood.sum(axis=-1, dtype=np.float64).ravel()
-    fit = None if chains is None else summarise_fit(target, np.concatenate(list(chains.x)), seed, log_likelihood=known)
+    fit = None if chains is None else _chains_fit(target, chains, seed)
     return SubjectResult(target, *quality, evidence, chains, values, fit)
+
+
+def _chains_fit(target: Answering, chains: Chains, seed: int) -> FitSummary:
+    x = chains.x.reshape(-1, chains.x.shape[-1])
+    return summarise_fit(target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x))

@@ -83,7 +83,7 @@ def test_laplace_is_exact_for_a_normal_density():
 
     covariance = np.array([[2.0, 0.3, 0, 0], [0.3, 1.0, 0.1, 0], [0, 0.1, 0.5, 0], [0, 0, 0, 3.0]])
     top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
-    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.array([top]), np.linalg.inv(covariance)[None], True))
+    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.array([top]), np.linalg.inv(covariance)[None], True, np.zeros((0, 4))))
     assert value == pytest.approx(0.0, abs=1e-12)
     assert why_not == ""
 
@@ -104,7 +104,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 def test_a_saddle_has_no_laplace_approximation():
     from bayes_toe.inference.modes import Maxima
 
-    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.zeros(1), np.diag([1.0, 1.0, -1.0, 1.0])[None], True))
+    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.zeros(1), np.diag([1.0, 1.0, -1.0, 1.0])[None], True, np.zeros((0, 4))))
     assert value is None
     assert "not negative definite" in why_not
 

@@ -16,7 +16,8 @@ from bayes_toe.cli.terminal import new_console
 from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import Checks, ModelRow, _log_evidence_without, with_differences
+from bayes_toe.comparison.left_out_pairs import log_evidence_without
+from bayes_toe.comparison.model_row import Checks, ModelRow, with_differences
 from bayes_toe.comparison.sampled_random_effects import sampled_random_effects
 from bayes_toe.errors import InputError
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -200,7 +201,7 @@ def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
     x = made.chains.x.reshape(-1, 4)
     found = leave_one_out(*made.target.log_answers(x), subject.n_equal, subject.n_trials, unit="pair")
     pair = int(np.argmin(found.pareto_k[0]))
-    rest = _log_evidence_without(made.target, pair, np.random.default_rng(1))
+    rest = log_evidence_without(made.target, pair, np.random.default_rng(1))
     assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)
     again = found.filled({pair: made.log_evidence - rest})
     assert again.values[0, pair] == made.log_evidence - rest

@@ -9,6 +9,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.inference import adaptation
 from bayes_toe.inference.adaptation import fit_proposal, with_fresh_draws
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.ladder import posterior_of
@@ -50,3 +51,17 @@ def test_draws_that_chose_the_proposal_give_no_evidence():
     assert again.independent
     assert len(again.draws.x) == 2 * len(fitted.draws.x)
     assert not set(again.draws.log_posterior) & set(fitted.draws.log_posterior)
+
+
+def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_evidence(monkeypatch):
+    posterior = posterior_of(CASES["one order missing"])
+    subject = posterior.subject
+    fitted = fit_proposal(posterior, np.random.default_rng(5))
+    fewer = posterior.for_subject(Subject("fewer", subject.s1, subject.s2, subject.n_equal // 2, subject.n_trials // 2))
+    plain = importance_evidence(fit_proposal(fewer, np.random.default_rng(6)))
+    moved = replace(fitted.draws, log_posterior=fewer.log_density(fitted.draws.x))
+    start = replace(fitted, proposal=replace(fitted.proposal, posterior=fewer), draws=moved)
+    monkeypatch.setattr(adaptation, "find_maxima", None)
+    again = importance_evidence(fit_proposal(fewer, np.random.default_rng(6), start=start))
+    assert again.value == pytest.approx(plain.value, abs=5 * np.hypot(plain.se, again.se))
+    assert again.se < 0.01

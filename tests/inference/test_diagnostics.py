@@ -8,7 +8,6 @@ import pytest
 
 from bayes_toe.inference.diagnostics import (
     convergence,
-    convergences,
     diagnosis,
     errors,
     pareto_k,
@@ -101,10 +100,10 @@ def test_a_draw_that_is_a_quantile_is_not_above_it(monkeypatch):
 
 
 @pytest.mark.parametrize("case", ["independent", "odd", "three rejected in ten", "chains of 5"])
-def test_nothing_depends_on_company_or_layout(case):
+def test_nothing_depends_on_layout(case):
     draws = CASES[case]
     alone = convergence(draws)
-    assert convergences({"other": walk(0.9), "this": np.asfortranarray(draws)})["this"] == alone
+    assert convergence(np.asfortranarray(draws)) == alone
     assert diagnosis(np.stack([draws, -draws], axis=-1)[..., 0], [0.5]).convergence == alone
     assert diagnosis(draws, [0.5]).errors == errors(draws)
 

@@ -63,8 +63,10 @@ def test_mixture_refuses_degrees_of_freedom_that_leave_a_root():
 def test_a_joined_mixture_is_the_weighted_sum(mixture):
     x = np.random.default_rng(3).normal(size=(10, 2))
     other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
-    expected = 0.8 * np.exp(mixture.log_density(x)) + 0.2 * np.exp(other.log_density(x))
-    assert np.exp(mixture.joined(other, 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
+    last = StudentMixture(np.ones(1), np.array([[-3.0, 2.0]]), 2.0 * np.eye(2)[None], df=6)
+    own, others = np.exp(mixture.log_density(x)), [np.exp(one.log_density(x)) for one in (other, last)]
+    expected = 0.8 * (0.8 * own + 0.2 * others[0]) + 0.2 * others[1]
+    assert np.exp(mixture.joined([other, last], 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
 
 
 def test_mixture_draws_have_the_mixtures_moments(mixture):

@@ -7,7 +7,7 @@ import pytest
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.moves import GlobalMove, moves
+from bayes_toe.inference.moves import GlobalMove, Stock, moves
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
@@ -44,6 +44,9 @@ def _fitted_for(target):
         def log_prior(self, x):
             return -0.5 * (np.square(x - 0.5) / 9 + np.log(2 * np.pi * 9)).sum(axis=1)
 
+        def log_likelihood(self, x):
+            return target.log_density(x) - self.log_prior(x)
+
         def sample_prior(self, rng, size):
             return 0.5 + 3 * rng.standard_normal((size, 4))
 
@@ -53,7 +56,7 @@ def _fitted_for(target):
 
     one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
     made = module.Proposal(Known(), Level(), one, one, 0.05)
-    return module.FittedProposal(made, None, 0.5, 0.1)
+    return module.FittedProposal(made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1)
 
 
 def _worst_moment(move, target, index, runs=24):
@@ -79,7 +82,8 @@ def _worst_moment(move, target, index, runs=24):
 @pytest.mark.parametrize("index", [0, 1, 2], ids=["global", "differential evolution", "stretch"])
 def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     target = Target(skewed)
-    move = moves(_fitted_for(target))[index][0]
+    fitted = _fitted_for(target)
+    move = moves(fitted, _stock(fitted))[index][0]
     assert type(move).__name__ != "DESnookerMove"
     # 8 looks at a t distribution with 23 degrees of freedom, 6 parametrisations: |t| < 4.6 has a false-alarm rate near 0.6 %.
     assert _worst_moment(move, target, index) < 4.6
@@ -90,17 +94,16 @@ def test_the_moment_test_catches_wrong_moves(wrong):
     import emcee
 
     target = Target(skewed=False)
-    move = emcee.moves.DESnookerMove() if wrong == "snooker" else GlobalMove(_fitted_for(target).proposal)
+    move = emcee.moves.DESnookerMove() if wrong == "snooker" else GlobalMove(_stock(_fitted_for(target)))
     if wrong == "global":
-        propose = move.get_proposal
-
-        def a_little_wrong(coords, random):
-            fresh, factors = propose(coords, random)
-            return fresh, 0.9 * factors
-
-        move.get_proposal = a_little_wrong
+        right = move.log_proposal
+        move.log_proposal = lambda x: 0.9 * right(x)  # of the old points and not of the new ones
     if wrong == "global" or emcee.__version__ == "3.1.6":
         assert _worst_moment(move, target, 9, runs=4) > 8.0
+
+
+def _stock(fitted):
+    return Stock(fitted.proposal, fitted.draws)
 
 
 @pytest.fixture(scope="module")
@@ -109,22 +112,36 @@ def fitted():
 
 
 def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitted):
-    assert sum(weight for _, weight in moves(fitted)) == pytest.approx(1.0)
+    stock = _stock(fitted)
+    assert sum(weight for _, weight in moves(fitted, stock)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
-    assert moves(poor)[0][1] < 0.5 < moves(fitted)[0][1]
+    assert moves(poor, stock)[0][1] < 0.5 < moves(fitted, stock)[0][1]
 
 
-def test_the_global_move_knows_the_ratio_of_densities_also_of_walkers_that_were_moved_since(fitted):
-    prior, sbar = fitted.proposal.posterior.prior, fitted.proposal.posterior.sbar
+def test_a_stock_deals_the_judging_draws_and_then_new_ones_with_their_densities(fitted):
+    first, random = fitted.draws.part(slice(1000)), np.random.RandomState(1)
+    stock = Stock(fitted.proposal, first)
+    dealt = [stock.take(300, random) for _ in range(5)]
+    assert np.array_equal(np.concatenate([one.x for one in dealt[:3]]), first.x[:900])
+    for one in dealt:
+        assert one.log_posterior == pytest.approx(fitted.proposal.posterior.log_density(one.x), rel=1e-12, abs=1e-12)
+        assert one.log_proposal == pytest.approx(stock.log_density(one.x), rel=1e-9, abs=1e-9)
+    assert not np.isin(dealt[3].x, first.x).any()
 
-    def log_density(x):
-        return fitted.proposal.log_density(x, prior.log_density_unconstrained(x, sbar))
 
-    propose, random = GlobalMove(fitted.proposal).get_proposal, np.random.RandomState(1)
-    x = fitted.draws.x[:16].copy()
+def test_the_global_move_knows_the_density_also_of_walkers_that_were_moved_since(fitted):
+    import emcee
+
+    posterior, random = fitted.proposal.posterior, np.random.RandomState(1)
+    stock = _stock(fitted)
+    move = GlobalMove(stock)
+    state = emcee.State(fitted.draws.x[-16:].copy(), log_prob=posterior.log_density(fitted.draws.x[-16:]))
+    model = emcee.model.Model(None, None, map, random)
     for moved in (None, 3, slice(8, 12)):  # in place, as emcee does it
         if moved is not None:
-            x[moved] += 0.01
-        fresh, factors = propose(x, random)
-        assert factors == pytest.approx(log_density(x) - log_density(fresh), rel=1e-9, abs=1e-9)
-        x[::2] = fresh[::2]
+            state.coords[moved] += 0.01
+            state.log_prob = posterior.log_density(state.coords)
+        assert move.log_proposal(state.coords) == pytest.approx(stock.log_density(state.coords), rel=1e-9, abs=1e-9)
+        state, accepted = move.propose(model, state)
+        assert accepted.any()
+        assert state.log_prob == pytest.approx(posterior.log_density(state.coords), rel=1e-12)

@@ -60,7 +60,7 @@ def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
     start = sampling._dispersed
 
     def on_a_line(*arguments):
-        points = start(*arguments)
+        points = start(*arguments).coords
         along = points[:, 2] - points[:, 2].mean()
         return points.mean(axis=0) + along[:, None] * np.array([1.0, 1.0, 1.0, 1.0]) * (1.0 + 1e-12 * np.arange(4))
 
@@ -87,10 +87,11 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
 
 @pytest.fixture(scope="module")
 def replications():
-    """Forty independent runs of one subject, with its posterior."""
+    """Forty independent runs of one subject, with its posterior; judging draws are part of a run."""
     posterior = posterior_of(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
-    return posterior, [sample_chains(fitted, QUICK, seed) for seed in range(40)]
+    judged = (importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals) for seed in range(40))
+    return posterior, [sample_chains(replace(fitted, draws=draws), QUICK, seed) for seed, draws in enumerate(judged)]
 
 
 def test_claimed_effective_sizes_hold_over_independent_runs(replications):
@@ -140,7 +141,7 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
         found = [(errors(values), np.quantile(values, TAIL)) for key, values in posterior.quantities(chains.x).items() if key in natural]
         return max(max(one.q05, one.q95) / (high - low) for one, (low, high) in found)
 
-    once = sample_chains(fitted, SamplerSettings(max_thin=1, max_quantile_error=np.inf), 1)
+    once = sample_chains(fitted, SamplerSettings(draws=5000, max_thin=1, max_quantile_error=np.inf), 1)
     alone = sample_chains(fitted, SamplerSettings(draws=1000, max_quantile_error=np.inf), 1)
     assert once.converged
     assert alone.log_posterior.size < 10_000 <= once.log_posterior.size

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.model_row import _log_evidence_without
+from bayes_toe.comparison.left_out_pairs import log_evidence_without
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
@@ -201,7 +201,7 @@ def test_a_left_out_pair_at_its_interval_by_evidence_and_by_smoothed_weights():
     answers = made.target.log_answers(made.chains.x.reshape(-1, 5))
     found = leave_one_out(*answers, OF_MEMORY.n_equal, OF_MEMORY.n_trials, unit="pair")
     pair = int(np.argmin(found.pareto_k[0]))
-    rest = _log_evidence_without(made.target, pair, np.random.default_rng(1))
+    rest = log_evidence_without(made.target, pair, np.random.default_rng(1))
     assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)
 
 

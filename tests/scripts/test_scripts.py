@@ -151,3 +151,18 @@ def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(fold
     assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
     assert "| one batch |" in (folder / "bars" / "error_bars.md").read_text(encoding="utf-8")
     assert inside("error_bars.py", "-o", "bars2", "--cases", "nobody", cwd=folder).returncode == 2
+
+
+def test_before_and_after_of_the_same_commit(folder):
+    if subprocess.run(["git", "-C", SCRIPTS, "rev-parse", "HEAD"], capture_output=True).returncode:
+        pytest.skip("not a checkout")
+    done = call("before_after.py", "HEAD", "-o", "ba.csv", "--only", "help", "first draw of the progress bar", "--repeats", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "ba.csv")
+    assert list(table.what) == ["help", "first draw of the progress bar"]
+    assert (table[["before", "now", "ratio"]] > 0).all(axis=None)
+    assert list(table.met == "yes") == list(table.now < 0.5)
+
+    refused = call("before_after.py", "nothing-like-it", "--only", "help", cwd=folder)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("commit 'nothing-like-it': ")
