@@ -32,8 +32,8 @@ Unit = Literal["trial", "pair"]
 ANSWERS = ("equal", "different")
 #: Pareto k-hat beyond which a value is withheld; with fewer than 2,200 draws less is allowed, 1 - 1/log10(draws).
 LARGEST_K = 0.7
-#: Share of weighted draws that must count for a left-out pair: with 20,000 of them the value is uncertain by 0.03 then.
-LEAST_SHARE = 0.05
+#: Share of weighted draws that must count for a left-out pair: below it one in fifty values is off by more than their scatter tells.
+LEAST_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)

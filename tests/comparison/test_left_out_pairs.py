@@ -12,8 +12,8 @@ from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.study_prior import prior_for
 
-#: Sure of a value that is uncertain by 0.032 at most, and of a fit by 0.005, in fewer than one of 10,000 cases.
-TOLERANCE = 0.13
+#: Sure of a value that is uncertain by 0.022 at most, and of a fit by 0.005, in fewer than one of 10,000 cases.
+TOLERANCE = 0.1
 
 
 def found(name, model):
