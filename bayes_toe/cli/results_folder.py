@@ -248,4 +248,5 @@ def _draw_prior(study: Study, settings: Settings, file: Path) -> None:
 def _draw_map(one: Drawing, file: Path) -> None:
     figure = new_figure(5.4, 4.0)
     study_map_axes(one.draws, figure.subplots())
+    figure.set_layout_engine("none")  # found already, for the names
     file.write_bytes(png(figure, dpi=120))

@@ -103,7 +103,7 @@ def _draw_contours(figure: Figure, panel: Panel, x: FloatArray, y: FloatArray) -
     density = gaussian_filter(np.histogram2d(x, y, [_edges(panel.x), _edges(panel.y)])[0].T, 1.0)
     inside = Bbox.from_bounds(panel.left, panel.bottom, panel.side, panel.side)
     areas = PathCollection(
-        [_area(panel, density, level) for level in reversed(_levels(density))],
+        _areas(panel, density),
         facecolors=[(POSTERIOR, 1.0 / 3.0), POSTERIOR],
         edgecolors=POSTERIOR,
         linewidths=1.5,
@@ -120,17 +120,16 @@ def _levels(density: FloatArray) -> list[float]:
     return [float(ordered[max(np.searchsorted(held, share * held[-1], side="right") - 1, 0)]) for share in shown.LEVELS]
 
 
-def _area(panel: Panel, density: FloatArray, level: float) -> Path:
-    """Where a density in the bins, shape (BINS up, BINS across), is above a level: contours go on beyond the panel and close there."""
+def _areas(panel: Panel, density: FloatArray) -> list[Path]:
+    """Where a density in the bins, shape (BINS up, BINS across), is above its levels, lowest first; contours close beyond the panel."""
     from contourpy import FillType, contour_generator
     from matplotlib.path import Path
 
-    lowest = density.min()
-    around = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=lowest)
+    around = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=density.min())
     x, y = (panel.side * _CENTRES + start for start in (panel.left, panel.bottom))
     contours: Any = contour_generator(x, y, around, fill_type=FillType.OuterCode)
-    points, codes = contours.filled(level, 2.0 * density.max())
-    return Path(np.concatenate(points), np.concatenate(codes))
+    found = (contours.filled(level, 2.0 * density.max()) for level in reversed(_levels(density)))
+    return [Path(np.concatenate(points), np.concatenate(codes)) for points, codes in found]
 
 
 def _draw_lines(figure: Figure, lines: Sequence[FloatArray], colour: str, width: float, **style: Any) -> None:

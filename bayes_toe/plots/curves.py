@@ -28,7 +28,8 @@ CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 #: Inches left and right of the panels, between columns, below the lowest row, below a row for its words, above it for its name.
-_LEFT, _RIGHT, _APART, _BELOW, _WORDS, _NAME = 0.6, 0.1, 0.2, 0.85, 0.5, 0.22
+_LEFT, _RIGHT, _APART, _BELOW, _WORDS, _NAME = 0.6, 0.2, 0.2, 0.85, 0.5, 0.22
+_LABEL_BELOW, _LABEL_LEFT = 0.28, 0.4
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
@@ -79,7 +80,11 @@ def _answers_panels(count: int, title: str) -> tuple[Figure, list[Axes]]:
         hspace=(_WORDS + _NAME) / each[1],
     )
     figure.suptitle(title, fontsize=12, y=1.0 - 0.05 / high, va="top")
-    return figure, first_panels(grid, count, sharey=True)
+    panels = first_panels(grid, count, sharey=True)
+    for ax in panels:
+        ax.xaxis.set_label_coords(0.5, -_LABEL_BELOW / each[1])
+        ax.yaxis.set_label_coords(-_LABEL_LEFT / each[0], 0.5)
+    return figure, panels
 
 
 def thinned(theta: Natural) -> Natural:

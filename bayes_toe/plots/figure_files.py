@@ -31,12 +31,18 @@ def png(figure: Figure, *, dpi: int = 150) -> bytes:
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.font_manager import fontManager
     from PIL import Image
 
     figure.set_dpi(dpi)
     canvas: Any = FigureCanvasAgg(figure)
     buffer = io.BytesIO()
-    with any_characters(), mpl.rc_context({"text.hinting": "no_hinting"}):  # letters as they are: browsers scale these pictures
+    known = set(fontManager.get_font_names())  # of a dozen families, each is looked for again for every word
+    settings: dict[Any, Any] = {
+        "text.hinting": "no_hinting",  # letters as they are: browsers scale these pictures
+        "font.sans-serif": [family for family in mpl.rcParams["font.sans-serif"] if family in known],
+    }
+    with any_characters(), mpl.rc_context(settings):
         canvas.draw()
     Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "png", compress_level=1, dpi=(dpi, dpi))
     return buffer.getvalue()
