@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
@@ -25,6 +24,7 @@ from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
+from bayes_toe.plots.corner_sheet import corner_sheet
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_figure
 from bayes_toe.plots.figure_files import png
@@ -42,26 +42,33 @@ PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", "co
 PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
 
-class Drawing(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Drawing:
     """The draws of one subject by their place: what a job to draw them carries, whatever their size.
 
-    Attributes
+    Parameters
     ----------
     posterior : Path
         File of draws.
     changed : int
         When it was last, nanoseconds: under the same name there may be another file one day.
     subject : str
+    held : Draws, optional
+        All draws of the file, where this process has them already; they stay in it.
     """
 
     posterior: Path
     changed: int
     subject: str
+    held: Draws | None = None
+
+    def __reduce__(self) -> tuple[type[Drawing], tuple[Path, int, str]]:
+        return Drawing, (self.posterior, self.changed, self.subject)
 
     @property
     def draws(self) -> Draws:
         """All draws of the file; a process opens it once for all its jobs."""
-        return _opened(self.posterior, self.changed)
+        return _opened(self.posterior, self.changed) if self.held is None else self.held
 
 
 @lru_cache(maxsize=1)
@@ -145,7 +152,7 @@ def write_results(
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-        here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns)
+        here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns, held=analysis.draws)
         if drawn:
             (target / "corner").mkdir()
         of_study, of_subjects = _overviews(analysis, asymmetry, here(""), place), list[Callable[[], None]]()
@@ -178,7 +185,7 @@ def draw_corners(
 ) -> None:
     """Corner plots of some subjects of a file of draws as PNG, into a folder under the names of :func:`corner_files`."""
     here = partial(Drawing, posterior.absolute(), posterior.stat().st_mtime_ns)
-    jobs = [partial(_draw_corner, here(name), folder.absolute() / file, coordinates=coordinates) for name, file in files.items()]
+    jobs = [partial(_draw_corner, here(name), coordinates, folder.absolute() / file) for name, file in files.items()]
     run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in files])
 
 
@@ -213,15 +220,13 @@ def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, pl
 
 
 def _draw_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path) -> None:
-    _draw_corner(one, corner_file, prior=prior, truth=truth)
+    corner_file.write_bytes(png(corner_sheet(one.draws, one.subject, truths=truth, prior=prior), dpi=110))
     fitted = interval_curves if one.draws.intervals else curves
     curve_file.write_bytes(png(fitted(one.draws, one.subject), dpi=120))
 
 
-def _draw_corner(
-    one: Drawing, file: Path, *, coordinates: str = "natural", prior: Prior | None = None, truth: Mapping[str, float] | None = None
-) -> None:
-    file.write_bytes(png(corner(one.draws, one.subject, coordinates=coordinates, truths=truth, prior=prior), dpi=110))
+def _draw_corner(one: Drawing, coordinates: str, file: Path) -> None:
+    file.write_bytes(png(corner(one.draws, one.subject, coordinates=coordinates), dpi=110))
 
 
 def _draw_evidence(table: EvidenceTable, file: Path, *, synthetic: bool) -> None:
@@ -243,4 +248,5 @@ def _draw_prior(study: Study, settings: Settings, file: Path) -> None:
 def _draw_map(one: Drawing, file: Path) -> None:
     figure = new_figure(5.4, 4.0)
     study_map_axes(one.draws, figure.subplots())
+    figure.set_layout_engine("none")  # found already, for the names
     file.write_bytes(png(figure, dpi=120))

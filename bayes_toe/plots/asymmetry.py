@@ -75,6 +75,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
         if i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
         _draw_row(ax, i, row, level)
+    _draw_errors(ax, rows)
     ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in rows])
     reach = _reach(rows)
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
@@ -118,23 +119,36 @@ def _draw_row(ax: Axes, i: int, row: SubjectAsymmetry, level: float) -> None:
     count = len(row.comparisons)
     if not count:
         ax.text(0.99, i, "no pair in both orders", transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=SMALL, color=EQUAL)
-    for j, one in enumerate(row.comparisons):
-        y = i + 0.7 * ((j + 0.5) / count - 0.5)
+    for one, y in zip(row.comparisons, _heights(i, count), strict=True):
         colour, marker = _mark_of(one.asymmetry)
-        shown = count <= _CROWDED or one.is_maximal
         ax.errorbar(
             one.asymmetry,
             y,
-            xerr=one.asymmetry_se if shown else None,
             fmt=marker,
             ms=4.2 if one.is_maximal else 2.4,
             mfc=colour if one.p_adjusted < level else "white",
             mec=colour,
             mew=0.7,
-            ecolor=colour,
-            elinewidth=0.7 if one.is_maximal else 0.4,
             zorder=3 if one.is_maximal else 2,
         )
+
+
+def _draw_errors(ax: Axes, rows: Sequence[SubjectAsymmetry]) -> None:
+    """All in one go: as many bars, one by one, would cost more than the rest of the figure."""
+    bars = [
+        (one, y)
+        for i, row in enumerate(rows)
+        for one, y in zip(row.comparisons, _heights(i, len(row.comparisons)), strict=True)
+        if len(row.comparisons) <= _CROWDED or one.is_maximal
+    ]
+    y, low, high = np.array([(y, one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se) for one, y in bars]).reshape(-1, 3).T
+    widths = [0.7 if one.is_maximal else 0.4 for one, _ in bars]
+    ax.hlines(y, low, high, colors=[_mark_of(one.asymmetry)[0] for one, _ in bars], lw=widths, zorder=1.9)
+
+
+def _heights(i: int, count: int) -> list[float]:
+    """Where the comparisons of a row stand."""
+    return [i + 0.7 * ((j + 0.5) / count - 0.5) for j in range(count)]
 
 
 def _mark_of(asymmetry: float) -> tuple[str, str]:

@@ -27,6 +27,9 @@ _MAX_PANELS = 6
 CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
+#: Inches left and right of the panels, between columns, below the lowest row, below a row for its words, above it for its name.
+_LEFT, _RIGHT, _APART, _BELOW, _WORDS, _NAME = 0.6, 0.2, 0.2, 0.85, 0.5, 0.22
+_LABEL_BELOW, _LABEL_LEFT = 0.28, 0.4
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
@@ -47,19 +50,41 @@ def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], 
     """One panel per weaker stimulus with curves, or a single one, which `many` draws, where a design has more than six of those."""
     weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
     if not 1 <= len(weaker) <= _MAX_PANELS:
-        figure = new_figure(6.0, 3.8)
-        many(figure.subplots())
+        figure, [ax] = _answers_panels(1, title)
+        many(ax)
     else:
-        across = min(2, len(weaker))
-        down = -(-len(weaker) // across)
-        figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
-        panels = first_panels(figure.add_gridspec(down, across), len(weaker), sharey=True)
+        figure, panels = _answers_panels(len(weaker), title)
         for ax, stimulus in zip(panels, weaker, strict=True):
             order_panel(ax, counts, equal, float(stimulus), title=len(weaker) > 1)
-        figure.supylabel("P('equal')", fontsize=10)
+        figure.supylabel("P('equal')", fontsize=10, x=0.012)
     legend_below(figure)
-    figure.suptitle(title, fontsize=12)
     return figure
+
+
+def _answers_panels(count: int, title: str) -> tuple[Figure, list[Axes]]:
+    """A figure under its title, and panels with room for their words, which all have the same size: no layout has to be found."""
+    across = min(2, count)
+    down = -(-count // across)
+    wide, high = 6.0, 3.8 if down == 1 else 2.5 * down + 0.6
+    over = 0.1 + 0.2 * len(title.splitlines()) + (_NAME if count > 1 else 0.0)
+    each = (wide - _LEFT - _RIGHT - (across - 1) * _APART) / across, (high - _BELOW - over - (down - 1) * (_WORDS + _NAME)) / down
+    figure = new_figure(wide, high, layout=None)
+    grid = figure.add_gridspec(
+        down,
+        across,
+        left=_LEFT / wide,
+        right=1.0 - _RIGHT / wide,
+        bottom=_BELOW / high,
+        top=1.0 - over / high,
+        wspace=_APART / each[0],
+        hspace=(_WORDS + _NAME) / each[1],
+    )
+    figure.suptitle(title, fontsize=12, y=1.0 - 0.05 / high, va="top")
+    panels = first_panels(grid, count, sharey=True)
+    for ax in panels:
+        ax.xaxis.set_label_coords(0.5, -_LABEL_BELOW / each[1])
+        ax.yaxis.set_label_coords(-_LABEL_LEFT / each[0], 0.5)
+    return figure, panels
 
 
 def thinned(theta: Natural) -> Natural:
@@ -131,8 +156,9 @@ def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:
 
 def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
     """Mean over draws (the first axis of q) and central 60 % and 95 % bands."""
-    for low, high, opacity in _BANDS:
-        ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
+    edges = np.quantile(q, [edge for low, high, _ in _BANDS for edge in (low, high)], axis=0).reshape(len(_BANDS), 2, -1)
+    for (*_, opacity), (low, high) in zip(_BANDS, edges, strict=True):
+        ax.fill_between(x, low, high, color=colour, alpha=opacity, lw=0)
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 

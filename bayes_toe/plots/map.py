@@ -39,7 +39,7 @@ Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
 COLOURS = "viridis"
 MOST_INSETS = 8
 _ACROSS = 2
-_ENOUGH = 2000  # draws for an ellipse that is one of many
+_ENOUGH = 2000  # draws for an ellipse
 #: How many times the range of the stimuli the map reaches beyond them at most; what lies farther out is named at its edge.
 _FARTHEST = 4.0
 #: Points from its subject beyond which a name is joined to it by a line.
@@ -81,7 +81,7 @@ def map_axes(
     """
     if not clouds:
         raise InputError("a map needs at least one subject")
-    ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
+    ax = _panel(ax)
     found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
     centres = {name: _centre(found[name], *clouds[name]) for name in clouds}
     _set_limits(ax, centres, found, None if stimuli is None else np.asarray(stimuli, np.float64))
@@ -95,6 +95,10 @@ def map_axes(
     with any_characters():
         _write_names(ax, centres, labels)
     return ax
+
+
+def _panel(ax: Axes | None) -> Axes:
+    return panel(ax, wide=COLUMN + 0.6, high=COLUMN)
 
 
 def _named(centres: Mapping[str, FloatArray]) -> list[str]:
@@ -148,7 +152,10 @@ def study_map_axes(
         Replicates in the place of the posterior draws.
     """
     subjects = [draws.subject(name) for name in draws.names]
-    ax = map_axes(
+    ax = _panel(ax)
+    if draws.synthetic:
+        ax.set_title("synthetic data", fontsize=SMALL, loc="right")  # before names are placed
+    return map_axes(
         posterior_clouds(draws) if clouds is None else clouds,
         ax,
         sigma_l={name: float(central(draws, name).sigma_l) for name in draws.names},
@@ -156,15 +163,12 @@ def study_map_axes(
         names=names,
         mass=mass,
     )
-    if draws.synthetic:
-        ax.set_title("synthetic data", fontsize=SMALL, loc="right")
-    return ax
 
 
 def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them; of very many subjects some 2,000 draws each."""
+    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them: some 2,000 to 4,000 draws each, evenly spaced."""
     chains, size = (draws.group("posterior").sizes[name] for name in ("chain", "draw"))
-    step = max(1, chains * size // _ENOUGH) if len(draws.names) > MOST_NAMED else 1
+    step = max(1, chains * size // _ENOUGH)
     return {name: (_every(draws, name, "mu1", step), _every(draws, name, "sigma_p", step)) for name in draws.names}
 
 
@@ -265,7 +269,9 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
     """Each name beside its centre, at the first place free of other names and centres; beyond the edge, at the edge with its mu_1."""
     figure = ax.get_figure(root=True)
     assert figure is not None
-    figure.draw_without_rendering()  # the layout decides where the panel is
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)  # it decides where the panel is
     renderer = figure._get_renderer()  # type: ignore[attr-defined]
     within, at = ax.get_window_extent(renderer), ax.transData
     (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()

@@ -113,10 +113,15 @@ def dress_bar(bar: Colorbar, label: str) -> None:
 
 
 def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> None:
-    """One legend for the figure, outside the panels: points may be anywhere in them. Size of letters in points."""
+    """One legend for the figure, outside the panels: points may be anywhere in them; without a layout the figure has room for it.
+
+    Size of letters in points.
+    """
+    place: Literal["lower center", "outside lower center"]
+    place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
     style: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2} if size <= LETTERS else {}
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=size, **style)
+    figure.legend(found.values(), found.keys(), loc=place, ncols=columns, frameon=False, fontsize=size, **style)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:

@@ -93,6 +93,10 @@ def test_a_drawing_job_carries_a_key_and_a_process_opens_the_file_once(analysis,
     assert len(pickle.dumps(Drawing(file, 1, "A"))) < 500
     assert Drawing(file, 1, "A").draws.names == ("A", "B", "C")
     assert len(loads) == 2  # the file may be another one: its time is
+    held = Drawing(file, 1, "A", analysis.draws)
+    assert held.draws is analysis.draws
+    assert len(pickle.dumps(held)) < 500
+    assert pickle.loads(pickle.dumps(held)).held is None
     results_folder._opened.cache_clear()
 
 

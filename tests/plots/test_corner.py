@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.corner import LABELS, TRUTH, _support
+from bayes_toe.plots.corner_content import LABELS, TRUTH, support
 from bayes_toe.plots.figure_files import png
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
@@ -125,5 +125,5 @@ def test_a_composition_with_every_part():
 
 def test_a_noise_slope_may_be_negative_and_a_lapse_rate_is_a_share(small_study):
     target = posterior_of(small_study["A"], model="none + sloped + both ways")
-    assert _support(target, "noise_slope") == (-np.inf, np.inf)
-    assert _support(target, "lapse_rate") == (0.0, 1.0)
+    assert support(target, "noise_slope") == (-np.inf, np.inf)
+    assert support(target, "lapse_rate") == (0.0, 1.0)

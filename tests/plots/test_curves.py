@@ -1,5 +1,7 @@
 """Curves over the answers, by what is drawn in them."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
@@ -7,6 +9,19 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.plots.curves import _MAX_PANELS
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
+
+
+def words_are_apart(figure):
+    """Panels with their words, title and legend, none of them over another or cut."""
+    figure.draw_without_rendering()
+    boxes = [
+        *(ax.get_tightbbox() for ax in figure.axes),
+        figure.legends[0].get_window_extent(),
+        *(text.get_window_extent() for text in figure.texts),
+    ]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 for box in boxes)
+    assert all(figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1 for box in boxes)
 
 
 def test_curves_show_both_orders_where_the_data_are(analysis):
@@ -22,6 +37,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
         at = np.flatnonzero((subject.s1 == s1) & (subject.s2 == s2))[0]
         qhat = (subject.n_equal[at] + 1) / (subject.n_trials[at] + 2)
         assert q[-1] == pytest.approx(qhat, abs=0.15)
+    words_are_apart(figure)
     assert {c.get_label() for c in ax.containers} == {"weaker first", "stronger first", "equal stimuli"}
 
 
@@ -30,8 +46,10 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     s1, s2 = (a.ravel() for a in np.meshgrid(grid, grid))
     three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
     draws = bt.sample(bt.Study([three, hard_cases()["400 pairs with 3 trials"]]), draws=300, seed=1, workers=1)
-    panels = bt.plots.curves(draws, "three").axes
+    figures = [bt.plots.curves(draws, name) for name in draws.names]
+    for figure in figures:
+        words_are_apart(figure)
+    panels, [common] = (figure.axes for figure in figures)
     assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
-    [common] = bt.plots.curves(draws, "400 pairs with 3 trials").axes
     assert "normalised distance" in common.get_xlabel()
     assert _MAX_PANELS < 19

@@ -51,6 +51,10 @@ def test_asymmetries_are_where_the_table_has_them(table):
     drawn = points_of(ax)
     expected = [one for row in table for one in row.comparisons]
     assert [x for x, *_ in drawn] == pytest.approx([one.asymmetry for one in expected])
+    [errors] = ax.collections
+    ends = [(one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se) for one in expected]
+    assert np.array([line[:, 0] for line in errors.get_segments()]) == pytest.approx(np.array(ends))
+    assert [line[0, 1] for line in errors.get_segments()] == pytest.approx([y for _, y, *_ in drawn])
     assert [round(y) for _, y, *_ in drawn] == [i for i, row in enumerate(table) for _ in row.comparisons]
     for one, (_, _, edge, face) in zip(expected, drawn, strict=True):
         assert edge == {1.0: STRONGER_FIRST, -1.0: WEAKER_FIRST, 0.0: EQUAL}[np.sign(one.asymmetry)]
