@@ -82,22 +82,26 @@ def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
     (('q0=1',), True)
     """
     design = Design.of(subject, Prior() if prior is None else prior)
-    return fit_counts(design, Counts.of(subject.n_equal, subject.n_trials), spread_starts(design))
+    counts = Counts.of(subject.n_equal, subject.n_trials)
+    return fit_counts(design, counts, spread_starts(design, counts))
 
 
-def spread_starts(design: Design) -> FloatArray:
-    """Starts that cover what a study can look like: (offset, log(p/p_max), log w) on a grid, shape (starts, 3).
+def spread_starts(design: Design, counts: Counts) -> FloatArray:
+    """Starts of every row that cover what a study can look like: (offset, log(p/p_max), log w, log q0), shape (4, rows, starts).
 
-    log(p/p_max) = -inf stands for the edge gamma = 0.
+    The first three are on a grid; log(p/p_max) = -inf stands for the edge gamma = 0.
     """
     scale = design.scale
     offsets, pulls, widths = scale * np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), np.log([0.03, 0.3, 0.95]), np.log(scale) + np.arange(-2.0, 4.0)
     inside = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, widths)], axis=-1)
-    return np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths], axis=-1)])
+    points = np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths], axis=-1)])
+    x = np.empty((4, len(counts.equal), len(points)))
+    x[:3], x[3] = points.T[:, None, :], log_top(counts)[:, None]
+    return x
 
 
 def fit_counts(design: Design, counts: Counts, starts: FloatArray) -> Fits:
-    """Fit every row from every start (offset, log(p/p_max), log w), shape (starts, 3), all in one batch of Newton ascents."""
+    """Fit every row from its starts (offset, log(p/p_max), log w, log q0), shape (4, rows, starts), all in one batch of Newton ascents."""
     narrow = _only_identical(design, counts)
     used = _without_other_pairs(design, counts, narrow)
     best = _best_ascents(design, used, starts, narrow)
@@ -185,23 +189,21 @@ def _largest_quadratic(coefficients: FloatArray, lowest: FloatArray) -> FloatArr
 
 def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: BoolArray) -> _Best:
     """Newton from every start of every row, and on the edge gamma = 0, in one batch; the best of each row."""
-    rows = len(counts.equal)
-    x = np.empty((4, rows, len(starts)))
-    x[:3], x[3] = starts.T[:, None, :], _log_top(counts)[:, None]
+    x, rows = starts.copy(), len(counts.equal)
     fixed = np.zeros(x.shape, bool)
     fixed[:2] = np.isneginf(x[1])
     # With identical stimuli alone only p/w matters: p rests at its largest value.
     x[0, narrow], x[1, narrow] = np.where(np.isneginf(x[1, narrow]), design.scale, x[0, narrow]), 0.0
     fixed[:, narrow] = np.array([False, True, False, False])[:, None, None]
     upper = np.array([np.inf, 0.0, np.log(design.scale) + 20.0, 0.0])[:, None]
-    row, held = np.repeat(np.arange(rows), len(starts)), fixed.reshape(4, -1)
+    row, held = np.repeat(np.arange(rows), x.shape[2]), fixed.reshape(4, -1)
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
     objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.penalty)
     found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS)
     return _finish(objective, found, _highest(found, rows), upper, held)
 
 
-def _log_top(counts: Counts) -> FloatArray:
+def log_top(counts: Counts) -> FloatArray:
     """Log of a first guess at q0 for every row: the largest estimated frequency of a pair."""
     return np.asarray(np.log(((counts.equal + 1.0) / (counts.equal + counts.different + 2.0)).max(axis=1)))
 
