@@ -20,8 +20,9 @@ from threadpoolctl import threadpool_limits
 
 import bayes_toe as bt
 from bayes_toe.classical.bootstrap import bootstrap_subject, resample
-from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_subject
-from bayes_toe.classical.replicate_starts import replicate_starts
+from bayes_toe.classical.counts import Counts, Design
+from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.classical.starts import replicate_starts
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.seeds import generator
 

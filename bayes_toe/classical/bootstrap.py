@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.ellipse import Ellipse
 from bayes_toe.classical.fits import EDGES, Fits, join
-from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject
-from bayes_toe.classical.replicate_starts import replicate_starts
+from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
+from bayes_toe.classical.starts import replicate_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural

@@ -7,8 +7,10 @@ from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.fits import EDGES
-from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject, spread_starts
+from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
+from bayes_toe.classical.starts import first_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
 
@@ -126,7 +128,7 @@ def test_rows_together_are_rows_alone():
 
     def fit(rows):
         counts = Counts.of(rows, subject.n_trials)
-        return fit_counts(design, counts, spread_starts(design, counts))
+        return fit_counts(design, counts, first_starts(design, counts))
 
     together = fit(equal)
     for i, row in enumerate(equal):
