@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from bayes_toe.classical.bootstrap import bootstrap_evidence, evidence_by_bootstrap
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
@@ -216,7 +217,7 @@ def evidence(
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: draws, where asked for, the row of the evidence table, the fit (None with intervals, which it does not know)."""
+    """One subject: the row of the evidence table; draws and, but for intervals, which it does not know, the fit, where asked for."""
 
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
@@ -250,13 +251,21 @@ def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws
 def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
     posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
     result, fitted = fitted_result(posterior, settings.seed, wanted)
-    fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None else None
+    fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None and wanted.chains is not None else None
+    by_bootstrap = None if subject.isi is not None else _by_bootstrap(subject, settings, fit)
     described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
     (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings, wanted) for model in (SYMMETRIC, CONSTANT_BIAS))
-    row = subject_evidence(result, fitted, (symmetric, constant), described, None if fit is None else fit.bootstrap)
+    row = subject_evidence(result, fitted, by_bootstrap, others=(symmetric, constant), fit=described)
     moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
     drawn = None if result.chains is None else subject_draws(result, summarised=True)
     return _Analysed(drawn, row, fit, moved)
+
+
+def _by_bootstrap(subject: Subject, settings: Settings, fit: SubjectFit | None) -> tuple[float | None, str]:
+    """Appendix C's evidence, from replicates that are there already or, where nothing else is asked of them, from as many as it needs."""
+    if fit is not None:
+        return bootstrap_evidence(fit.bootstrap, settings.prior)
+    return evidence_by_bootstrap(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES)
 
 
 def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -> tuple[Evidence, Fitted]:

@@ -19,8 +19,10 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import bootstrap_subject, replicate_starts, resample
-from bayes_toe.classical.maximum_likelihood import Design, fit_subject
+from bayes_toe.classical.bootstrap import bootstrap_subject, resample
+from bayes_toe.classical.counts import Counts, Design
+from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.classical.starts import replicate_starts
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.seeds import generator
 
@@ -46,24 +48,22 @@ def objective(subject: bt.Subject, n_equal: np.ndarray):
     return value
 
 
-def natural_starts(subject: bt.Subject, fitted) -> np.ndarray:
-    """The batch's starts in the loop's parameters; gamma = 0 is a bound there."""
+def natural_starts(subject: bt.Subject, fitted, counts: np.ndarray) -> np.ndarray:
+    """The batch's starts of every replicate in the loop's parameters, (rows, starts, 4); gamma = 0 is a bound there."""
     design = Design.of(subject, bt.Prior())
-    top = float(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max())
-    starts = []
-    for offset, log_share, log_width in replicate_starts(design, fitted):
-        p = MAX_PULL * np.exp(log_share)
-        mu1 = design.sbar + offset / p if p > 0 else 0.0
-        starts.append([mu1, np.exp(log_width) * (1.0 - p) ** 1.5, p / (1.0 - p) ** 2, top])
-    return np.clip(np.array(starts), [low for low, _ in BOUNDS], [high for _, high in BOUNDS])
+    offset, log_share, log_width, log_q0 = replicate_starts(design, fitted, Counts.of(counts, subject.n_trials))
+    p = MAX_PULL * np.exp(log_share)
+    mu1 = design.sbar + np.divide(offset, p, out=np.full_like(p, -design.sbar), where=p > 0)
+    found = np.stack([mu1, np.exp(log_width) * (1.0 - p) ** 1.5, p / (1.0 - p) ** 2, np.exp(log_q0)], axis=-1)
+    return np.clip(found, [low for low, _ in BOUNDS], [high for _, high in BOUNDS])
 
 
 def loop(subject: bt.Subject, counts: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, float]:
     """Best value of every replicate over the starts, and the seconds it took."""
     began = time.process_time()
     found = [
-        max(-minimize(objective(subject, row), start, method="L-BFGS-B", bounds=BOUNDS, options=OPTIONS).fun for start in starts)
-        for row in counts
+        max(-minimize(objective(subject, row), start, method="L-BFGS-B", bounds=BOUNDS, options=OPTIONS).fun for start in points)
+        for row, points in zip(counts, starts, strict=True)
     ]
     return np.array(found), time.process_time() - began
 
@@ -96,14 +96,14 @@ def main() -> int:
         fitted = fit_subject(subject)
         values, seconds = batch(subject, fitted, options.replicates, options.repeats)
         counts = resample(subject, generator(SEED, name, "bootstrap"), options.replicates)[: options.loop].astype(float)
-        starts = natural_starts(subject, fitted)
-        for chosen in (starts[:1], starts):
+        starts = natural_starts(subject, fitted, counts)
+        for chosen in (starts[:, :1], starts):
             found, spent = loop(subject, counts, chosen)
             spent *= options.replicates / options.loop
             gap = values[: options.loop] - found
             lower = int((gap < -1e-8).sum())
             verdict = f"{int((np.abs(gap) <= 1e-8).sum())} / {int((gap > 1e-8).sum())} / {lower}"
-            print(f"{name:8} {len(chosen):6d} {seconds:8.3f} {spent:8.1f} {spent / seconds:6.0f}  {verdict}", flush=True)
+            print(f"{name:8} {chosen.shape[1]:6d} {seconds:8.3f} {spent:8.1f} {spent / seconds:6.0f}  {verdict}", flush=True)
             worse += lower
     return 1 if worse else 0
 

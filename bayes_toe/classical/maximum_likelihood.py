@@ -11,20 +11,20 @@ called 'equal') are limits that have their own, smaller problem.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import xlogy
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.classical.starts import first_starts
+from bayes_toe.data.study import Subject
 from bayes_toe.inference.newton import Ascent, ascend
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.distributions import Normal
 from bayes_toe.model.prior import Prior
 
 #: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
@@ -33,43 +33,6 @@ _FLAT = 1e-6
 _STILL = 1e-3
 _ITERATIONS = 40  # after which only the best start of each row goes on
 _NO_PULL = 1e-6  # a pull below it is on its way to gamma = 0 where that edge is as good
-
-
-class Counts(NamedTuple):
-    """Answers of many rows in one design, each of shape (rows, pairs)."""
-
-    equal: FloatArray
-    different: FloatArray
-
-    @classmethod
-    def of(cls, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> Counts:
-        """From counts of 'equal', (rows, pairs), and of trials, (pairs,)."""
-        equal = np.atleast_2d(np.asarray(n_equal, np.float64))
-        return cls(equal, np.asarray(n_trials, np.float64) - equal)
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """The pairs that every row of a batch shares, and the penalty."""
-
-    s1: FloatArray
-    s2: FloatArray
-    sbar: float
-    penalty: Normal
-
-    @classmethod
-    def of(cls, subject: Subject, prior: Prior) -> Design:
-        """Pairs of a subject; of the prior only the normal of mu1 is used."""
-        refuse_intervals([subject], "maximum-likelihood fit")
-        sbar = float(np.average(subject.s1, weights=subject.n_trials))
-        return cls(subject.s1, subject.s2, sbar, prior.penalty)
-
-    @property
-    def scale(self) -> float:
-        """Root mean square step between the stimuli of a pair, natural-log intensity."""
-        steps = np.abs(self.s2 - self.s1)
-        moved = steps[steps > 0] if np.any(steps > 0) else np.abs(self.s1 - self.sbar)
-        return float(np.sqrt(np.mean(np.square(moved)))) if np.any(moved > 0) else 0.3
 
 
 def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
@@ -82,22 +45,12 @@ def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
     (('q0=1',), True)
     """
     design = Design.of(subject, Prior() if prior is None else prior)
-    return fit_counts(design, Counts.of(subject.n_equal, subject.n_trials), spread_starts(design))
-
-
-def spread_starts(design: Design) -> FloatArray:
-    """Starts that cover what a study can look like: (offset, log(p/p_max), log w) on a grid, shape (starts, 3).
-
-    log(p/p_max) = -inf stands for the edge gamma = 0.
-    """
-    scale = design.scale
-    offsets, pulls, widths = scale * np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), np.log([0.03, 0.3, 0.95]), np.log(scale) + np.arange(-2.0, 4.0)
-    inside = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, widths)], axis=-1)
-    return np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths], axis=-1)])
+    counts = Counts.of(subject.n_equal, subject.n_trials)
+    return fit_counts(design, counts, first_starts(design, counts))
 
 
 def fit_counts(design: Design, counts: Counts, starts: FloatArray) -> Fits:
-    """Fit every row from every start (offset, log(p/p_max), log w), shape (starts, 3), all in one batch of Newton ascents."""
+    """Fit every row from its starts (offset, log(p/p_max), log w, log q0), shape (4, rows, starts), all in one batch of Newton ascents."""
     narrow = _only_identical(design, counts)
     used = _without_other_pairs(design, counts, narrow)
     best = _best_ascents(design, used, starts, narrow)
@@ -185,25 +138,18 @@ def _largest_quadratic(coefficients: FloatArray, lowest: FloatArray) -> FloatArr
 
 def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: BoolArray) -> _Best:
     """Newton from every start of every row, and on the edge gamma = 0, in one batch; the best of each row."""
-    rows = len(counts.equal)
-    x = np.empty((4, rows, len(starts)))
-    x[:3], x[3] = starts.T[:, None, :], _log_top(counts)[:, None]
+    x, rows = starts.copy(), len(counts.equal)
     fixed = np.zeros(x.shape, bool)
     fixed[:2] = np.isneginf(x[1])
     # With identical stimuli alone only p/w matters: p rests at its largest value.
     x[0, narrow], x[1, narrow] = np.where(np.isneginf(x[1, narrow]), design.scale, x[0, narrow]), 0.0
     fixed[:, narrow] = np.array([False, True, False, False])[:, None, None]
     upper = np.array([np.inf, 0.0, np.log(design.scale) + 20.0, 0.0])[:, None]
-    row, held = np.repeat(np.arange(rows), len(starts)), fixed.reshape(4, -1)
+    row, held = np.repeat(np.arange(rows), x.shape[2]), fixed.reshape(4, -1)
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
     objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.penalty)
     found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS)
     return _finish(objective, found, _highest(found, rows), upper, held)
-
-
-def _log_top(counts: Counts) -> FloatArray:
-    """Log of a first guess at q0 for every row: the largest estimated frequency of a pair."""
-    return np.asarray(np.log(((counts.equal + 1.0) / (counts.equal + counts.different + 2.0)).max(axis=1)))
 
 
 def _highest(found: Ascent, rows: int) -> IndexArray:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
@@ -167,7 +166,12 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
 
 def subject_evidence(
-    result: SubjectResult, fitted: Fitted, others: tuple[Evidence, Evidence], fit: FitSummary | None, replicates: Bootstrap | None
+    result: SubjectResult,
+    fitted: Fitted,
+    by_bootstrap: tuple[float | None, str] | None,
+    *,
+    others: tuple[Evidence, Evidence] | None = None,
+    fit: FitSummary | None = None,
 ) -> SubjectEvidence:
     """Everything the evidence table says of one subject.
 
@@ -177,21 +181,20 @@ def subject_evidence(
         Of the pipeline under H1, with an evidence.
     fitted : Fitted
         What the pipeline found on its way.
-    others : (Evidence, Evidence)
-        Of the symmetric model and of the one with a constant error.
+    by_bootstrap : (float or None, str), optional
+        By Appendix C's recipe, with what is said of it, see :mod:`bayes_toe.classical.bootstrap`; None with intervals.
+    others : (Evidence, Evidence), optional
+        Of the symmetric model and of the one with a constant error; without them the row is about H1 and H0 alone, and not of the fit.
     fit : FitSummary, optional
         Goodness of fit of H1; None where its draws cannot be trusted.
-    replicates : Bootstrap, optional
-        Those of Appendix C's recipe; None with intervals.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
-    subject, (symmetric, constant_error) = posterior.subject, others
+    subject, rivals = posterior.subject, dict(zip(("symmetric", "constant error"), others, strict=True)) if others else {}
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior)
-    bootstrap, about_bootstrap = _NO_REPLICATES if replicates is None else bootstrap_evidence(replicates, posterior.prior)
-    withheld = {"H1": found.why_not, "symmetric": symmetric.why_not, "constant error": constant_error.why_not}
+    bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -205,12 +208,12 @@ def subject_evidence(
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=found.efficiency,
         pareto_k=found.pareto_k,
-        log_evidence_symmetric=symmetric.value,
-        log_evidence_constant_error=constant_error.value,
+        log_evidence_symmetric=rivals["symmetric"].value if rivals else None,
+        log_evidence_constant_error=rivals["constant error"].value if rivals else None,
         fit=fit,
         notes=(
-            *(f"{model}: {why}" for model, why in withheld.items() if why),
-            *(() if fit else (_NO_FIT,)),
+            *(f"{model}: {one.why_not}" for model, one in {"H1": found, **rivals}.items() if one.why_not),
+            *(() if fit or not rivals else (_NO_FIT,)),
             *(() if subject.isi is None else (_INTERVALS,)),
         ),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),

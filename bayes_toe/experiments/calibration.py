@@ -15,18 +15,19 @@ from functools import partial
 
 import numpy as np
 
-from bayes_toe.analysis import draw, run
-from bayes_toe.analysis import evidence as evidence_table
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
+from bayes_toe.classical.bootstrap import evidence_by_bootstrap
+from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import Settings
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, SubjectResult, Wanted, fitted_result
+from bayes_toe.inference.subject_draws import subject_draws
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -123,7 +124,8 @@ def simulate_and_analyse(plan: Plan, *, workers: Workers = None, progress: Progr
 
 def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
     """Settings of every analysis: the defaults, but for fewer draws."""
-    return Settings(root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=DRAWS))
+    own = Prior() if prior is None else prior
+    return Settings(root_seed(seed), own, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,20 +162,22 @@ def work(job: Job) -> tuple[list[Ranks], list[KnownEvidence]]:
     seed = job.settings.seed
     made = [_observed(job, name) for name in job.names]
     study = Study(tuple(subject for subject, _ in made), "calibration", synthetic=True)
-    draws, table = _analysed(study, job)
+    draws, rows = _analysed(study, job)
     ranks = [] if draws is None else [_ranks(job.design, draws, subject, theta, seed) for subject, theta in made if theta is not None]
-    rows = [] if table is None else [KnownEvidence(job.design, job.from_h1, row) for row in table]
-    return ranks, rows
+    return ranks, [KnownEvidence(job.design, job.from_h1, row) for row in rows]
 
 
-def _analysed(study: Study, job: Job) -> tuple[Draws | None, EvidenceTable | None]:
-    seed, prior = job.settings.seed, job.settings.prior
-    if job.with_draws and job.with_evidence:
-        both = run(study, draws=DRAWS, seed=seed, prior=prior, workers=1)
-        return both.draws, both.evidence
-    if job.with_draws:
-        return draw(study, draws=DRAWS, seed=seed, prior=prior, workers=1), None
-    return None, evidence_table(study, seed=seed, prior=prior, workers=1)
+def _analysed(study: Study, job: Job) -> tuple[Draws | None, list[SubjectEvidence]]:
+    """What is judged of the subjects, and no more: the streams are those of the commands, and so are the numbers."""
+    settings = job.settings
+    wanted = Wanted(settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0)
+    found = [fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted) for subject in study]
+    draws = assembled(None, study, [subject_draws(result) for result, _ in found], settings, {}) if job.with_draws else None
+    return draws, [_row(result, fitted, settings) for result, fitted in found] if job.with_evidence else []
+
+
+def _row(result: SubjectResult, fitted: Fitted, settings: Settings) -> SubjectEvidence:
+    return subject_evidence(result, fitted, evidence_by_bootstrap(result.subject, seed=settings.seed, prior=settings.prior))
 
 
 def _observed(job: Job, name: str) -> tuple[Subject, Natural | None]:

@@ -37,6 +37,11 @@ class Ascent(NamedTuple):
         """A copy of some of them."""
         return Ascent(self.x[:, index], self.value[index], self.gradient[:, index], self.hessian[:, :, index], self.arrived[index])
 
+    def put(self, index: IndexArray, some: Ascent) -> None:
+        """Set some of them."""
+        for part, values in zip(self, some, strict=True):
+            part[..., index] = values
+
 
 def ascend(
     objective: Objective,
@@ -72,27 +77,30 @@ def ascend(
     >>> round(float(found.x[0, 0]), 9), round(float(ascend(Hill(), np.zeros((1, 1)), upper=1.0).x[0, 0]), 9)
     (2.0, 1.0)
     """
-    x, n = x.copy(), x.shape[1]
-    top, held = np.broadcast_to(upper, x.shape), np.broadcast_to(fixed, x.shape)
-    value, gradient, hessian = objective.evaluate(x, np.arange(n))
-    damping, arrived = np.full(n, 1e-3), np.zeros(n, bool)
+    at = np.arange(x.shape[1])
+    now = Ascent(x.copy(), *objective.evaluate(x, at), np.zeros(len(at), bool))
+    ended, top, held = now, *(np.array(np.broadcast_to(bound, x.shape)) for bound in (upper, fixed))
+    damping = np.full(len(at), 1e-3)
     for _ in range(iterations):
-        at = np.flatnonzero(~arrived & (damping < 1e12))
         if not len(at):
             break
-        here, slope, bound = x[:, at], gradient[:, at], top[:, at]
-        free = ~(held[:, at] | ((here >= bound) & (slope >= 0.0)))
+        free = ~(held | ((now.x >= top) & (now.gradient >= 0.0)))
         with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
-            step, decrement = _step(slope, hessian[:, :, at], free, damping[at])
-        trial = np.minimum(here + step * np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY)), bound)
+            step, decrement = _step(now.gradient, now.hessian, free, damping)
+        trial = np.minimum(now.x + step * np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY)), top)
         new = objective.evaluate(trial, at)
-        better = new[0] >= value[at]
-        kept = at[better]
-        x[:, kept], value[kept], gradient[:, kept], hessian[:, :, kept] = (part[..., better] for part in (trial, *new))
+        better = new[0] >= now.value
+        for old, fresh in zip(now, (trial, *new), strict=False):
+            np.copyto(old, fresh, where=better)
         # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not the step was taken.
-        arrived[at] = (decrement < _DECREMENT * (1.0 + np.abs(value[at]) * 1e-3)) & (damping[at] <= 1e-2)
-        damping[at] = np.where(better, np.maximum(damping[at] / 16.0, 1e-12), np.maximum(damping[at] * 8.0, 1e-3))
-    return Ascent(x, value, gradient, hessian, arrived)
+        now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
+        damping = np.where(better, np.maximum(damping / 16.0, 1e-12), np.maximum(damping * 8.0, 1e-3))
+        going = ~now.arrived & (damping < 1e12)
+        if not going.all():
+            ended.put(at, now)
+            at, damping, top, held, now = at[going], damping[going], top[:, going], held[:, going], now.take(np.flatnonzero(going))
+    ended.put(at, now)
+    return ended
 
 
 def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -104,10 +112,10 @@ def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: F
     k = len(gradient)
     size = np.abs(hessian[np.arange(k), np.arange(k)])
     scale = np.where(free & (size > 0.0), 1.0 / np.sqrt(np.maximum(size, _TINY)), free)
-    matrix = -hessian * scale[:, None] * scale[None, :]
+    matrix = hessian * -scale[:, None]
+    matrix *= scale
     right = np.where(free, gradient, 0.0) * scale
-    for i in range(k):
-        matrix[i, i] += ~free[i]
+    matrix[np.arange(k), np.arange(k)] += ~free
     step, proper = _solve(matrix, right, damping)
     if not proper.all():
         step[:, ~proper] = _uphill(matrix[:, :, ~proper], right[:, ~proper], damping[~proper])
@@ -117,21 +125,20 @@ def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: F
 def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Solve many small symmetric systems with a raised diagonal by elimination; False where a pivot is not positive."""
     a, y, k = matrix.copy(), right.copy(), len(right)
+    a[np.arange(k), np.arange(k)] += damping
     proper = np.ones(y.shape[1], bool)
     for j in range(k):
-        a[j, j] += damping
-    for j in range(k):
-        proper &= a[j, j] > 1e-12
-        a[j, j][~proper] = 1.0
-        for i in range(j + 1, k):
-            factor = a[i, j] / a[j, j]
-            for m in range(i, k):
-                a[m, i] -= factor * a[m, j]
-            y[i] -= factor * y[j]
+        good = a[j, j] > 1e-12
+        if not good.all():
+            proper &= good
+            a[j, j][~good] = 1.0
+        factor = a[j, j + 1 :] / a[j, j]
+        for i in range(j + 1, k):  # the rows below, of which the part on and behind the diagonal counts
+            a[i, i:] -= factor[i - j - 1] * a[j, i:]
+        y[j + 1 :] -= factor * y[j]
     for j in reversed(range(k)):
-        for i in range(j + 1, k):
-            y[j] -= a[i, j] * y[i]
         y[j] /= a[j, j]
+        y[:j] -= a[:j, j] * y[j]
     return y, proper
 
 

@@ -8,9 +8,10 @@ from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, replicate_starts, resample
+from bayes_toe.classical import bootstrap
+from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, evidence_by_bootstrap, resample
 from bayes_toe.classical.fits import EDGES, Fits
-from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject, spread_starts
+from bayes_toe.classical.maximum_likelihood import fit_counts
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import Natural
@@ -55,15 +56,6 @@ def test_optima_are_those_of_a_loop_over_a_general_optimiser(name):
     for i, row in enumerate(counts):
         other = best_of_random_starts(Subject(name, subject.s1, subject.s2, row, subject.n_trials), 6)
         assert found.objective[i] >= other - 1e-8
-
-
-@pytest.mark.parametrize("name", ["S08", "S12", "S16", "very blunt observer", "perfect observer", "one batch", "one order missing"])
-def test_the_few_starts_of_a_replicate_do_what_many_do(name):
-    subject = SUBJECTS[name]
-    design, counts = Design.of(subject, Prior()), Counts.of(resample(subject, np.random.default_rng(2), 150), subject.n_trials)
-    few = fit_counts(design, counts, replicate_starts(design, fit_subject(subject)))
-    many = fit_counts(design, counts, spread_starts(design))
-    assert (few.objective < many.objective - 1e-8).sum() <= 1
 
 
 def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
@@ -151,6 +143,17 @@ def test_evidence_says_what_is_wrong_with_it():
     value, note = bootstrap_evidence(made_up(same))
     assert value is None
     assert note.endswith("singular")
+
+
+@pytest.mark.parametrize("name", ["S01", "S02", "all equal", "one batch", "perfect observer", "very blunt observer", "q0 = 1"])
+def test_evidence_by_as_many_replicates_as_it_needs_is_that_by_all(name, monkeypatch):
+    value, note = bootstrap_evidence(bootstrap_subject(SUBJECTS[name], seed=1, replicates=150))
+    fitted = []
+    monkeypatch.setattr(bootstrap, "fit_counts", lambda *of: fitted.append(len(of[1].equal)) or fit_counts(*of))
+    again, same = evidence_by_bootstrap(SUBJECTS[name], seed=1, prior=Prior(), replicates=150)
+    assert same == note
+    assert again == pytest.approx(value, abs=1e-6)
+    assert sum(fitted) == {"all equal": 0, "perfect observer": 0, "very blunt observer": 0, "one batch": 100}.get(name, 150)
 
 
 def test_what_has_no_value_is_missing_and_said():

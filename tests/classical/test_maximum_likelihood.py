@@ -7,8 +7,10 @@ from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.fits import EDGES
-from bayes_toe.classical.maximum_likelihood import Counts, Design, fit_counts, fit_subject, spread_starts
+from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
+from bayes_toe.classical.starts import first_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
 
@@ -123,9 +125,14 @@ def test_rows_together_are_rows_alone():
     equal = np.concatenate(
         [rng.binomial(subject.n_trials, 0.5, size=(6, 13)), [subject.n_equal], [subject.n_trials], [0 * subject.n_trials]]
     )
-    together = fit_counts(design, Counts.of(equal, subject.n_trials), spread_starts(design))
+
+    def fit(rows):
+        counts = Counts.of(rows, subject.n_trials)
+        return fit_counts(design, counts, first_starts(design, counts))
+
+    together = fit(equal)
     for i, row in enumerate(equal):
-        alone = fit_counts(design, Counts.of(row, subject.n_trials), spread_starts(design))
+        alone = fit(row)
         assert alone.objective[0] == pytest.approx(together.objective[i], rel=1e-12, abs=1e-10)
         assert alone.at_edge[0] == together.at_edge[i]
 

@@ -7,8 +7,10 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines, write_calibration
 from bayes_toe.errors import InputError
+from bayes_toe.experiments import calibration
 from bayes_toe.experiments.calibration import (
     DESIGNS,
+    DRAWS,
     RANKED,
     Job,
     Outcome,
@@ -84,6 +86,18 @@ def test_alone_or_with_evidence_the_ranks_are_the_same(table):
     assert again.evidence == one.evidence
 
 
+def test_what_is_judged_is_what_the_commands_say():
+    """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
+    settings = calibration_settings(3)
+    job = Job("sparse", True, ("sparse-h1-0001",), True, True, settings)
+    subject, theta = calibration._observed(job, job.names[0])
+    ranks, rows = work(job)
+    both = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
+    for of in ESTIMATORS.values():
+        assert of(rows[0].evidence) == pytest.approx(of(both.evidence.rows[0]), abs=1e-6)
+    assert ranks[0].values == calibration._ranks("sparse", both.draws, subject, theta, 3).values
+
+
 def test_the_ranked_likelihood_is_the_posteriors():
     subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
     posterior = bt.posterior_of(subject)
@@ -131,7 +145,7 @@ def test_the_command(table, tmp_path, monkeypatch):
 
     from bayes_toe.cli import calibration_folder
     from bayes_toe.cli.app import app
-    from bayes_toe.experiments import calibration, calibration_table
+    from bayes_toe.experiments import calibration_table
 
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1"])
