@@ -146,16 +146,16 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
     assert once.converged
     assert alone.log_posterior.size < 10_000 <= once.log_posterior.size
     limit = 0.95 * worst(once)  # just missed by a single pass, within reach of independent draws
-    longer = sample_chains(fitted, SamplerSettings(max_quantile_error=limit), 1)
+    longer = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit), 1)
     assert longer.converged
     assert longer.thin > 1
     assert worst(longer) <= limit
     # Beyond the reach of so many draws it says so at once; with one pass allowed, that it was not reached.
-    hopeless = sample_chains(fitted, SamplerSettings(max_quantile_error=limit / 3), 1)
+    hopeless = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit / 3), 1)
     assert (hopeless.converged, hopeless.thin) == (False, 1)
     assert hopeless.reason.startswith("a 5 or 95 % quantile of ")
     assert hopeless.reason.endswith("; more draws are needed")
-    cut = sample_chains(fitted, SamplerSettings(max_quantile_error=limit, max_thin=1), 1)
+    cut = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit, max_thin=1), 1)
     assert not cut.converged
     assert cut.reason.endswith("required")
 
