@@ -16,7 +16,7 @@ S enters whole: its two terms cancel where answers are surprising, and the link 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -49,11 +49,6 @@ class Distance:
     numerator_bend: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
     log_width: dict[int, FloatArray] = field(default_factory=dict)
     log_width_bend: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
-
-    @property
-    def places(self) -> list[int]:
-        """Every coordinate that z depends on, ascending."""
-        return sorted({*self.numerator, *self.log_width})
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,24 +101,58 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
 
     `own` has the places of the link's own coordinates, None for one that is fixed.
     """
-    points = len(distance.z)
-    gradient, hessian = np.zeros((points, k)), np.zeros((points, k, k))
-    steep, level = (_finished(part, distance.z) for part in (of.z, of.stretch))
-    for i in distance.places:
-        gradient[:, i] = _summed((distance.numerator.get(i), of.z), (distance.log_width.get(i), -steep))
-        for j in distance.places:
-            if j <= i:
-                hessian[:, i, j] = hessian[:, j, i] = _bend(distance, of, (i, j), steep, level)
+    z = distance.z
+    gradient, hessian = np.zeros((len(z), k)), np.zeros((len(z), k, k))
+    steep, level = (_finished(part, z) for part in (of.z, of.stretch))
+    (at_n, n), (at_w, w) = (_stacked(part, z) for part in (distance.numerator, distance.log_width))
     free = [(m, place) for m, place in enumerate(own) if place is not None]
+    at_own, mixed = _stacked({place: of.z_own[m] for m, place in free}, z)
+    gradient[:, at_n] += _finished(of.z, n).sum(axis=-1).T
+    gradient[:, at_w] -= _finished(steep, w).sum(axis=-1).T
+    _add_products(hessian, at_n, at_n, _finished(of.zz, n), n)
+    _add_products(hessian, at_n, at_w, _finished(-of.stretch, n), w, mirrored=True)
+    _add_products(hessian, at_w, at_w, _finished(level, w), w)
+    _add_products(hessian, at_own, at_n, mixed, n, mirrored=True)
+    _add_products(hessian, at_own, at_w, _finished(-mixed, z), w, mirrored=True)
+    for slope, bends in ((of.z, distance.numerator_bend), (-steep, distance.log_width_bend)):
+        for at, bend in bends.items():
+            _add_symmetric(hessian, at, _finished(slope, bend).sum(axis=1))
     for m, place in free:
-        gradient[:, place] = _over_pairs(of.own[m], distance)
-        for n, other in free:
-            if n <= m:
-                hessian[:, place, other] = hessian[:, other, place] = _over_pairs(of.own_own[m][n], distance)
-        for i in distance.places:
-            terms = (distance.numerator.get(i), of.z_own[m]), (distance.log_width.get(i), _finished(-of.z_own[m], distance.z))
-            hessian[:, i, place] = hessian[:, place, i] = _summed(*terms)
+        gradient[:, place] += _over_pairs(of.own[m], distance)
+        for i, other in free:
+            if i <= m:
+                _add_symmetric(hessian, (place, other), _over_pairs(of.own_own[m][i], distance))
     return gradient, hessian
+
+
+def _stacked(parts: Mapping[int, FloatArray], like: FloatArray) -> tuple[list[int], FloatArray]:
+    """Places, and the arrays at them, broadcast to (places, points, pairs)."""
+    stack = np.empty((len(parts), *like.shape))
+    for row, part in zip(stack, parts.values(), strict=True):
+        row[...] = part
+    return list(parts), stack
+
+
+def _add_products(
+    hessian: FloatArray, rows: list[int], columns: list[int], a: FloatArray, b: FloatArray, *, mirrored: bool = False
+) -> None:
+    """Add the sums over pairs of the products of a, (rows, points, pairs), and b, (columns, points, pairs); a is 0 where all is."""
+    if not rows or not columns:
+        return
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = a.transpose(1, 0, 2) @ b.transpose(1, 2, 0)
+    if not np.isfinite(found).all():
+        found = _finished(a[:, None], b[None]).sum(axis=-1).transpose(2, 0, 1)
+    hessian[:, np.array(rows)[:, None], columns] += found
+    if mirrored:
+        hessian[:, np.array(columns)[:, None], rows] += found.transpose(0, 2, 1)
+
+
+def _add_symmetric(hessian: FloatArray, at: tuple[int, int], values: FloatArray) -> None:
+    i, j = at
+    hessian[:, i, j] += values
+    if i != j:
+        hessian[:, j, i] += values
 
 
 def _over_pairs(values: FloatArray, distance: Distance) -> FloatArray:
@@ -131,38 +160,11 @@ def _over_pairs(values: FloatArray, distance: Distance) -> FloatArray:
     return np.asarray(np.broadcast_to(values, distance.z.shape).sum(axis=1))
 
 
-def _bend(distance: Distance, of: Logarithm, at: tuple[int, int], steep: FloatArray, level: FloatArray) -> FloatArray:
-    """One element of the Hessian, A_ik."""
-    n, w = ([part.get(place) for place in at] for part in (distance.numerator, distance.log_width))
-    return _summed(
-        (_product(n[0], n[1]), of.zz),
-        (distance.numerator_bend.get(_pair(*at)), of.z),
-        (_product(n[0], w[1]), -of.stretch),
-        (_product(n[1], w[0]), -of.stretch),
-        (_product(w[0], w[1]), level),
-        (distance.log_width_bend.get(_pair(*at)), -steep),
-    )
-
-
-def _summed(*terms: tuple[FloatArray | None, FloatArray]) -> FloatArray:
-    """Sum over pairs of products; factors that are None are 0."""
-    total = np.zeros(len(terms[0][1]))
-    for factor, weight in terms:
-        if factor is not None:
-            total = total + _finished(weight, factor).sum(axis=1)
-    return total
-
-
 def _finished(slope: FloatArray, factor: FloatArray) -> FloatArray:
     """Their product, 0 where the slope is: it falls faster than anything else may grow, so answers have no more to say out there."""
     with np.errstate(over="ignore", invalid="ignore"):  # a factor beyond the largest float
         product = np.asarray(slope * factor)
         return product if np.isfinite(product).all() else np.where(slope == 0.0, 0.0, product)
-
-
-def _product(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return None if a is None or b is None else a * b
 
 
 def _pair(i: int, k: int) -> tuple[int, int]:

@@ -112,7 +112,9 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
     with np.errstate(over="ignore", invalid="ignore"):  # a product beyond the largest float is infinite to all digits; 0 times infinity
         product = np.asarray(counts * values)
-    np.copyto(product, 0.0, where=~(counts > 0.0))
+    never = ~(counts > 0.0)
+    if never.any():
+        np.copyto(product, 0.0, where=never)
     return product
 
 
