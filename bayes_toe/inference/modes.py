@@ -35,9 +35,14 @@ class Maxima:
     arrived: bool
     hopeless: FloatArray
 
+    @property
+    def all(self) -> FloatArray:
+        """Every one of them, shape (maxima, k)."""
+        return np.concatenate([self.x, self.hopeless])
 
-def find_maxima(target: Target) -> Maxima:
-    """Maxima of the log density from several starts that the data suggest.
+
+def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
+    """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest.
 
     Examples
     --------
@@ -47,7 +52,7 @@ def find_maxima(target: Target) -> Maxima:
     >>> find_maxima(posterior_of(subject)).arrived
     True
     """
-    found = ascend(_LogDensity(target), target.starts().T)
+    found = ascend(_LogDensity(target), (target.starts() if starts is None else starts).T)
     kept = found.arrived if found.arrived.any() else np.ones_like(found.arrived)
     x, value = found.x.T[kept], found.value[kept]
     distinct = _distinct(x, value)

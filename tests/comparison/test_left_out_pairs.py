@@ -6,8 +6,9 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.comparison import model_row
 from bayes_toe.comparison.leave_one_out import weighted_pairs
-from bayes_toe.comparison.left_out_pairs import left_out_pairs, log_evidence_without
+from bayes_toe.comparison.left_out_pairs import _of_pairs, left_out_pairs, log_evidence_without
 from bayes_toe.comparison.model_row import compare_one
+from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.study_prior import prior_for
@@ -53,6 +54,17 @@ def test_mass_behind_the_wall_of_a_pair_is_found_where_no_draw_is():
     assert alone.pareto_k[0, 1] < 0.5
     assert alone.values[0, 1] > truth + 1.0  # nothing in the weights tells
     assert pairs.values[0, 1] == pytest.approx(truth, abs=TOLERANCE)
+
+
+def test_maxima_of_all_answers_lead_to_every_maximum_without_a_pair_that_the_grid_finds():
+    study = bt.example_study()
+    target = model_named("no lapses").posterior(study["S08"], prior_for(study, None))
+    for pair in (3, 11):  # walls, behind which there is mass
+        rest = target.for_subject(_of_pairs(target.subject, np.arange(target.subject.n_pairs) != pair))
+        grid, ours = find_maxima(rest), find_maxima(rest, find_maxima(target).all)
+        near = grid.x[grid.value > grid.value[0] - 10.0]
+        assert (np.abs(near[:, None] - ours.all).max(axis=2).min(axis=1) < 1e-2).all()
+        assert ours.value[0] > grid.value[0] - 1e-6
 
 
 def test_where_an_answer_is_impossible_draws_count_for_the_other_answers_only():
