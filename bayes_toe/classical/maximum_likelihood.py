@@ -148,7 +148,7 @@ def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: Bo
     row, held = np.repeat(np.arange(rows), x.shape[2]), fixed.reshape(4, -1)
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
     objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.penalty)
-    found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS)
+    found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS, rivals=row)
     return _finish(objective, found, _highest(found, rows), upper, held)
 
 

@@ -17,7 +17,7 @@ from bayes_toe.model.distributions import Normal
 
 #: Values of one temporary array: small enough for the processor's cache, so memory stays flat however many pairs or points. Of very many
 #: pairs so many are taken at once: a block of few points would be gone through in steps of a few values.
-_BLOCK, _PAIRS = 1 << 15, 1 << 8
+_BLOCK, _PAIRS = 1 << 16, 1 << 8
 _TWO_LN2 = 2.0 * LN2
 
 
@@ -76,12 +76,14 @@ class PenalisedLikelihood:
         parts = (self._sums(x, inverse, row, slice(i, i + _PAIRS)) for i in range(0, len(self.s1), _PAIRS))
         value, e, h, ez, ezz, hz, hzz, hz3, hz4 = reduce(lambda all_, some: [a + b for a, b in zip(all_, some, strict=True)], parts)
         k, bend = _TWO_LN2 * inverse, _TWO_LN2 * np.square(inverse)
-        gradient[:] = k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]
+        gradient[0], gradient[1], gradient[2], gradient[3] = k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]
         cc, cp, pp = (bend * sign * (e[i] + _TWO_LN2 * hzz[i]) for i, sign in enumerate((-1.0, 1.0, -1.0)))
         cb, pb = (k * sign * (2.0 * ez[i] + _TWO_LN2 * hz3[i]) for i, sign in enumerate((-1.0, 1.0)))
         bb, bu = -_TWO_LN2 * (2.0 * ezz + _TWO_LN2 * hz4), -_TWO_LN2 * hzz[0]
         cu, pu = -k * hz[0], k * hz[1]
-        hessian[:] = (cc, cp, cb, cu), (cp, pp, pb, pu), (cb, pb, bb, bu), (cu, pu, bu, -h)
+        for i, row_of in enumerate(((cc,), (cp, pp), (cb, pb, bb), (cu, pu, bu, -h))):
+            for j, values in enumerate(row_of):
+                hessian[i, j] = hessian[j, i] = values
         return value
 
     def _sums(self, x: FloatArray, inverse: FloatArray, row: IndexArray, pairs: slice) -> list[FloatArray]:
@@ -92,7 +94,7 @@ class PenalisedLikelihood:
         z += (self.s2 - self.s1)[pairs, None]
         z -= x[0]
         z *= inverse
-        value, slope, curve = self._answers(z, x[3], self.equal[pairs, row], self.different[pairs, row])
+        value, slope, curve = self._answers(z, x[3], self.equal[pairs].take(row, axis=1), self.different[pairs].take(row, axis=1))
         e, h = powers @ slope, curve.sum(axis=0)
         slope *= z
         ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)

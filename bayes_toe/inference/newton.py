@@ -13,6 +13,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
+_NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
 _TINY = 1e-300
 
 
@@ -51,6 +52,7 @@ def ascend(
     fixed: npt.ArrayLike = False,
     most: float = 5.0,
     iterations: int = 200,
+    rivals: IndexArray | None = None,
 ) -> Ascent:
     """Levenberg-damped Newton ascent of every start; a step is kept only if it does not lower the value.
 
@@ -67,6 +69,9 @@ def ascend(
         Longest step in any coordinate.
     iterations : int
         Steps to try at most.
+    rivals : array of int, shape (points,), optional
+        Numbers from 0 of the problems to which the starts belong, where only the highest maximum of each is wanted: a start that comes to
+        where a higher one already is goes no further, and does not count as arrived.
 
     Examples
     --------
@@ -78,15 +83,15 @@ def ascend(
     (2.0, 1.0)
     """
     at = np.arange(x.shape[1])
-    now = Ascent(x.copy(), *objective.evaluate(x, at), np.zeros(len(at), bool))
+    now = Ascent(x.copy(), *objective.evaluate(x.copy(), at), np.zeros(len(at), bool))
     ended, top, held = now, *(np.array(np.broadcast_to(bound, x.shape)) for bound in (upper, fixed))
-    damping = np.full(len(at), 1e-3)
+    damping, leaders = np.full(len(at), 1e-3), None if rivals is None else _Leaders(rivals, x)
     for _ in range(iterations):
         if not len(at):
             break
         free = ~(held | ((now.x >= top) & (now.gradient >= 0.0)))
         with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
-            step, decrement = _step(now.gradient, now.hessian, free, damping)
+            step, decrement, proper = _step(now.gradient, now.hessian, free, damping)
         trial = np.minimum(now.x + step * np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY)), top)
         new = objective.evaluate(trial, at)
         better = new[0] >= now.value
@@ -96,6 +101,9 @@ def ascend(
         now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
         damping = np.where(better, np.maximum(damping / 16.0, 1e-12), np.maximum(damping * 8.0, 1e-3))
         going = ~now.arrived & (damping < 1e12)
+        if leaders is not None:
+            near = np.flatnonzero(better & proper & (decrement < _NEAR))
+            going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])
         if not going.all():
             ended.put(at, now)
             at, damping, top, held, now = at[going], damping[going], top[:, going], held[:, going], now.take(np.flatnonzero(going))
@@ -103,8 +111,28 @@ def ascend(
     return ended
 
 
-def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ascent step in the free coordinates and twice its predicted gain.
+class _Leaders:
+    """The highest start of every problem among those that are close to a maximum."""
+
+    def __init__(self, rivals: IndexArray, x: FloatArray) -> None:
+        problems = int(rivals.max(initial=-1)) + 1
+        self.rivals, self.at = rivals, np.full(problems, -1)
+        self.x, self.value = np.empty((len(x), problems)), np.full(problems, -np.inf)
+
+    def followed(self, at: IndexArray, x: FloatArray, value: FloatArray) -> BoolArray:
+        """Which of the starts `at`, close to a maximum, are where a higher one is; the others may lead from now on."""
+        order = np.argsort(value, kind="stable")
+        order = order[value[order] >= self.value[self.rivals[at[order]]]]
+        first = self.rivals[at[order]]  # of several starts of a problem the last is kept, the highest
+        self.at[first], self.value[first], self.x[:, first] = at[order], value[order], x[:, order]
+        of = self.rivals[at]
+        with np.errstate(invalid="ignore"):  # coordinates that are fixed at infinity
+            close = (np.abs(x - self.x[:, of]) < _CLOSE) | (x == self.x[:, of])
+        return np.asarray((self.at[of] != at) & close.all(axis=0))
+
+
+def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Ascent step in the free coordinates, twice its predicted gain, and whether -H is positive definite.
 
     -H is scaled to a unit diagonal, which the damping raises. Where the result is positive definite the step follows by elimination;
     elsewhere eigenvalues enter by size, so that the step leads uphill, away from a saddle too.
@@ -119,7 +147,7 @@ def _step(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: F
     step, proper = _solve(matrix, right, damping)
     if not proper.all():
         step[:, ~proper] = _uphill(matrix[:, :, ~proper], right[:, ~proper], damping[~proper])
-    return step * scale, np.abs(step * right).sum(axis=0)
+    return step * scale, np.abs(step * right).sum(axis=0), proper
 
 
 def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -66,6 +66,25 @@ def test_a_saddle_is_left_uphill():
     assert np.abs(found.x[0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
 
 
+def test_of_rivals_one_goes_on_and_other_maxima_are_found_all_the_same():
+    """Two problems on a tilted saddle; the first has starts on both sides."""
+
+    class Lower(Saddle):
+        def evaluate(self, x, index):
+            value, slope, hessian = super().evaluate(x, index)
+            return value - 0.1 * x[0], slope - np.array([[0.1], [0.0]]), hessian  # the maximum at negative x is the higher one
+
+    start = np.array([[0.3, -0.4, 0.5, -0.6, 0.8, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1, -0.2]])
+    rivals = np.array([0, 0, 0, 0, 1, 1])
+    alone, found = (ascend(Lower(), start, rivals=of) for of in (None, rivals))
+    assert found.arrived.sum() < alone.arrived.sum() == 6
+    for problem in (0, 1):
+        of = rivals == problem
+        assert found.value[of & found.arrived].max() == pytest.approx(alone.value[of].max(), abs=1e-12)
+    assert (found.x[0, :4][found.arrived[:4]] < 0).any()
+    assert np.abs(found.x - alone.x).max() < 2e-2
+
+
 def test_what_does_not_arrive_says_so():
     class Slope:
         def evaluate(self, x, index):
