@@ -193,7 +193,7 @@ def subject_evidence(
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
     subject, rivals = posterior.subject, dict(zip(("symmetric", "constant error"), others, strict=True)) if others else {}
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
-    natural, why_no_natural = laplace_evidence_natural(posterior)
+    natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
     bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
     return SubjectEvidence(
         subject=subject.name,

@@ -20,6 +20,12 @@ from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import LOG_2PI, jacobian_derivatives, log_sigma_p_derivatives
 
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge
+#: Where the search starts: logits of the pull, and by how much offset (in widths), log width and logit of q0 differ from those of the
+#: highest maximum in identified coordinates.
+_SMALL, _LARGER = (-8.0, -6.0, -4.0), ((-3.0, -2.0, -1.0), (0.0, 1.0, 2.0), (3.0, 5.0))
+_OFFSETS = np.array([0.05, 0.2, 0.5, 1.0])
+_WIDTHS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+_PEAKS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 _STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a point is a maximum and not on its way to an edge
 
 
@@ -30,15 +36,18 @@ def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
     return _at(float(maxima.value[0]), maxima.curvature[0], "Laplace of H1")
 
 
-def laplace_evidence_natural(posterior: Posterior) -> tuple[float | None, str]:
+def laplace_evidence_natural(posterior: Posterior, maxima: Maxima) -> tuple[float | None, str]:
     """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats; None, with the reason, where that is on an edge.
 
-    The search runs in unconstrained coordinates, in which an edge lies at infinity: a Newton ascent toward it goes on in steps of about
-    one, however little it gains. At a stationary point determinants of the Hessian differ by the square of the Jacobian alone.
+    `maxima` are those in unconstrained identified coordinates. The search runs in these coordinates, in which an edge lies at infinity: a
+    Newton ascent toward it goes on in steps of about one, however little it gains. At a stationary point determinants of the Hessian differ
+    by the square of the Jacobian alone.
     """
     label = "Laplace of H1 in the paper's coordinates"
-    found = ascend(_NaturalDensity(posterior), posterior.starts().T)
-    best = int(np.argmax(found.value))
+    density = _NaturalDensity(posterior)
+    starts = _starts(density, maxima)
+    found = ascend(density, starts, rivals=np.zeros(starts.shape[1], np.intp))
+    best = int(np.lexsort((found.arrived, found.value))[-1])  # of equals one that arrived
     curvature = -found.hessian[:, :, best]
     # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.
     slope, bend = np.abs(found.gradient[:, best]), np.abs(np.diagonal(curvature))
@@ -56,13 +65,17 @@ class _NaturalDensity:
 
     posterior: Posterior
 
-    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Value, gradient and Hessian, points on the last axis; zeros for derivatives where the density is 0."""
-        points = x.T
+    def value(self, x: FloatArray) -> FloatArray:
+        """Value at x (4, points)."""
         log_sigma_p = x[2] + 1.5 * np.log1p(-MAX_PULL / (1.0 + np.exp(-x[1])))
-        value = self.posterior.log_density(points) - log_jacobian(points) - np.log(2.0) - 3.0 * log_sigma_p
+        value: FloatArray = self.posterior.log_density(x.T) - log_jacobian(x.T) - np.log(2.0) - 3.0 * log_sigma_p
         # The density may grow without end toward sigma_p = 0; no maximum lies out there, and no number either.
         value[np.abs(x[1:]).max(axis=0) > _FAR] = -np.inf
+        return value
+
+    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Value, gradient and Hessian, points on the last axis; zeros for derivatives where the density is 0."""
+        points, value = x.T, self.value(x)
         gradient, hessian = np.zeros(x.shape), np.zeros((len(x), *x.shape))
         some = np.isfinite(value)
         first, second = self.posterior.derivatives(points[some])
@@ -74,6 +87,22 @@ class _NaturalDensity:
         gradient[2, some] -= 3.0
         hessian[1, 1, some] -= 3.0 * bend
         return value, gradient, hessian
+
+
+def _starts(density: _NaturalDensity, maxima: Maxima) -> FloatArray:
+    """The highest maxima in the other coordinates, and around them the highest point of each part of a grid, shape (4, starts).
+
+    Maxima differ in the pull, and at each pull the rest is nearly determined. In 1,100 data sets (bundled, hard, real and simulated) the
+    maximum was the same from these as from every point of a coarse grid over all that a study can look like.
+    """
+    offset, _, log_width, logit_q0 = maxima.x[0]
+    far = np.exp(log_width) * _OFFSETS
+    about = offset + np.concatenate([-far, [0.0], far])
+    highest = []
+    for offsets, pulls in ((-far, _SMALL), (far, _SMALL), *((about, larger) for larger in _LARGER)):
+        points = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)])
+        highest.append(points[:, density.value(points).argmax()])
+    return np.stack([*maxima.x[:3], *highest], axis=-1)
 
 
 def _at(value: float, curvature: FloatArray, label: str) -> tuple[float | None, str]:

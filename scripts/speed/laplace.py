@@ -42,7 +42,7 @@ def prepare_natural(case: Case) -> Prepared:
 
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
-        value, why_not = laplace_evidence_natural(posterior)
+        value, why_not = laplace_evidence_natural(posterior, find_maxima(posterior))
         if value is None:
             raise DoesNotExistError(why_not)
         centre, precision, again = _natural_gaussian(posterior)

@@ -9,13 +9,22 @@ from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
 import bayes_toe as bt
+from bayes_toe.inference import laplace
 from bayes_toe.inference.laplace import laplace_evidence_natural
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.newton import ascend
 
 CASES = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
 EVIDENCE = {
     name: case["log_evidence"]
     for name, case in json.loads((Path(__file__).parents[1] / "reference" / "reference.json").read_text())["cases"].items()
 }
+
+
+def natural(name):
+    """Value and reason of a case."""
+    posterior = bt.posterior_of(CASES[name])
+    return laplace_evidence_natural(posterior, find_maxima(posterior))
 
 
 def _joint(subject, theta):
@@ -50,7 +59,7 @@ def _hessian(function, x, steps):
 @pytest.mark.parametrize("name", ["S04", "S07", "S14", "funnel", "stimuli spanning 10 log units"])
 def test_value_is_that_of_the_definition_in_natural_coordinates(name):
     subject = CASES[name]
-    value, why_not = laplace_evidence_natural(bt.posterior_of(subject))
+    value, why_not = natural(name)
     assert why_not == ""
     simplex = {"maxiter": 20_000, "maxfev": 20_000, "xatol": 1e-10, "fatol": 1e-12}
     best = None
@@ -74,12 +83,20 @@ def test_no_value_where_the_maximum_lies_on_an_edge():
         "all different": "sigma_p = 0",
         "perfect observer": "gamma = 0",
     }.items():
-        value, why_not = laplace_evidence_natural(bt.posterior_of(CASES[name]))
+        value, why_not = natural(name)
         assert value is None, name
         assert edge in why_not
 
 
+@pytest.mark.parametrize("name", ["S03", "S07", "S16", "one batch", "very blunt observer", "one order missing"])
+def test_the_few_starts_lead_as_high_as_a_grid_over_all_that_a_study_can_look_like(name):
+    posterior = bt.posterior_of(CASES[name])
+    density = laplace._NaturalDensity(posterior)
+    few = ascend(density, laplace._starts(density, find_maxima(posterior))).value.max()
+    assert few >= ascend(density, posterior.starts().T).value.max() - 1e-8
+
+
 def test_it_becomes_exact_with_many_trials():
     for name in ("a million trials a pair", "a hundred million trials"):
-        value, _ = laplace_evidence_natural(bt.posterior_of(CASES[name]))
+        value, _ = natural(name)
         assert value == pytest.approx(EVIDENCE[name], abs=0.01)
