@@ -50,6 +50,7 @@ _HARD = 2  # times the judging draws, where refits were needed
 #: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps; and where 20,000 draws
 #: hold one such point, there are others that they missed, and the evidence is too low by more than its standard error says.
 _HEAVY = 6.0
+_CALM = 0.5  # Pareto k-hat above which other draws may well have one that is not trusted
 
 
 def fit_proposal(
@@ -119,7 +120,7 @@ def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitted
 
 
 def _good(fitted: FittedProposal, promised: float) -> bool:
-    return fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
+    return fitted.pareto_k < _CALM and fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
 
 
 def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
