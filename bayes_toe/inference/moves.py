@@ -20,8 +20,8 @@ class Stock:
     """Draws from a proposal with all that a step needs of them.
 
     The first ones are those by which the proposal was judged, whose posterior densities are known; when they are used up, more are made in
-    large batches. That the proposal was accepted by the same draws leaves out of them at most points of a weight of which a refit would
-    have come: about 1/20,000 of the posterior, far below the Monte Carlo error of as many steps.
+    large batches. That these draws let the proposal pass leaves out of them no more than points of a weight for which it would have been
+    fitted again: some ten-thousandths of the posterior, far below the Monte Carlo error of as many draws.
     """
 
     _BATCH = 1024

@@ -34,6 +34,8 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
     assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
     chains = sample_chains(fitted, SamplerSettings(draws=500), 1)
     assert chains.steps == burn_in(fitted) + chains.thin * SamplerSettings(draws=500).kept_steps
+    slow = replace(fitted, efficiency=0.8)  # successive steps are too much alike: every second one at once
+    assert (chains.thin, sample_chains(slow, SamplerSettings(draws=500), 1).thin) == (1, 2)
 
 
 @pytest.mark.parametrize("name", ["S01", "S07", "S14"])
