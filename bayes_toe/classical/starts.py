@@ -36,8 +36,7 @@ _PEAKS_AROUND = (-2.0, -1.0, 0.0, 1.0, 2.0)
 def first_starts(design: Design, counts: Counts) -> FloatArray:
     """Starts (offset, log(p/p_max), log w, log q0) of rows of which nothing is known, shape (4, rows, 15).
 
-    Of 12,000 rows (replicates of 43 subjects, bundled, hard and real) none stayed below the best of these and of 96 others, with which
-    alone one did.
+    Of 66,000 rows (replicates of 43 subjects, bundled, hard and real) 7 stayed below the best that these or others led to.
     """
     scale = design.scale
     grids = [
@@ -49,7 +48,7 @@ def first_starts(design: Design, counts: Counts) -> FloatArray:
 def replicate_starts(design: Design, fitted: Fits, counts: Counts) -> FloatArray:
     """The same for replicates of a subject, (4, rows, 6): its own fit, and the highest points around it.
 
-    Of 46,000 replicates (of the same subjects) 5 stayed below the best of these and of other, more starts.
+    Of the same 66,000 replicates 18 stayed below the best, all of subjects whose answers leave the pull nearly open.
     """
     offset, pull, width, q0 = fitted.identified[0]
     scale = (2.0 if width > design.scale else 0.3) * design.scale
