@@ -93,7 +93,13 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
     monkeypatch.setattr(results_folder, "write_report", lambda *_: None)
     assert "report.html is missing" in one_line(inside(*words, "--resume"))
     monkeypatch.setattr(results_folder, "write_report", write)
-    monkeypatch.setattr(results_folder, "_draw_corner", lambda *_, **options: None)
+    draw = results_folder._draw_subject
+
+    def lost(*given):
+        draw(*given)
+        given[3].unlink()
+
+    monkeypatch.setattr(results_folder, "_draw_subject", lost)
     assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))
 
 
