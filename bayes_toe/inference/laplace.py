@@ -92,7 +92,7 @@ class _NaturalDensity:
 def _starts(density: _NaturalDensity, maxima: Maxima) -> FloatArray:
     """The highest maxima in the other coordinates, and around them the highest point of each part of a grid, shape (4, starts).
 
-    Maxima differ in the pull, and at each pull the rest is nearly determined. In about 1,000 data sets (bundled, hard, real and simulated) the
+    Maxima differ in the pull, and at each pull the rest is nearly determined. In 1,000 data sets (bundled, hard, real and simulated) the
     maximum was the same from these as from every point of a coarse grid over all that a study can look like.
     """
     offset, _, log_width, logit_q0 = maxima.x[0]
