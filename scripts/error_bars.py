@@ -85,7 +85,7 @@ def z_scores(case: Case) -> dict[str, object]:
     """The row of one case."""
     posterior = bt.posterior_of(case.subject)
     maxima = find_maxima(posterior)
-    fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima) for seed in range(case.seeds)]
+    fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(case.seeds)]
     given = [(one.value, one.se) for one in map(importance_evidence, fitted) if one.value is not None]
     values, errors = np.array(given).reshape(-1, 2).T
     z = (values - case.log_evidence) / errors

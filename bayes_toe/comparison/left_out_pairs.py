@@ -21,7 +21,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.modes import Maxima, find_maxima
-from bayes_toe.inference.proposal import FittedProposal, WeightedDraws, efficiency
+from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.target import Target
 from bayes_toe.seeds import generator
 
@@ -39,12 +39,11 @@ def left_out_pairs(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, s
 
     `maxima` are those of the posterior of all answers.
     """
-    target, draws = fitted.proposal.posterior, fitted.draws
-    subject = target.subject
-    some = slice(None, None, thinning(len(draws.x), subject.n_pairs))
-    log_weights = draws.log_prior[some] - draws.log_proposal[some]
+    target, subject = fitted.proposal.posterior, fitted.proposal.posterior.subject
+    some = fitted.draws.part(slice(None, None, thinning(len(fitted.draws.x), subject.n_pairs)))
     elsewhere = _elsewhere(target, maxima)
-    found = weighted_pairs(target.pair_log_likelihood(draws.x[some]), log_weights, subject.n_trials, withheld=elsewhere)
+    log_likelihood, log_weights = target.pair_log_likelihood(some.x), some.log_prior - some.log_proposal
+    found = weighted_pairs(log_likelihood, log_weights, subject.n_trials, withheld=elsewhere)
     failed = np.flatnonzero(np.isnan(found.values[0]) & (subject.n_trials > 0)).tolist()
     if evidence.value is None or not 0 < len(failed) <= _MOST_REFITS:
         return found
@@ -85,9 +84,8 @@ def log_evidence_without(
     if not kept.any():
         return 0.0  # no answers: their probability is 1
     rest = target.for_subject(_of_pairs(target.subject, kept))
-    start = None if fitted is None else _moved(fitted, rest)
-    maxima = None if start is not None else find_maxima(rest, starts)
-    return importance_evidence(fit_proposal(rest, rng, maxima=maxima, start=start, draws=_JUDGING)).value
+    moved = None if fitted is None else _moved(fitted, rest)
+    return importance_evidence(fit_proposal(rest, rng, start=moved or find_maxima(rest, starts), draws=_JUDGING)).value
 
 
 def _of_pairs(subject: Subject, kept: BoolArray) -> Subject:
@@ -97,9 +95,9 @@ def _of_pairs(subject: Subject, kept: BoolArray) -> Subject:
 
 def _moved(fitted: FittedProposal, rest: Target) -> FittedProposal | None:
     """The proposal and draws of it as those of another posterior of the model; None where too few of them count."""
-    x, log_prior, log_proposal = (part[:_START] for part in (fitted.draws.x, fitted.draws.log_prior, fitted.draws.log_proposal))
-    draws = WeightedDraws(x, log_prior, rest.log_likelihood(x) + log_prior, log_proposal)
+    some = fitted.draws.part(slice(_START))
+    draws = replace(some, log_posterior=rest.log_likelihood(some.x) + some.log_prior)
     share = efficiency(draws.log_weights)
-    if share * len(x) < _LEAST_START:
+    if share * len(draws.x) < _LEAST_START:
         return None
     return FittedProposal(replace(fitted.proposal, posterior=rest), draws, share, pareto_k=float("nan"))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,6 +21,8 @@ from bayes_toe.inference.modes import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, effective_number, efficiency, importance_draws
 from bayes_toe.model.target import Target
 
+#: With what a fit may begin.
+Start: TypeAlias = Maxima | FittedProposal | None
 _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
 _COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
@@ -53,14 +55,7 @@ _HEAVY = 6.0
 _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is not trusted
 
 
-def fit_proposal(
-    posterior: Target,
-    rng: np.random.Generator,
-    *,
-    maxima: Maxima | None = None,
-    draws: int = 20_000,
-    start: FittedProposal | None = None,
-) -> FittedProposal:
+def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
     Parameters
@@ -68,13 +63,11 @@ def fit_proposal(
     posterior : Target
         A model of one subject.
     rng : numpy.random.Generator
-    maxima : Maxima, optional
-        Local maxima, where they are known already.
+    start : Maxima or FittedProposal, optional
+        Local maxima, where they are known already. Or a proposal for this posterior that was fitted to a similar one, and draws from it
+        with this posterior's densities: the first round is then from what these make of it, and maxima are not looked for.
     draws : int
         Size of the judging sample; twice as many where refits were needed.
-    start : FittedProposal, optional
-        A proposal for this posterior that was fitted to a similar one, and draws from it with this posterior's densities: the first
-        stages, maxima among them, are left out.
 
     Examples
     --------
@@ -84,24 +77,17 @@ def fit_proposal(
     >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
     True
     """
-    return with_fresh_draws(adapt_proposal(posterior, rng, maxima=maxima, draws=draws, start=start), rng)
+    return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
 
-def adapt_proposal(
-    posterior: Target,
-    rng: np.random.Generator,
-    *,
-    maxima: Maxima | None = None,
-    draws: int = 20_000,
-    start: FittedProposal | None = None,
-) -> FittedProposal:
+def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
     stage = STAGES[0]
-    first = _refitted([start], stage) if start is not None else _first(posterior, find_maxima(posterior) if maxima is None else maxima, rng)
-    history = _adapt(first, stage, rng)
+    begun = find_maxima(posterior) if start is None else start
+    history = _adapt(_first(posterior, begun, rng) if isinstance(begun, Maxima) else _refitted([begun], stage), stage, rng)
     if _best(history).efficiency < _POOR:
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)

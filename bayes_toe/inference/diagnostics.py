@@ -44,14 +44,6 @@ class Errors(NamedTuple):
     q95: float
 
 
-class Diagnosis(NamedTuple):
-    """All that is said of the draws of one scalar quantity: convergence, errors, and the quantiles that were asked for."""
-
-    convergence: Convergence
-    errors: Errors
-    quantiles: FloatArray
-
-
 def convergence(draws: npt.ArrayLike) -> Convergence:
     """Diagnostics of draws, shape (chains, draws).
 
@@ -79,20 +71,6 @@ def errors(draws: npt.ArrayLike) -> Errors:
     True
     """
     return Quantity(draws).errors
-
-
-def diagnosis(draws: npt.ArrayLike, probabilities: npt.ArrayLike) -> Diagnosis:
-    """Convergence, errors and quantiles of draws, shape (chains, draws), for little more than the price of one of them.
-
-    Examples
-    --------
-    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
-    >>> found = diagnosis(draws, [0.25, 0.75])
-    >>> found.errors == errors(draws), bool((found.quantiles == np.quantile(draws, [0.25, 0.75])).all())
-    (True, True)
-    """
-    quantity = Quantity(draws)
-    return Diagnosis(quantity.convergence, quantity.errors, quantiles(quantity.ascending, probabilities))
 
 
 class Quantity:
@@ -123,6 +101,10 @@ class Quantity:
             return Errors(*[np.nan] * 4)
         mean = self._draws.std(ddof=1) / np.sqrt(effective_size(series(self._halves)))
         return Errors(float(mean), *(float(_errors_at(self.ascending, p, self._size_at(p))) for p in (0.05, 0.5, 0.95)))
+
+    def quantiles(self, probabilities: npt.ArrayLike) -> FloatArray:
+        """Quantiles of the draws, to the bit as numpy's."""
+        return quantiles(self.ascending, probabilities)
 
     def tail_error(self, ess: float) -> float:
         """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them, from so many effective draws."""

@@ -9,6 +9,7 @@ bars mean something, and no region that the prior reaches is closed to the sampl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +84,13 @@ class WeightedDraws:
     def log_weights(self) -> FloatArray:
         """Log of posterior over proposal density, unnormalised, shape (draws,)."""
         return self.log_posterior - self.log_proposal
+
+    @cached_property
+    def shares(self) -> FloatArray:
+        """The same as numbers that sum to 1."""
+        log_weights = self.log_weights
+        weights = np.exp(log_weights - log_weights.max())
+        return np.asarray(weights / weights.sum())
 
     def part(self, which: slice) -> WeightedDraws:
         """Some of them, without a copy."""

@@ -231,13 +231,10 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
     import emcee
 
     posterior, draws = fitted.proposal.posterior, fitted.draws
-    log_weights = draws.log_weights
-    weights = np.exp(log_weights - log_weights.max())
-    weights /= weights.sum()
-    mean = weights @ draws.x
+    mean = draws.shares @ draws.x
     start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
     while len(start) < walkers:
-        chosen = draws.x[random.choice(len(draws.x), walkers, p=weights)]
+        chosen = draws.x[random.choice(len(draws.x), walkers, p=draws.shares)]
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
         start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])

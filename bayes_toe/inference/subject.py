@@ -120,7 +120,7 @@ def exact_result(target: Conjugate, seed: int, wanted: Wanted) -> SubjectResult:
 def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
     maxima, rng = find_maxima(target), generator(seed, target.subject.name, target.model.name, "proposal")
-    adapted = adapt_proposal(target, rng, maxima=maxima, draws=wanted.judging_draws)
+    adapted = adapt_proposal(target, rng, start=maxima, draws=wanted.judging_draws)
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_fresh_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None

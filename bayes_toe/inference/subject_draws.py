@@ -9,7 +9,7 @@ from typing import TypeAlias
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Errors, diagnosis
+from bayes_toe.inference.diagnostics import Errors, Quantity
 from bayes_toe.inference.pointwise import Pointwise
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.inference.subject import SubjectResult
@@ -109,8 +109,8 @@ def summary_rows(target: Answering, values: Mapping[str, FloatArray]) -> tuple[S
 
 
 def _row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
-    found = diagnosis(values, list(QUANTILES.values()))
-    quantiles = found.quantiles.tolist()
+    found = Quantity(values)
+    quantiles = found.quantiles(list(QUANTILES.values())).tolist()
     narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
     return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *found.convergence, narrowed, *found.errors)
 

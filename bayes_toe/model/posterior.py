@@ -39,7 +39,7 @@ from bayes_toe.model.target import Levels, Names, require_points
 _PEAK, _SLOPE = "logit_q0", "noise_slope"
 #: The offset itself, where it comes with a pull, or its place in its own prior.
 _OFFSETS = ("offset", "offset_score")
-_PRIOR_DRAWS = 100_000
+PRIOR_DRAWS = 100_000
 _ZERO = Jet(*(np.zeros((1, 1)),) * 3)
 
 
@@ -349,7 +349,7 @@ class Posterior:
         for block in self.model.free:
             if name in block.names.all:
                 known = block.prior_quantile(name, probability, self.prior, self.sbar)
-                return float(np.quantile(_prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
+                return float(np.quantile(prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
         raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
 
     def natural(self, x: npt.ArrayLike) -> Natural:
@@ -445,10 +445,10 @@ class Posterior:
 
 
 @lru_cache(maxsize=4)
-def _prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+def prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
     """Draws of every named quantity from the prior; the same for all subjects of a design."""
     rng = np.random.default_rng(0)
     found: dict[str, FloatArray] = {}
     for block in model.free:
-        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), prior, sbar)
+        found |= block.named(block.sample(rng, PRIOR_DRAWS, prior, sbar), prior, sbar)
     return found

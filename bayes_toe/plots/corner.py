@@ -17,7 +17,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
 from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, RIGHT, TOP, TRUTH, Content, Values, content
-from bayes_toe.plots.style import POSTERIOR, new_figure
+from bayes_toe.plots.style import POSTERIOR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def corner(
         For an unknown subject or quantity, no quantity at all, or a true value that cannot be one.
     """
     found = content(draws, subject, coordinates, truths, prior)
-    figure = _figure_for(found) if fig is None else fig
+    figure = shown.figure_for(found) if fig is None else fig
     axes = _panels(figure, found)
     _draw_prior(axes, found)
     _draw_truths(axes, found)
@@ -120,13 +120,6 @@ def _draw_ticks(axes: npt.NDArray[Any], i: int, span: tuple[float, float]) -> No
     axes[-1, i].set_xticks(ticks, shown.tick_labels(ticks), rotation=45, ha="right", va="top", rotation_mode="anchor")
     if i > 0:
         axes[i, 0].set_yticks(ticks, shown.tick_labels(ticks), rotation=0)
-
-
-def _figure_for(found: Content) -> Figure:
-    count = len(found.names)
-    panel = shown.panel_side(count)
-    side = count * panel + (count - 1) * GAP
-    return new_figure(LEFT + side + RIGHT, BOTTOM + side + TOP + shown.header(count, panel, found.lines), layout=None)
 
 
 def _lay_out(figure: Figure, axes: npt.NDArray[Any], lines: Sequence[shown.Line]) -> None:

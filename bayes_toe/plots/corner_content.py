@@ -14,10 +14,10 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering
-from bayes_toe.plots.style import WEAKER_FIRST, plain
+from bayes_toe.plots.style import WEAKER_FIRST, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +47,6 @@ BINS = 40
 #: Shares of the posterior inside the contours; quantiles that lines mark.
 LEVELS, MARKED = (0.5, 0.9), (0.05, 0.5, 0.95)
 _SPANNED = (0.005, 0.995)
-_PRIOR_DRAWS = 100_000
 
 #: Margins with room for tick and axis labels, the gap between panels, a panel, the widest line of the key.
 LEFT, BOTTOM, RIGHT, TOP, GAP = 0.95, 0.9, 0.15, 0.15, 0.1
@@ -160,21 +159,17 @@ def _span(low: float, high: float, support: tuple[float, float]) -> tuple[float,
 def _believed(target: Answering, names: tuple[str, ...], spans: Sequence[tuple[float, float]], size: int) -> list[FloatArray]:
     """Draws from the prior, counted in the bins of the panels as if there were `size` of them."""
     if isinstance(target, Posterior):
-        drawn = _prior_draws(target.model, target.prior, target.sbar, names)
+        drawn = _of_design(target.model, target.prior, target.sbar, names)
     else:
-        drawn = _ascending(target.quantities(target.sample_prior(np.random.default_rng(0), _PRIOR_DRAWS)), names)
+        drawn = _ascending(target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS)), names)
     edges = (np.linspace(low, high, BINS + 1) for low, high in spans)
-    return [np.diff(np.searchsorted(drawn[name], at)) * (size / _PRIOR_DRAWS) for name, at in zip(names, edges, strict=True)]
+    return [np.diff(np.searchsorted(drawn[name], at)) * (size / PRIOR_DRAWS) for name, at in zip(names, edges, strict=True)]
 
 
 @lru_cache(maxsize=1)
-def _prior_draws(model: Model, prior: Prior, sbar: float, names: tuple[str, ...]) -> dict[str, FloatArray]:
+def _of_design(model: Model, prior: Prior, sbar: float, names: tuple[str, ...]) -> dict[str, FloatArray]:
     """Draws of quantities from the prior, ascending: the same for all subjects of a design, one after the other."""
-    rng = np.random.default_rng(0)
-    found: dict[str, FloatArray] = {}
-    for block in model.free:
-        found |= block.named(block.sample(rng, _PRIOR_DRAWS, prior, sbar), prior, sbar)
-    return _ascending(found, names)
+    return _ascending(prior_draws(model, prior, sbar), names)
 
 
 def _ascending(values: Mapping[str, FloatArray], names: tuple[str, ...]) -> dict[str, FloatArray]:
@@ -244,6 +239,14 @@ def beside(count: int, panel: float) -> float:
 def header(count: int, panel: float, lines: Sequence[Line]) -> float:
     """What title and key take above the panels: nothing where they stand beside them."""
     return 0.0 if beside(count, panel) >= KEY else height(lines) + TOP
+
+
+def figure_for(found: Content) -> Figure:
+    """A figure of its own for the panels, and title and key where these stand above."""
+    count = len(found.names)
+    panel = panel_side(count)
+    across = panel + beside(count, panel)
+    return new_figure(LEFT + across + RIGHT, BOTTOM + across + TOP + header(count, panel, found.lines), layout=None)
 
 
 def write(figure: Figure, lines: Sequence[Line], count: int, panel: float) -> None:

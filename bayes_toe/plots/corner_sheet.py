@@ -16,8 +16,8 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
-from bayes_toe.plots.corner_content import BINS, BOTTOM, GAP, LEFT, RIGHT, TOP, TRUTH, Content, Values, content
-from bayes_toe.plots.style import POSTERIOR, new_figure
+from bayes_toe.plots.corner_content import BINS, BOTTOM, GAP, LEFT, TRUTH, Content, Values, content
+from bayes_toe.plots.style import POSTERIOR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,8 +50,7 @@ def corner_sheet(draws: Draws, subject: str, *, truths: Values | None = None, pr
     found = content(draws, subject, "natural", truths, prior)
     count = len(found.names)
     side = shown.panel_side(count)
-    across = count * side + (count - 1) * GAP
-    figure = new_figure(LEFT + across + RIGHT, BOTTOM + across + TOP + shown.header(count, side, found.lines), layout=None)
+    figure = shown.figure_for(found)
     counts = [np.histogram(values, _edges(span))[0] for values, span in zip(found.samples.T, found.spans, strict=True)]
     panels = _panels(found, counts, side)
     for i, row in enumerate(panels):

@@ -20,7 +20,7 @@ def prepare_global(case: Case) -> Prepared:
 
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
-        fitted = adapt_proposal(posterior, _stream(posterior, seed), maxima=find_maxima(posterior))
+        fitted = adapt_proposal(posterior, _stream(posterior, seed), start=find_maxima(posterior))
         spent = posterior.evaluations
         chains = sample_chains(fitted, SamplerSettings(draws=effort), seed)
         return Outcome(
@@ -40,7 +40,7 @@ def prepare_importance(case: Case) -> Prepared:
 
     def run(effort: int, seed: int) -> Outcome:
         posterior = Counting(case.posterior)
-        fitted = fit_proposal(posterior, _stream(posterior, seed), maxima=find_maxima(posterior), draws=effort)
+        fitted = fit_proposal(posterior, _stream(posterior, seed), start=find_maxima(posterior), draws=effort)
         estimate = importance_evidence(fitted)
         value, error, why_not = estimate.value, estimate.se, estimate.why_not
         return Outcome(

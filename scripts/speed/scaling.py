@@ -101,7 +101,7 @@ def _timed(subject: bt.Subject, seed: int) -> Timing:
     clock = [time.perf_counter()]
     maxima = find_maxima(posterior)
     clock.append(time.perf_counter())
-    fitted = adapt_proposal(posterior, generator(seed, subject.name, "proposal"), maxima=maxima)
+    fitted = adapt_proposal(posterior, generator(seed, subject.name, "proposal"), start=maxima)
     clock.append(time.perf_counter())
     chains = sample_chains(fitted, SamplerSettings(draws=_DRAWS), seed)
     clock.append(time.perf_counter())

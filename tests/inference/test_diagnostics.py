@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bayes_toe.inference.diagnostics import (
+    Quantity,
     convergence,
-    diagnosis,
     errors,
     pareto_k,
     quantile_errors,
@@ -104,8 +104,8 @@ def test_nothing_depends_on_layout(case):
     draws = CASES[case]
     alone = convergence(draws)
     assert convergence(np.asfortranarray(draws)) == alone
-    assert diagnosis(np.stack([draws, -draws], axis=-1)[..., 0], [0.5]).convergence == alone
-    assert diagnosis(draws, [0.5]).errors == errors(draws)
+    assert Quantity(np.stack([draws, -draws], axis=-1)[..., 0]).convergence == alone
+    assert Quantity(draws).errors == errors(draws)
 
 
 def test_constant_draws_have_no_diagnostics():
@@ -115,7 +115,7 @@ def test_constant_draws_have_no_diagnostics():
 @pytest.mark.parametrize("case", ["independent", "odd", "three rejected in ten", "whole numbers", "a draw that is none"])
 def test_quantiles_are_those_of_numpy(case):
     p = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
-    np.testing.assert_array_equal(diagnosis(CASES[case], p).quantiles, np.quantile(np.asarray(CASES[case], np.float64), p))
+    np.testing.assert_array_equal(Quantity(CASES[case]).quantiles(p), np.quantile(np.asarray(CASES[case], np.float64), p))
 
 
 def test_independent_normal_draws_have_the_errors_of_the_textbook():

@@ -50,7 +50,7 @@ def target_of(subject, model, prior):
 def evidence_of(subject, model, seed=1, prior=None):
     """Evidence, its error and the fit; several tests ask for the same ones."""
     target, maxima = target_of(subject, model, prior)
-    fitted = fit_proposal(target, np.random.default_rng(seed), maxima=maxima)
+    fitted = fit_proposal(target, np.random.default_rng(seed), start=maxima)
     estimate = importance_evidence(fitted)
     return estimate.value, estimate.se, fitted
 

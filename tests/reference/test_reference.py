@@ -53,7 +53,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
     posterior, case = bt.posterior_of(SUBJECTS[name]), STORED["cases"][name]
     maxima = find_maxima(posterior)
-    fitted = (fit_proposal(posterior, np.random.default_rng([seed, 7]), maxima=maxima) for seed in range(fits))
+    fitted = (fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(fits))
     estimates = [importance_evidence(part) for one in fitted for part in parts(one, 100 // fits)]
     z = np.array([(one.value - case["log_evidence"]) / one.se for one in estimates if one.value is not None])
     assert len(z) >= 95
