@@ -102,13 +102,11 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
     `own` has the places of the link's own coordinates, None for one that is fixed.
     """
     z = distance.z
-    gradient, hessian = np.zeros((len(z), k)), np.zeros((len(z), k, k))
+    gradient, hessian = likelihood_gradient(distance, of, own, k), np.zeros((len(z), k, k))
     steep, level = (_finished(part, z) for part in (of.z, of.stretch))
     (at_n, n), (at_w, w) = (_stacked(part, z) for part in (distance.numerator, distance.log_width))
     free = [(m, place) for m, place in enumerate(own) if place is not None]
     at_own, mixed = _stacked({place: of.z_own[m] for m, place in free}, z)
-    gradient[:, at_n] += _finished(of.z, n).sum(axis=-1).T
-    gradient[:, at_w] -= _finished(steep, w).sum(axis=-1).T
     _add_products(hessian, at_n, at_n, _finished(of.zz, n), n)
     _add_products(hessian, at_n, at_w, _finished(-of.stretch, n), w, mirrored=True)
     _add_products(hessian, at_w, at_w, _finished(level, w), w)
@@ -118,11 +116,23 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
         for at, bend in bends.items():
             _add_symmetric(hessian, at, _finished(slope, bend).sum(axis=1))
     for m, place in free:
-        gradient[:, place] += _over_pairs(of.own[m], distance)
         for i, other in free:
             if i <= m:
                 _add_symmetric(hessian, (place, other), _over_pairs(of.own_own[m][i], distance))
     return gradient, hessian
+
+
+def likelihood_gradient(distance: Distance, of: Logarithm, own: Sequence[int | None], k: int) -> FloatArray:
+    """The gradient alone, shape (points, k)."""
+    gradient, steep = np.zeros((len(distance.z), k)), _finished(of.z, distance.z)
+    for place, part in distance.numerator.items():
+        gradient[:, place] += _finished(of.z, part).sum(axis=-1)
+    for place, part in distance.log_width.items():
+        gradient[:, place] -= _finished(steep, part).sum(axis=-1)
+    for m, place in enumerate(own):
+        if place is not None:
+            gradient[:, place] += _over_pairs(of.own[m], distance)
+    return gradient
 
 
 def _stacked(parts: Mapping[int, FloatArray], like: FloatArray) -> tuple[list[int], FloatArray]:

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.special import log_expit, log_ndtr, ndtri_exp
+from scipy.special import log_expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.probits import log_slope, logit_of_probit, probit_of_logit
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
 FARTHEST = 37.0
@@ -115,7 +115,7 @@ class Levelling:
         mean, log_spread = self._conditional(x)
         y = x.copy()
         y[:, 0] = (x[:, 0] - mean) * np.exp(-log_spread)
-        y[:, self.logits] = _probit(x[:, self.logits])
+        y[:, self.logits] = probit_of_logit(x[:, self.logits])
         return y, self._log_volume(x, y) - log_spread
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -125,14 +125,14 @@ class Levelling:
         any digit. Such points become :func:`nowhere`, where its density is 0: draws without weight, proposals that are refused.
         """
         x = y.copy()
-        x[:, self.logits] = _logit(y[:, self.logits])
+        x[:, self.logits] = logit_of_probit(y[:, self.logits])
         x[np.abs(y[:, self.logits]).max(axis=1) > FARTHEST] = nowhere(y.shape[1], 2)
         mean, log_spread = self._conditional(x)
         x[:, 0] = mean + y[:, 0] * np.exp(log_spread)
         return x, self._log_volume(x, y) - log_spread
 
     def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(_log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
+        return np.asarray(log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
 
     def _conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
@@ -162,30 +162,15 @@ class Probits:
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
         y = x.copy()
-        y[:, self.logits] = _probit(x[:, self.logits])
+        y[:, self.logits] = probit_of_logit(x[:, self.logits])
         return y, self._log_volume(x, y)
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there; points beyond :data:`FARTHEST` are nowhere."""
         x = y.copy()
-        x[:, self.logits] = _logit(y[:, self.logits])
+        x[:, self.logits] = logit_of_probit(y[:, self.logits])
         x[(np.abs(y[:, self.logits]) > FARTHEST).any(axis=1)] = nowhere(y.shape[1], self.log_width)
         return x, self._log_volume(x, y)
 
     def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(_log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
-
-
-def _probit(logit: FloatArray) -> FloatArray:
-    """Standard normal quantile of expit(logit), accurate in both tails."""
-    return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
-
-
-def _logit(probit: FloatArray) -> FloatArray:
-    """Inverse of :func:`_probit`."""
-    return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
-
-
-def _log_slope(logit: FloatArray, probit: FloatArray) -> FloatArray:
-    """Log d(probit)/d(logit) = log [expit(logit) expit(-logit) / phi(probit)]."""
-    return np.asarray(log_expit(logit) + log_expit(-logit) + 0.5 * (np.square(probit) + LOG_2PI))
+        return np.asarray(log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))

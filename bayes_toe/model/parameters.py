@@ -6,27 +6,38 @@ parameter, it says for every model: that of sigma_p holds for every width-like s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from scipy.special import expit, log_expit
+from scipy.special import expit, log_expit, ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.model.closed_form import MAX_PULL, pull
 from bayes_toe.model.contraction import prior_quantile
-from bayes_toe.model.coordinates import Natural, derived, identified, natural, unconstrained
+from bayes_toe.model.coordinates import Natural, derived, identified, log_noise_ratio, natural, reach, unconstrained
 from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
 from bayes_toe.model.distributions import Distribution, Normal, Random
 from bayes_toe.model.offset_prior import offset_prior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.scales import Log, Scale
+from bayes_toe.model.probits import log_slope, logit_of_probit, probit_of_logit
+from bayes_toe.model.scales import Log, Logit, Scale
 from bayes_toe.model.target import Names
 
 Derivatives = tuple[FloatArray, FloatArray]
 #: The parameter of the prior whose distribution every width-like standard deviation has.
 SPREAD = "sigma_p"
 _STANDARD = Normal(0.0, 1.0)
+
+
+class GroupPull(NamedTuple):
+    """What the group's quantity says of the pull: its coordinate, the pull itself, and how both rise with it; shape (points,) each."""
+
+    logit: FloatArray
+    slope: FloatArray
+    pull: FloatArray
+    rise: FloatArray
 
 
 class Block(Protocol):
@@ -76,6 +87,24 @@ class Block(Protocol):
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Starting values of each coordinate, for stimuli `scale` apart and a logit of the largest frequency of 'equal'."""
+        ...
+
+    @property
+    def group(self) -> tuple[str, ...]:
+        """Quantities that scatter between the members of a group, one for each coordinate, normal on their group scale."""
+        ...
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """These on their group scales, (points, k) -> (points, k)."""
+        ...
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """The inverse: x, (points, k), and dx/d(eta), (points, k, k), triangular."""
+        ...
+
+    @property
+    def group_pull(self) -> Callable[[FloatArray], GroupPull] | None:
+        """Of a block whose answers tell p (mu1 - sbar) of its first quantity, mu1: the pull from the second one. Else None."""
         ...
 
 
@@ -155,6 +184,22 @@ class Single:
         about = tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()) if isinstance(self.scale, Log) else (peak,)
         return (self.starts if self.starts else about,)
 
+    @property
+    def group(self) -> tuple[str, ...]:
+        """The quantity."""
+        return (self.name,)
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """That of its scale."""
+        return self.scale.to_group(x)
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """That of its scale."""
+        x, slope = self.scale.from_group(eta)
+        return x, slope[:, :, None]
+
+    group_pull = None
+
 
 @dataclass(frozen=True)
 class Offset:
@@ -202,6 +247,20 @@ class Offset:
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three offsets, off the round numbers at which a distance may be exactly 0."""
         return (starting_offsets(scale),)
+
+    group = ("offset",)
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """The offset itself."""
+        return offset_prior(prior, sbar).offset(x).value
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """Where it lies in its prior."""
+        implied = offset_prior(prior, sbar)
+        x = implied.score(eta)
+        return x, 1.0 / implied.offset(x).first[:, :, None]
+
+    group_pull = None
 
 
 #: Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior.
@@ -267,6 +326,28 @@ class Update:
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
         return (starting_offsets(scale), (-2.0, 2.0), *WIDTH.grid(scale, peak))
+
+    group = ("mu1", "gamma", "width")
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Prior mean, probit of the noise ratio, log width: of these the data tell most, and normal tails do no harm."""
+        log_gamma, log_rest = log_noise_ratio(x[:, 1])
+        probit = np.where(log_gamma < log_rest, ndtri_exp(log_gamma), -ndtri_exp(log_rest))
+        return np.stack([sbar + reach(x), probit, x[:, 2]], axis=-1)
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """With c = p (mu1 - sbar)."""
+        return _with_offset(eta, sbar, self.group_pull(eta[:, 1]))
+
+    @staticmethod
+    def group_pull(probit: FloatArray) -> GroupPull:
+        """From the probit of gamma, with d(logit gamma)/da = (1 + p)/(1 - p) [expit(-a) + expit(a)/(1/p_max - p)]."""
+        logit_gamma, p = logit_of_probit(probit), pull(ndtr(probit))
+        far = 1.0 / MAX_PULL - p
+        a = logit_gamma + np.log(far)
+        down = expit(-a)
+        slope = np.exp(-log_slope(logit_gamma, probit)) * (1.0 - p) / ((1.0 + p) * (down + expit(a) / far))
+        return GroupPull(a, slope, p, p * down * slope)
 
 
 @dataclass(frozen=True)
@@ -386,6 +467,27 @@ class Memory:
         """Those of the predictive update, half way between all gain and all memory."""
         return (*Update().grid(scale, peak), (0.0,))
 
+    group = ("mu1", "pull", "width", "split")
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Prior mean, probit of the pull, log width, probit of the split."""
+        return np.stack([sbar + x[:, 0] * _inverse_share(x[:, 1]), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])], axis=-1)
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+        """The inverse, with c = p (mu1 - sbar)."""
+        split, turn = Logit().from_group(eta[:, 3])
+        first, jacobian = _with_offset(eta[:, :3], sbar, self.group_pull(eta[:, 1]))
+        whole = np.zeros((len(eta), 4, 4))
+        whole[:, :3, :3], whole[:, 3, 3] = jacobian, turn
+        return np.concatenate([first, split[:, None]], axis=1), whole
+
+    @staticmethod
+    def group_pull(probit: FloatArray) -> GroupPull:
+        """From its own probit."""
+        a, slope = Logit().from_group(probit)
+        p = ndtr(probit)
+        return GroupPull(a, slope, p, p * expit(-a) * slope)
+
     @staticmethod
     def _log_stretch(x: FloatArray) -> FloatArray:
         """Log of w/sigma1 = (1 - g^2)/(K (1 - g rho)^(1/2)) with g = exp(-l), rho = exp(-l v), K = exp(-l (1 - v)), l = -ln(1 - p)."""
@@ -408,6 +510,14 @@ class Memory:
         second[1, 0] -= lost.first * split.first
         second[1, 1] -= lost.value * split.second
         return first, second
+
+
+def _with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Derivatives:
+    """(c, a, log w) of (mu1, probit, log w), shape (points, 3)."""
+    far, jacobian = eta[:, 0] - sbar, np.zeros((len(eta), 3, 3))
+    jacobian[:, 0, 0], jacobian[:, 0, 1] = pulled.pull, far * pulled.rise
+    jacobian[:, 1, 1], jacobian[:, 2, 2] = pulled.slope, 1.0
+    return np.stack([pulled.pull * far, pulled.logit, eta[:, 2]], axis=-1), jacobian
 
 
 def _log_lost(a: FloatArray) -> FloatArray:

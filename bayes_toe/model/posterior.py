@@ -25,10 +25,10 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.decay import Jet
-from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives
+from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives, likelihood_gradient
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
-from bayes_toe.model.links import BELL, Answers, Lapsing, Link
+from bayes_toe.model.links import BELL, Answers, Lapsing, Link, Logarithm
 from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
@@ -246,11 +246,19 @@ class Posterior:
 
     def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
+        return likelihood_derivatives(*self._slopes(x), x.shape[1])
+
+    def likelihood_gradient(self, x: FloatArray) -> FloatArray:
+        """The first of :meth:`likelihood_derivatives`, for a third of the work."""
+        return likelihood_gradient(*self._slopes(x), x.shape[1])
+
+    def _slopes(self, x: FloatArray) -> tuple[Distance, Logarithm, list[int | None]]:
+        """Distance and link with their derivatives, and the places of the link's own coordinates."""
         pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
         h = self._per_width(x, scales)
         distance = Distance(self._distance(pulled.pull.value, scales, x), log_width={width: np.ones((1, 1))})
         if _SLOPE in self._places:
-            distance.log_width[self._places[_SLOPE]] = self._middle[None]
+            distance.log_width[self._places[_SLOPE]] = np.atleast_2d(self._middle)
         add_numerator(distance, pulled, h, scales)
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
@@ -261,8 +269,7 @@ class Posterior:
         answers = partial(link.log_answers, distance.z, *own)
         with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
             slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
-        own_places = [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
-        return likelihood_derivatives(distance, slopes, own_places, x.shape[1])
+        return distance, slopes, [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -312,6 +319,22 @@ class Posterior:
     def for_subject(self, subject: Subject) -> Posterior:
         """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""
         return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
+
+    @property
+    def group(self) -> tuple[str, ...]:
+        """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
+        return tuple(name for block in self.model.free for name in block.group)
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """These quantities on their group scales, shape (points, k) -> (points, k)."""
+        return np.concatenate([block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
+
+    def from_group(self, eta: FloatArray) -> Derivatives:
+        """The inverse: x, shape (points, k), and dx/d(eta), shape (points, k, k)."""
+        x, jacobian = np.empty(eta.shape), np.zeros((*eta.shape, eta.shape[1]))
+        for block, part in self._parts:
+            x[:, part], jacobian[:, part, part] = block.from_group(eta[:, part], self.prior, self.sbar)
+        return x, jacobian
 
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""

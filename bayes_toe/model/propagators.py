@@ -52,8 +52,8 @@ class Scales(NamedTuple):
     width: FloatArray
 
     def of_pairs(self, which: IndexArray) -> Scales:
-        """The scales of pairs, shape (points, pairs), given the place of each pair's interval."""
-        return Scales(self.pull[:, which], self.width[:, which])
+        """The scales of pairs, shape (points, pairs), given the place of each pair's interval, shape (pairs,) or (points, pairs)."""
+        return Scales(_at_pairs(self.pull, which), _at_pairs(self.width, which))
 
     def to_reference(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
         """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at t = 1."""
@@ -76,7 +76,7 @@ def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, IndexArray]:
     [[0.5, 2.0], [1, 0, 1]]
     """
     seconds, which = np.unique(isi, return_inverse=True)
-    return seconds, which.ravel()
+    return seconds, which.reshape(isi.shape)
 
 
 def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
@@ -165,7 +165,12 @@ class Growth(NamedTuple):
 
     def of_pairs(self, which: IndexArray) -> Growth:
         """The derivatives of pairs, given the place of each pair's interval."""
-        return Growth(*(part[..., which] for part in self))
+        return Growth(*(_at_pairs(part, which) for part in self))
+
+
+def _at_pairs(values: FloatArray, which: IndexArray) -> FloatArray:
+    """Values of intervals, (..., points, intervals), at those of the pairs, (pairs,) or (points, pairs)."""
+    return values[..., which] if which.ndim == 1 else values[..., np.arange(len(which))[:, None], which]
 
 
 def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:

@@ -10,6 +10,7 @@ from scipy.special import expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.distributions import Distribution, Random, log_density_of_logit, sample_logit, slopes_of_logit
+from bayes_toe.model.probits import log_slope, logit_of_probit, probit_of_logit
 
 Slopes = tuple[FloatArray, FloatArray]
 
@@ -42,6 +43,14 @@ class Scale(Protocol):
         """Its first and second derivative."""
         ...
 
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """Coordinates on the scale on which a group's members scatter about their mean: as they are, logarithms, or probits of a share."""
+        ...
+
+    def from_group(self, eta: FloatArray) -> Slopes:
+        """The inverse: coordinates, and their derivative."""
+        ...
+
 
 @dataclass(frozen=True)
 class Plain:
@@ -68,6 +77,14 @@ class Plain:
     def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
         """Those of the quantity."""
         return distribution.derivatives(x)
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """The same."""
+        return x
+
+    def from_group(self, eta: FloatArray) -> Slopes:
+        """The same, slope 1."""
+        return eta, np.ones_like(eta)
 
 
 @dataclass(frozen=True)
@@ -100,6 +117,14 @@ class Log:
             slope, bend = distribution.derivatives(t)
             return t * slope + 1.0, np.square(t) * bend + t * slope
 
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """The same."""
+        return x
+
+    def from_group(self, eta: FloatArray) -> Slopes:
+        """The same, slope 1."""
+        return eta, np.ones_like(eta)
+
 
 @dataclass(frozen=True)
 class Logit:
@@ -127,3 +152,12 @@ class Logit:
     def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
         """By dt/dx and its slope, -dt/dx tanh(x/2)."""
         return slopes_of_logit(distribution, x, self.top)
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """The probit of the share: uniform is standard normal, so that its edges are far away."""
+        return probit_of_logit(x)
+
+    def from_group(self, eta: FloatArray) -> Slopes:
+        """The logit of the share."""
+        x = logit_of_probit(eta)
+        return x, np.exp(-log_slope(x, eta))

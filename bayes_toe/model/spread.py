@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.special import expit
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import Random
@@ -147,14 +147,19 @@ def _drawn(answers: Answers, v: FloatArray, n: IntArray, before: IntArray) -> Fl
     """
     total = np.zeros(answers[0].shape)
     for j in range(int(n.max(initial=0))):
-        more = n > j
+        more, at, v_at = _reached(n > j, v)
         with np.errstate(divide="ignore"):  # log 0: nothing before it
-            log_own, log_others, log_all = (np.log(part) + v for part in (float(j), before[more], before[more] + float(j)))
+            log_own, log_others, log_all = (np.log(part) + v_at for part in (float(j), before[more], before[more] + float(j)))
         whole = np.logaddexp(0.0, log_all)
-        likely = np.logaddexp(answers[1][:, more], log_others) - whole
-        plain = np.logaddexp(answers[0][:, more], log_own) - whole
-        total[:, more] += np.where((likely < -LN2) & (whole > 0.0), np.log1p(-np.exp(np.minimum(likely, -LN2))), plain)
+        likely = np.logaddexp(answers[1][at], log_others) - whole
+        plain = np.logaddexp(answers[0][at], log_own) - whole
+        total[at] += np.where((likely < -LN2) & (whole > 0.0), np.log1p(-np.exp(np.minimum(likely, -LN2))), plain)
     return total
+
+
+def _reached(more: BoolArray, v: FloatArray) -> tuple[BoolArray, Any, FloatArray]:
+    """Pairs that go on, where they are in (points, pairs), and v there; `more` has shape (pairs,), or (points, pairs) for a crowd."""
+    return (more, (slice(None), more), v) if more.ndim == 1 else (more, more, np.broadcast_to(v, more.shape)[more])
 
 
 class _Sums(NamedTuple):
@@ -171,12 +176,12 @@ def _rising(u: FloatArray, v: FloatArray, n: IntArray) -> _Sums:
     first = np.broadcast_to(given, u.shape).copy()
     rest, bend = np.zeros(u.shape), np.zeros(u.shape)
     for j in range(1, int(n.max(initial=0))):
-        more = n > j
-        log_added = np.log(j) + v
-        share, other = expit(u[:, more] - log_added), expit(log_added - u[:, more])
-        first[:, more] += share
-        rest[:, more] += other
-        bend[:, more] += share * other
+        _, at, v_at = _reached(n > j, v)
+        log_added = np.log(j) + v_at
+        share, other = expit(u[at] - log_added), expit(log_added - u[at])
+        first[at] += share
+        rest[at] += other
+        bend[at] += share * other
     return _Sums(first, rest, bend)
 
 

@@ -1,0 +1,134 @@
+"""Hamiltonian Monte Carlo of many chains in step: every leapfrog is one call of the log density for all of them.
+
+A gradient in NumPy costs much the same for one point as for dozens; so chains are many and short. In coordinates in which the posterior is
+nearly standard normal a trajectory of a quarter period makes the next draw nearly independent, and all trajectories may have one length: it
+is drawn anew for each, about a quarter, so that no frequency is ever in step with it. The length is known beforehand, so chains need not
+wait for each other as they would where each finds its own turning point.
+
+Step size, and the scale of every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each
+trajectory is an exact Metropolis step. Trajectories on which energy grows by more than 1000 nats are given up: refused, and counted as
+divergent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray
+
+Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+_ACCEPTED = 0.8
+_QUARTER = 0.5 * np.pi
+_LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
+_MOST_STEPS = 256
+
+
+class Trace(NamedTuple):
+    """Draws, shape (draws, chains, D), the share of proposals accepted, (draws, chains), and which ones diverged, (draws, chains)."""
+
+    x: FloatArray
+    accepted: FloatArray
+    divergent: BoolArray
+
+
+class Hamiltonian:
+    """Chains that go through a density together.
+
+    Parameters
+    ----------
+    density : callable
+        Points, (chains, D) -> log density, (chains,), and gradient, (chains, D).
+    start : array, shape (chains, D)
+    scale : array, shape (D,)
+        Roughly, the standard deviation of every coordinate.
+    together : int
+        So many coordinates, the first ones, may be correlated with each other; the others are taken one by one.
+    rng : numpy.random.Generator
+
+    Attributes
+    ----------
+    gradients : int
+        Gradients of single chains so far.
+    """
+
+    def __init__(self, density: Density, start: FloatArray, scale: FloatArray, together: int, rng: np.random.Generator) -> None:
+        self._density, self._rng, self._x = density, rng, start.copy()
+        self._value, self._gradient = density(start)
+        self._root, self._scale = np.diag(scale[:together]), scale[together:]
+        self.step, self.gradients = 0.5 * start.shape[1] ** -0.25, len(start)
+
+    def warm_up(self, rounds: tuple[int, ...] = (40, 40, 60, 80)) -> None:
+        """Learn step and scales over rounds of so many draws, each with the scales of the one before."""
+        for size in rounds:
+            draws = self._adapt_step(size)
+            self._learn(draws[len(draws) // 4 :])
+        self._adapt_step(rounds[0])
+
+    def advance(self, draws: int) -> Trace:
+        """So many more draws of every chain."""
+        made = [self._trajectory() for _ in range(draws)]
+        return Trace(*map(np.stack, zip(*made, strict=True)))
+
+    def _adapt_step(self, size: int) -> FloatArray:
+        """Draws during which the step follows the acceptance by dual averaging (Hoffman & Gelman 2014, section 3.2)."""
+        anchor, error, averaged, made = np.log(2.0 * self.step), 0.0, np.log(self.step), []
+        for t in range(1, size + 1):
+            x, accepted, _ = self._trajectory()
+            made.append(x)
+            error += (_ACCEPTED - float(accepted.mean()) - error) / (t + 10.0)
+            now = anchor - error * np.sqrt(t) / 0.1
+            averaged += t**-0.75 * (now - averaged)
+            self.step = float(np.exp(now))
+        self.step = float(np.exp(averaged))
+        return np.stack(made)
+
+    def _learn(self, draws: FloatArray) -> None:
+        """Scales from draws, (draws, chains, D), shrunk to those there are as if these were a few draws more."""
+        flat = draws.reshape(-1, draws.shape[-1])
+        flat = flat - flat.mean(axis=0)
+        together, weight = len(self._root), len(flat) / (len(flat) + 5.0)
+        covariance = flat[:, :together].T @ flat[:, :together] / len(flat)
+        self._root = np.linalg.cholesky(weight * covariance + (1.0 - weight) * self._root @ self._root.T)
+        self._scale = np.sqrt(weight * np.square(flat[:, together:]).mean(axis=0) + (1.0 - weight) * np.square(self._scale))
+
+    def _trajectory(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """One trajectory of every chain: where they are then, chance to be accepted, lost or not."""
+        length = _QUARTER * self._rng.uniform(0.5, 1.5)
+        steps = min(_MOST_STEPS, max(1, round(length / self.step)))
+        step = min(length / steps, self.step)
+        momentum = self._rng.standard_normal(self._x.shape)
+        x, value, gradient, kinetic = self._x, self._value, self._gradient, _kinetic(momentum)
+        lost, start = np.zeros(len(x), bool), kinetic - value
+        for _ in range(steps):
+            momentum = momentum + 0.5 * step * self._to_momentum(gradient)
+            lost |= ~(np.abs(momentum).max(axis=1) < _FAST)
+            momentum[lost] = 0.0
+            x = x + step * self._to_place(momentum)
+            value, gradient = self._density(x)
+            momentum = momentum + 0.5 * step * self._to_momentum(gradient)
+            lost |= ~(_kinetic(momentum) - value - start < _LOST)
+        self.gradients += steps * len(x)
+        gained = np.where(lost, -np.inf, value - _kinetic(momentum) + start)
+        chance = np.exp(np.minimum(gained, 0.0))
+        moved = self._rng.uniform(size=len(x)) < chance
+        self._x = np.where(moved[:, None], x, self._x)
+        self._value, self._gradient = np.where(moved, value, self._value), np.where(moved[:, None], gradient, self._gradient)
+        return self._x, chance, lost
+
+    def _to_place(self, momentum: FloatArray) -> FloatArray:
+        """How far momenta carry, (chains, D)."""
+        together = len(self._root)
+        return np.concatenate([momentum[:, :together] @ self._root.T, momentum[:, together:] * self._scale], axis=1)
+
+    def _to_momentum(self, gradient: FloatArray) -> FloatArray:
+        """What slopes do to momenta, (chains, D)."""
+        together = len(self._root)
+        return np.concatenate([gradient[:, :together] @ self._root, gradient[:, together:] * self._scale], axis=1)
+
+
+def _kinetic(momentum: FloatArray) -> FloatArray:
+    """Kinetic energy, (chains,)."""
+    return np.asarray(0.5 * np.square(momentum).sum(axis=1))

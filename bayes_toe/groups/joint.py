@@ -1,0 +1,183 @@
+"""The joint posterior of a group: mean m, scatter tau and effects beta of every parameter, and the parameters eta of every member.
+
+    eta_ik = mu_ik + tau_k u_ik,    mu_ik = m_k + x_i' beta_k,    u ~ normal, or Student's t,
+    m ~ Normal,    tau ~ HalfNormal,    beta ~ Normal(0, .)    (:mod:`bayes_toe.groups.hyperprior`)
+
+Coordinates in which it is easy to sample depend on what each member's answers say. If they say much of eta_ik, it should be a coordinate
+itself (centred); if nothing, its score u_ik (non-centred). With h_ik and e_ik, precision and place of eta_ik by the answers alone, roughly
+normal, and s = 1/(1 + h tau^2), the population's share of what is known of eta_ik,
+
+    eta = (1 - s) e + s mu + tau s^(1/2) xi
+
+is in between: given mu and tau, xi is then standard normal. That h and e are rough costs speed, not exactness. So
+
+    d eta/d mu = s,    d eta/d log tau = -2 s (1 - s) (mu - e) + tau s^(3/2) xi,    d eta/d xi = tau s^(1/2),
+    u = (e - mu) h tau s + s^(1/2) xi,    which does not cancel where tau is small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
+from bayes_toe.groups.scatter import Scatter
+from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.parameters import GroupPull
+
+Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What each member's answers alone say of its parameters, about: log precision and place, shape (N, k); -inf where nothing.
+
+    Of the prior mean mu1 answers tell p (mu1 - centre), with pull p: the less of it there is, the less they say of mu1. Where `funnel` is
+    given, precision and place in the column of mu1 are those of this product.
+    """
+
+    log_precision: FloatArray
+    place: FloatArray
+    funnel: Funnel | None = None
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """Columns of the prior mean and of what the pull follows from, the centre, and how it follows."""
+
+    mean: int
+    pull: int
+    centre: float
+    pulled: Callable[[FloatArray], GroupPull]
+
+
+class Population(NamedTuple):
+    """Mean (..., k), log of the scatter (..., k), effects (..., r, k): everything that members have in common."""
+
+    mean: FloatArray
+    log_scatter: FloatArray
+    effects: FloatArray
+
+    def expected(self, x: FloatArray) -> FloatArray:
+        """The mean of members with these regressors, (N, r) -> (..., N, k)."""
+        return np.asarray(self.mean[..., None, :] + x @ self.effects)
+
+
+class _Place(NamedTuple):
+    """Where members are, shape (points, N, k) or one column of it, and what moves them."""
+
+    eta: FloatArray
+    score: FloatArray
+    share: FloatArray
+    log_unit: FloatArray
+    by_log_scatter: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Log density and gradient of the joint posterior at several points; a point has D = k (2 + r) + N k coordinates.
+
+    Parameters
+    ----------
+    likelihood : callable
+        Log likelihood of each member and its gradient, eta of shape (points, N, k) -> (points, N) and (points, N, k).
+    hyperprior : HyperpriorNumbers
+    x : array, shape (N, r)
+        Regressors.
+    told : Told
+    scatter : Scatter
+    """
+
+    likelihood: Likelihood
+    hyperprior: HyperpriorNumbers
+    x: FloatArray
+    told: Told
+    scatter: Scatter
+
+    @property
+    def shared(self) -> int:
+        """Number of coordinates that belong to all members: they come first, means, log scatters, then effects by regressor."""
+        return int(self.told.place.shape[1] * (2 + self.x.shape[1]))
+
+    def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
+        population, xi = self.split(theta)
+        at, by_pull = self._place(population, xi)
+        of_answers, steep = self.likelihood(at.eta)
+        slope, inverse = self.scatter.slope(at.score), np.exp(-population.log_scatter)[:, None]
+        steep = steep + slope * inverse
+        if self.told.funnel is not None and by_pull is not None:
+            steep[..., self.told.funnel.pull] += steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
+        of_members = (self.scatter.log_density(at.score) - population.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
+        prior, of_prior = self._prior(population)
+        by_mean = steep * at.share - slope * inverse
+        by_log_scatter = steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
+        gradient = np.empty(theta.shape)
+        parts = (by_mean.sum(axis=1), by_log_scatter.sum(axis=1), (self.x.T @ by_mean).reshape(len(theta), -1))
+        gradient[:, : self.shared] = np.concatenate(parts, axis=1) + of_prior
+        gradient[:, self.shared :] = (steep * np.exp(at.log_unit)).reshape(len(theta), -1)
+        return of_answers.sum(axis=1) + of_members + prior, gradient
+
+    def split(self, theta: FloatArray) -> tuple[Population, FloatArray]:
+        """What is shared, and xi of the members, (points, N, k)."""
+        (n, k), points = self.told.place.shape, len(theta)
+        effects = theta[:, 2 * k : self.shared].reshape(points, self.x.shape[1], k)
+        return Population(theta[:, :k], theta[:, k : 2 * k], effects), theta[:, self.shared :].reshape(points, n, k)
+
+    def eta(self, theta: FloatArray) -> FloatArray:
+        """Parameters of the members, shape (points, N, k)."""
+        return self._place(*self.split(theta))[0].eta
+
+    def point(self, population: Population, eta: FloatArray) -> FloatArray:
+        """The inverse: coordinates of what is shared and of members' parameters, shape (points, D)."""
+        xi = np.zeros(eta.shape)
+        for _ in range(2):  # the prior mean's place and unit depend on the pull
+            at = self._place(population, xi)[0]
+            xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
+        return np.concatenate([part.reshape(len(eta), -1) for part in (*population, xi)], axis=1)
+
+    def _place(self, population: Population, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
+        """Where members are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""
+        told, expected, log_scatter = self.told, population.expected(self.x), population.log_scatter[:, None]
+        at = _between(told.log_precision, told.log_precision, told.place - expected, log_scatter, expected, xi)
+        if told.funnel is None:
+            return at, None
+        i, of = told.funnel.mean, told.funnel.pulled(at.eta[..., told.funnel.pull])
+        precision, log_scatter, far = told.log_precision[:, i], log_scatter[..., i], expected[..., i] - told.funnel.centre
+        with np.errstate(divide="ignore"):  # a pull below the smallest float: nothing is told
+            log_pull = np.log(of.pull)
+        short = told.place[:, i] - of.pull * far
+        column = _between(precision + 2.0 * log_pull, precision + log_pull, short, log_scatter, expected[..., i], xi[..., i])
+        for whole, part in zip(at, column, strict=True):
+            whole[..., i] = part
+        weight = np.exp(precision + 2.0 * column.log_unit)
+        by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + np.exp(column.log_unit) * xi[..., i]))
+        return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
+
+    def _prior(self, population: Population) -> tuple[FloatArray, FloatArray]:
+        """Log density of what is shared, with respect to log tau, and its gradient, (points, k (2 + r))."""
+        given, points = self.hyperprior, len(population.mean)
+        of_mean = (population.mean - given.mean) / given.mean_sd
+        of_scatter, of_effects = np.exp(population.log_scatter) / given.sd_scale, population.effects / given.effect_sd
+        constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
+        constant += self.x.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
+        squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
+        slopes = (-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), (-of_effects / given.effect_sd).reshape(points, -1))
+        value = -0.5 * squares + population.log_scatter.sum(axis=1) - constant
+        return np.asarray(value), np.concatenate(slopes, axis=1)
+
+
+def _between(
+    log_precision: FloatArray, log_lever: FloatArray, short: FloatArray, log_scatter: FloatArray, expected: FloatArray, xi: FloatArray
+) -> _Place:
+    """Members between the population's mean and where their answers have them; the latter is exp(log_lever - log_precision) short away."""
+    log_ratio = log_precision + 2.0 * log_scatter
+    log_share = -np.logaddexp(0.0, log_ratio)
+    share, log_unit = np.exp(log_share), log_scatter + 0.5 * log_share
+    drawn, own = np.exp(log_lever + 2.0 * log_unit) * short, np.exp(log_unit) * xi
+    score = np.exp(log_lever + log_unit + 0.5 * log_share) * short + np.exp(0.5 * log_share) * xi
+    return _Place(expected + drawn + own, score, share, log_unit, share * (2.0 * drawn + own))
