@@ -1,0 +1,1 @@
+"""What a group of subjects has in common: the hierarchical posterior of a population; names no model."""
