@@ -5,7 +5,6 @@ from .analysis import run as run
 from .analysis import sample as sample
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.covariates import covariate_tests as covariate_tests
-from .classical.covariates import read_covariates as read_covariates
 from .classical.fit_table import fit as fit
 from .classical.uncertainty_table import uncertainty_table as uncertainty_table
 from .comparison.average import average as average
@@ -13,6 +12,7 @@ from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.ladder_table import compare as compare
 from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
+from .data.covariates import read_covariates as read_covariates
 from .data.example import example_study as example_study
 from .data.example import example_truth as example_truth
 from .data.read_options import ReadOptions as ReadOptions

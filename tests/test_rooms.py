@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers records < data < kept < model < inference < classical < comparison < analysis
-< experiments < plots < cli
+version errors arrays seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
+< analysis < experiments < plots < cli
 """
 
 import ast
@@ -25,6 +25,7 @@ ORDER = (
     "kept",
     "model",
     "inference",
+    "groups",
     "classical",
     "comparison",
     "analysis",

@@ -10,14 +10,12 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.cells import Cells, Column, Fault, Header, number, read_cells, read_header, refuse
-from bayes_toe.data.columns import MISSING_WORDS, name_faults, number_fault
+from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
@@ -27,20 +25,6 @@ if TYPE_CHECKING:
 
 
 COVARIATE_COLUMNS = ("covariate", "outcome", "test", "groups", "n", "difference_or_r", "statistic", "df", "p_value", "note")
-_SUBJECT = "subject"
-
-
-@dataclass(frozen=True)
-class Covariates:
-    """Covariates of some subjects.
-
-    Attributes
-    ----------
-    values : mapping of str to mapping of str to str or float
-        By covariate and subject: a number where the covariate is numeric, one of two texts where it is not; missing cells are left out.
-    """
-
-    values: Mapping[str, Mapping[str, str | float]]
 
 
 @dataclass(frozen=True)
@@ -118,11 +102,13 @@ def _listed(names: set[str]) -> str:
 def _row(covariate: str, column: Mapping[str, str | float], outcome: str, values: Mapping[str, float]) -> CovariateTest:
     names = [name for name in values if name in column]
     y, x = np.array([values[name] for name in names]), [column[name] for name in names]
-    kinds = sorted(set(column.values()), key=lambda kind: (isinstance(kind, str), kind))
+    kinds = levels(column.values())
+    if len(kinds) > 2 and isinstance(kinds[-1], str):
+        return CovariateTest(covariate, outcome, "t", "", str(len(x)), note=f"{len(kinds)} groups: Welch's t-test compares two")
     if len(kinds) > 2:
         return _pearson_row(covariate, outcome, np.array(x, np.float64), y)
     groups = [y[[value == kind for value in x]] if len(y) else y for kind in kinds]
-    return _welch_row(covariate, outcome, [kind if isinstance(kind, str) else f"{kind:g}" for kind in kinds], groups)
+    return _welch_row(covariate, outcome, level_words(kinds), groups)
 
 
 def _welch_row(covariate: str, outcome: str, kinds: Sequence[str], groups: Sequence[FloatArray]) -> CovariateTest:
@@ -164,52 +150,3 @@ def _pearson(x: FloatArray, y: FloatArray) -> tuple[float, float, float, float]:
     r, df = float(found.statistic), len(x) - 2.0
     t = r * math.sqrt(df / (1.0 - r * r)) if abs(r) < 1.0 else math.copysign(math.inf, r)
     return r, t, df, float(found.pvalue)
-
-
-# --- Reading ----------------------------------------------------------------------------------------
-
-
-def read_covariates(path: str | Path) -> Covariates:
-    """Covariates from a CSV file with a column `subject` and one column per covariate.
-
-    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma where the comma does not separate cells.
-    Empty cells and NA are missing. A covariate holds numbers, or exactly two different texts.
-
-    Raises
-    ------
-    InputError
-        One line per problem with file, row and column, ten at most.
-    """
-    header, text = read_header(path, frozenset({_SUBJECT}))
-    cells = read_cells(header, text, {name: place for place, name in enumerate(header.names)}, _header_problems(header))
-    subject = cells.columns[_SUBJECT]
-    meant = {name: _meanings(column, header.decimal_comma) for name, column in cells.columns.items() if name != _SUBJECT}
-    faults = [_covariate_fault(cells, cells.columns[name], values) for name, values in meant.items()]
-    refuse(header.source, [cells.fault, *name_faults(cells, subject), *faults])
-    return Covariates({name: _by_subject(subject, cells.columns[name], values) for name, values in meant.items()})
-
-
-def _header_problems(header: Header) -> list[str]:
-    names = set(header.names)
-    if _SUBJECT in names and len(header.names) == len(names) > 1 and "" not in names:
-        return []
-    found = listed([quoted(name) for name in header.names])
-    return [f"{header.place}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
-
-
-def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
-    """What each distinct text of a covariate stands for: a number, NaN if it is none, one of two texts; None where missing."""
-    given = {text: number(text, decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
-    if len(given) <= 2 and any(map(math.isnan, given.values())):
-        return [text if text in given else None for text in column.texts]
-    return [given.get(text) for text in column.texts]
-
-
-def _covariate_fault(cells: Cells, column: Column, meanings: Sequence[str | float | None]) -> Fault:
-    bad = column.spread([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
-    return number_fault(cells, column, bad, "a finite number (or two different texts in the column)")
-
-
-def _by_subject(subject: Column, column: Column, meanings: Sequence[str | float | None]) -> dict[str, str | float]:
-    values = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
-    return {name: value for name, value in values if value is not None}

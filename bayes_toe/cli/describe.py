@@ -27,7 +27,8 @@ def asymmetry(
     [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
     """
     from bayes_toe.classical.asymmetry import asymmetry as compute
-    from bayes_toe.classical.covariates import covariate_tests, read_covariates
+    from bayes_toe.classical.covariates import covariate_tests
+    from bayes_toe.data.covariates import read_covariates
     from bayes_toe.data.parquet import is_parquet
 
     beside = output.with_name(f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}")

@@ -1,1 +1,1 @@
-"""The hierarchical posterior: what members of a group have in common, and how far they scatter."""
+"""What a group of subjects has in common: the hierarchical posterior of a population; names no model."""

@@ -32,7 +32,7 @@ class PriorField:
     ----------
     name : str
         Of the field, the key in a prior file.
-    default : float or None
+    default : float, "stimuli" or None
         None where leaving the number out means something of its own, which `words` say.
     parameter : str
         To whose distribution it belongs.
@@ -48,7 +48,7 @@ class PriorField:
     """
 
     name: str
-    default: float | None
+    default: float | Literal["stimuli"] | None
     parameter: str
     kind: Kind
     words: str

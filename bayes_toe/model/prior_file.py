@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -45,11 +45,11 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
     True
     """
     keys = {one.name: one for one in kind.declared()}
-    found = _table(path, keys)
-    problems = [f"{path}: {line}" for key, value in found.items() for line in _problem(keys, key, value)]
+    found = toml_table(path, f"NAME = NUMBER, as in {next(iter(keys))} = 0")
+    problems = [f"{path}: {line}" for key, value in found.items() for line in number_problems(keys, key, value)]
     if problems:
         raise InputError(problems)
-    numbers: dict[str, Any] = {key: value if value == STIMULI else _real(value) for key, value in found.items()}
+    numbers: dict[str, Any] = {key: value if value == STIMULI else real(value) for key, value in found.items()}
     return kind(**numbers)
 
 
@@ -71,8 +71,14 @@ def example_file(kind: type[Prior] = Prior) -> str:
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 
 
-def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
-    lines = f"NAME = NUMBER, as in {next(iter(keys))} = 0"
+def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
+    """What a TOML file holds; `lines` says which ones are allowed.
+
+    Raises
+    ------
+    InputError
+        In one line, if the file cannot be read or is not TOML.
+    """
     try:
         return tomllib.loads(input_bytes(path, _LARGEST).decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
     except OSError as error:
@@ -85,18 +91,19 @@ def _table(path: str | Path, keys: Iterable[str]) -> Mapping[str, Any]:
         raise InputError(f"{path}: found text that is not TOML ({what}), allowed: lines {lines}") from error
 
 
-def _problem(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
+def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
+    """What is wrong with one number, in one line that ends in what is allowed; nothing where it is right."""
     if key not in keys:
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
     one = keys[key]
     # bool is an int for Python, not for a reader; a NaN is in no range
     if value == STIMULI and one.stimuli:
         return []
-    good = one.smallest <= _real(value) <= one.largest
-    return [] if good else [f"key {key}: found {_shown(value)}, allowed: {one.allowed}"]
+    good = one.smallest <= real(value) <= one.largest
+    return [] if good else [f"key {key}: found {shown(value)}, allowed: {one.allowed}"]
 
 
-def _real(value: object) -> float:
+def real(value: object) -> float:
     """The number that a value is; NaN where it is none, or too large an integer."""
     try:
         return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
@@ -104,11 +111,12 @@ def _real(value: object) -> float:
         return math.nan
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
+    """A value of a TOML file as messages show it."""
     if isinstance(value, Mapping):
         return "a table"
     if isinstance(value, list):
         return "a list"
-    if isinstance(value, int) and not isinstance(value, bool) and math.isnan(_real(value)):
+    if isinstance(value, int) and not isinstance(value, bool) and math.isnan(real(value)):
         return "an integer too large for a number"
     return str(value).lower() if isinstance(value, bool) else quoted(value) if isinstance(value, str) else bare(str(value))

@@ -33,6 +33,8 @@ class Stimuli(NamedTuple):
     ----------
     mean : float
         Of all stimuli presented, first and second.
+    mean_s1 : float
+        Of the first ones.
     range : float
         From the lowest to the highest.
     step : float
@@ -40,6 +42,7 @@ class Stimuli(NamedTuple):
     """
 
     mean: float
+    mean_s1: float
     range: float
     step: float
 
@@ -47,6 +50,11 @@ class Stimuli(NamedTuple):
     def inverse_range(self) -> float:
         """1 / range."""
         return 1.0 / self.range
+
+    @property
+    def log_step(self) -> float:
+        """Natural logarithm of the step."""
+        return float(np.log(self.step))
 
     @classmethod
     def of(cls, study: Study) -> Stimuli:
@@ -66,10 +74,12 @@ class Stimuli(NamedTuple):
         s1, s2, n = (np.concatenate([getattr(subject, name) for subject in study]) for name in ("s1", "s2", "n_trials"))
         unequal = s1 != s2
         if not unequal.any():
-            raise InputError(f"prior: {STIMULI!r} needs pairs of different stimuli, found none; allowed: numbers, or the prior {PAPER!r}")
+            raise InputError(
+                f"{STIMULI!r} in a prior needs pairs of different stimuli, found none; allowed: numbers, as the prior {PAPER!r} has"
+            )
         mean = float(np.average(0.5 * (s1 + s2), weights=n))
         step = float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal])))
-        return cls(mean, float(np.maximum(s1, s2).max() - np.minimum(s1, s2).min()), step)
+        return cls(mean, float(np.average(s1, weights=n)), float(np.maximum(s1, s2).max() - np.minimum(s1, s2).min()), step)
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:

@@ -1,4 +1,4 @@
-"""Tests of covariates against scipy; files of covariates are read strictly."""
+"""Tests of covariates against scipy."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ from scipy import stats
 from scipy.special import stdtr
 
 import bayes_toe as bt
-from bayes_toe.classical.covariates import Covariates, covariate_tests, read_covariates
+from bayes_toe.classical.covariates import covariate_tests
+from bayes_toe.data.covariates import Covariates
 from bayes_toe.errors import InputError
 
 
@@ -55,20 +56,9 @@ def test_a_perfect_correlation():
     assert row.statistic < -1e7
 
 
-@pytest.fixture
-def people(tmp_path):
-    def write(text):
-        path = tmp_path / "people.csv"
-        path.write_bytes(text.encode("utf-8"))
-        return path
-
-    return write
-
-
-def test_a_file_of_covariates(people):
-    read = read_covariates(people("subject,gender,age,site\n01,f,23,1\n02,m,NA,2\n\n03,f,31.5,2\n04,m,40,1\n"))
-    assert read.values["gender"] == {"01": "f", "02": "m", "03": "f", "04": "m"}
-    assert read.values["age"] == {"01": 23.0, "03": 31.5, "04": 40.0}
+def test_two_texts_two_numbers_and_a_subject_without_covariates():
+    gender, site = dict(zip(("01", "02", "03", "04"), "fmfm", strict=True)), {"01": 1.0, "02": 2.0, "03": 2.0, "04": 1.0}
+    read = Covariates({"gender": gender, "age": {"01": 23.0, "03": 31.5, "04": 40.0}, "site": site})
     outcome = {"01": 0.1, "02": -0.2, "03": 0.3, "04": 0.05, "05": 9.0}
     table = covariate_tests(read, {"mean_asymmetry": outcome})
     gender, age, site = table.rows
@@ -82,43 +72,6 @@ def test_a_file_of_covariates(people):
     assert table.notes == ("subjects without covariates: '05'",)
 
 
-def test_semicolons_decimal_commas_and_a_byte_order_mark(people):
-    read = read_covariates(people("\ufeffsubject;age\n01;23,5\n02;30\n1,5;41\n"))
-    assert read.values["age"] == {"01": 23.5, "02": 30.0, "1,5": 41.0}
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("subject,age\na,23\nb,2O\nc,31\n", "row 3, column age: found '2O', allowed: a finite number"),
-        ("subject,age\na,23\nb,inf\nc,31\n", "row 3, column age: found 'inf'"),
-        ("subject,group\na,x\nb,y\nc,z\n", "row 2, column group: found 'x'"),
-        ("subject,100% sure\na,x\nb,y\nc,z\n", "column 100% sure: found 'x'"),
-        ("subject,age\na,23\na,24\n", "row 3, column subject: found 'a', allowed: each name once, and row 2 has it"),
-        ("subject,age\n,23\n", "row 2, column subject: found ''"),
-        ("subject,age\na,23,5\n", "row 2: found 3 cells, allowed: 2"),
-        ("name,age\na,23\n", "found columns 'name', 'age', allowed: subject and"),
-        ("subject\na\n", "at least one covariate"),
-        ("subject,age,age\na,1,2\n", "a name of its own"),
-        ("subject,age\n", "row 1: found a header only, allowed: at least one row"),
-        ("", "found an empty file, allowed: a header and at least one row"),
-        ('subject,age\n"a"b,3\n', "row 2: found text after a closing quote"),
-    ],
-)
-def test_bad_files_are_refused_with_the_place(people, text, said):
-    with pytest.raises(InputError) as refused:
-        read_covariates(people(text))
-    assert said in str(refused.value)
-
-
-def test_files_that_are_not_there_or_not_text(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        read_covariates(tmp_path / "none.csv")
-    (tmp_path / "latin.csv").write_bytes(b"subject,age\n\xe9,3\n")
-    with pytest.raises(InputError, match="row 2: found byte 0xe9 at offset 12, not UTF-8"):
-        read_covariates(tmp_path / "latin.csv")
-
-
 def test_what_cannot_be_tested_is_said():
     outcome = {"y": {"a": 1.0, "b": 2.0, "c": 3.0}}
     notes = {}
@@ -127,6 +80,7 @@ def test_what_cannot_be_tested_is_said():
         "lonely": {"a": "x", "b": "y", "c": "x"},
         "few": {"a": 1.0, "b": 2.0, "z": 3.0},
         "empty": {"c": 1.0},
+        "many": {"a": "x", "b": "y", "c": "z"},
     }.items():
         (row,) = covariate_tests(Covariates({key: column}), outcome)
         assert row.p_value is None
@@ -134,6 +88,7 @@ def test_what_cannot_be_tested_is_said():
     assert "one value only" in notes["alone"]
     assert "no variance" in notes["lonely"]
     assert "fewer than three" in notes["few"]
+    assert notes["many"] == "3 groups: Welch's t-test compares two"
     flat = {"y": dict.fromkeys("abcd", 1.0)}
     (row,) = covariate_tests(Covariates({"g": {"a": "x", "b": "x", "c": "y", "d": "y"}}), flat)
     assert "does not vary" in row.note

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from commands import inside
 
-from bayes_toe.classical.covariates import read_covariates
+from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.tables import write_table

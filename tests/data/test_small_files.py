@@ -8,8 +8,8 @@ import pytest
 from commands import call
 
 import bayes_toe as bt
-from bayes_toe.classical.covariates import read_covariates
 from bayes_toe.data import cells
+from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.recipes import design_from, population_from
@@ -116,7 +116,7 @@ def test_cells_that_hold_no_finite_number_are_refused(written, kind, column, cel
 
 def test_a_covariate_that_is_not_finite_is_refused(written):
     (problem,) = problems(read_covariates, written(with_cell(COVARIATES, "age", "inf")))
-    assert problem == "file.csv: row 3, column age: found 'inf', allowed: a finite number (or two different texts in the column)"
+    assert problem == "file.csv: row 3, column age: found 'inf', allowed: a finite number (or no number in the whole column)"
 
 
 @NUMERIC

@@ -24,8 +24,8 @@ def study(**how):
 
 def test_the_stimuli_by_hand():
     found = Stimuli.of(bt.Study([bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])]))
-    assert found == pytest.approx(((5 * 1.5 + 15 * 0.5 + 20) / 40, 3.0, np.sqrt((5 * 9 + 15) / 20)))
-    assert found.inverse_range == pytest.approx(1 / 3)
+    assert found == pytest.approx(((5 * 1.5 + 15 * 0.5 + 20) / 40, 35 / 40, 3.0, np.sqrt((5 * 9 + 15) / 20)))
+    assert (found.inverse_range, found.log_step) == pytest.approx((1 / 3, np.log(3) / 2))
     with pytest.raises(bt.InputError, match="needs pairs of different stimuli"):
         prior_for(bt.Study([bt.Subject("S", [0.4], [0.4], [1], [2])]), "stimuli")
 

@@ -1,0 +1,121 @@
+"""What is known of each subject besides the answers: a CSV file with a column `subject` and one column per covariate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_toe.data.cells import Cells, Column, Fault, Header, number, read_cells, read_header, refuse
+from bayes_toe.data.columns import MISSING_WORDS, name_faults, number_fault
+from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.errors import InputError
+
+_SUBJECT = "subject"
+
+
+@dataclass(frozen=True)
+class Covariates:
+    """Covariates of some subjects.
+
+    Attributes
+    ----------
+    values : mapping of str to mapping of str to str or float
+        By covariate and subject: a finite number where the covariate is numeric, a text where it is not; what is missing is left out.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite.
+    """
+
+    values: Mapping[str, Mapping[str, str | float]]
+
+    def __post_init__(self) -> None:
+        for name, column in self.values.items():
+            for subject, value in column.items():
+                if not isinstance(value, str) and not math.isfinite(value):
+                    found = f"covariate {bare(name)} of subject {quoted(subject)}: found {value}"
+                    raise InputError(f"{found}, allowed: a finite number or a text; leave out what is missing")
+
+
+def levels(values: Iterable[str | float]) -> list[str | float]:
+    """The different values of a covariate in their order: numbers before texts.
+
+    Examples
+    --------
+    >>> levels(["b", "a", "b"]), levels([10.0, 2.0])
+    (['a', 'b'], [2.0, 10.0])
+    """
+    return sorted(set(values), key=lambda value: (isinstance(value, str), value))
+
+
+def level_words(values: Iterable[str | float]) -> list[str]:
+    """Levels as tables name them, every two different ones differently.
+
+    Examples
+    --------
+    >>> level_words([0.0, 0.5, "x"])
+    ['0', '0.5', 'x']
+    """
+    return [value if isinstance(value, str) else str(float(value)).removesuffix(".0") for value in values]
+
+
+def read_covariates(path: str | Path) -> Covariates:
+    r"""Covariates from a CSV file with a column `subject` and one column per covariate.
+
+    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma where the comma does not separate cells.
+    Empty cells and NA are missing. A covariate whose cells are all texts, none of them a number, is a category with any number of levels,
+    and so is one with two different texts; all others hold numbers.
+
+    Raises
+    ------
+    InputError
+        One line per problem with file, row and column, ten at most.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "people.csv")
+    ...     _ = file.write_text("subject,age,site\nS01,23,north\nS02,NA,south\nS03,31.5,west\n", encoding="utf-8")
+    ...     read_covariates(file).values["age"]
+    {'S01': 23.0, 'S03': 31.5}
+    """
+    header, text = read_header(path, frozenset({_SUBJECT}))
+    cells = read_cells(header, text, {name: place for place, name in enumerate(header.names)}, _header_problems(header))
+    subject = cells.columns[_SUBJECT]
+    meant = {name: _meanings(column, header.decimal_comma) for name, column in cells.columns.items() if name != _SUBJECT}
+    faults = [_covariate_fault(cells, cells.columns[name], values) for name, values in meant.items()]
+    refuse(header.source, [cells.fault, *name_faults(cells, subject), *faults])
+    return Covariates({name: _by_subject(subject, cells.columns[name], values) for name, values in meant.items()})
+
+
+def _header_problems(header: Header) -> list[str]:
+    names = set(header.names)
+    if _SUBJECT in names and len(header.names) == len(names) > 1 and "" not in names:
+        return []
+    found = listed([quoted(name) for name in header.names])
+    return [f"{header.place}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
+
+
+def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
+    """What each distinct text of a covariate stands for: a number, NaN if it is none, a level's text; None where missing."""
+    given = {text: number(text, decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
+    words = [math.isnan(value) for value in given.values()]
+    if all(words) or (len(words) <= 2 and any(words)):
+        return [text if text in given else None for text in column.texts]
+    return [given.get(text) for text in column.texts]
+
+
+def _covariate_fault(cells: Cells, column: Column, meanings: Sequence[str | float | None]) -> Fault:
+    bad = column.spread([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
+    return number_fault(cells, column, bad, "a finite number (or no number in the whole column)")
+
+
+def _by_subject(subject: Column, column: Column, meanings: Sequence[str | float | None]) -> dict[str, str | float]:
+    values = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
+    return {name: value for name, value in values if value is not None}

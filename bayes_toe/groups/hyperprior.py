@@ -1,0 +1,248 @@
+"""The prior of a population: where the means of the group parameters lie, how far subjects lie apart, what covariates may do.
+
+    eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2),
+    m_k ~ Normal(mean, mean_sd),  tau_k ~ HalfNormal(sd_scale),  beta_k ~ Normal(0, effect_sd), independent.
+
+The parameters eta, their scales and the default numbers are declared in :mod:`bayes_toe.groups.hyperprior_fields`; nothing else names them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import quoted
+from bayes_toe.data.study import Study
+from bayes_toe.errors import InputError
+from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS, NUMBERS
+from bayes_toe.model.prior_fields import STIMULI
+from bayes_toe.model.prior_file import number_problems, real, shown, toml_table
+from bayes_toe.model.study_prior import Stimuli
+
+_FIELDS = {name: parameter.fields for name, parameter in GROUP_PARAMETERS.items()}
+_NAMES = tuple(name for name, _, _ in NUMBERS)
+
+
+class HyperpriorNumbers(NamedTuple):
+    """Those of some group parameters on their scales, arrays of shape (parameters,)."""
+
+    mean: FloatArray
+    mean_sd: FloatArray
+    sd_scale: FloatArray
+    effect_sd: FloatArray
+
+
+@dataclass(frozen=True)
+class Hyperprior:
+    """Numbers of the prior of a population; :meth:`changed` gives one with others, :func:`read_hyperprior` that of a file.
+
+    Parameters
+    ----------
+    values : tuple of tuple of float or "stimuli"
+        Mean, mean_sd, sd_scale and effect_sd of every group parameter, in the order of their declaration; "stimuli" becomes a number where
+        the hyperprior meets a study, :meth:`for_study`.
+
+    Raises
+    ------
+    InputError
+        If one is not a number in its range.
+
+    Examples
+    --------
+    >>> Hyperprior().changed({"gamma": {"sd_scale": 0.5}}).describe(["gamma", "offset"])[0]
+    'probit gamma: mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(0.5), effect ~ Normal(0, 1)'
+    """
+
+    values: tuple[tuple[float | str, ...], ...] = tuple(
+        tuple(one.default for one in fields.values() if one.default is not None) for fields in _FIELDS.values()
+    )
+
+    def __post_init__(self) -> None:
+        _refuse("hyperprior", _problems(self.as_dict()))
+
+    def changed(self, sections: Mapping[str, Mapping[str, float | str]]) -> Hyperprior:
+        """The hyperprior with some other numbers, by parameter and number.
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter or number, and for one that is out of range.
+        """
+        _refuse("hyperprior", _problems(sections))
+        whole = {name: {**section, **sections.get(name, {})} for name, section in self.as_dict().items()}
+        return Hyperprior(tuple(tuple(_value(section[key]) for key in _NAMES) for section in whole.values()))
+
+    def for_study(self, study: Study) -> Hyperprior:
+        """With numbers in the place of "stimuli", the same for all models of the study.
+
+        Raises
+        ------
+        InputError
+            If the stimuli have no scale: no pair has different ones.
+
+        Examples
+        --------
+        >>> from bayes_toe.data.study import Subject
+        >>> study = Study([Subject("S", [0.0, 0.5], [0.0, 2.0], [9, 4], [10, 10])])
+        >>> Hyperprior().for_study(study).describe(["mu1"])[0]
+        'mu1: mean ~ Normal(0.25, 2), sd between subjects ~ HalfNormal(2), effect ~ Normal(0, 2), natural-log intensity'
+        """
+        open_ones = [(name, key) for name, section in self.as_dict().items() for key, value in section.items() if value == STIMULI]
+        if not open_ones:
+            return self
+        stimuli, found = Stimuli.of(study), self.as_dict()
+        for name, key in open_ones:
+            found[name][key] = getattr(stimuli, _FIELDS[name][key].stimuli)
+        return self.changed(found)
+
+    def numbers(self, names: Sequence[str]) -> HyperpriorNumbers:
+        """Those of some parameters, in this order.
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter, and where a number is still that of the stimuli.
+
+        Examples
+        --------
+        >>> Hyperprior().numbers(["q0", "gamma"]).mean.tolist()
+        [1.0, 0.0]
+        """
+        sections = self._sections(names)
+        for name, section in sections.items():
+            for key, value in section.items():
+                if value == STIMULI:
+                    raise InputError(f"hyperprior: {key} of {name} is that of the stimuli; Hyperprior.for_study(study) puts in the number")
+        return HyperpriorNumbers(*(np.array([sections[name][key] for name in names], np.float64) for key in _NAMES))
+
+    def describe(self, names: Sequence[str]) -> tuple[str, ...]:
+        """A line for each of some parameters.
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter.
+        """
+        return tuple(_line(name, section) for name, section in self._sections(names).items())
+
+    def scaled(self, sd_scale: float = 1.0, *, mean_sd: float = 1.0) -> Hyperprior:
+        """With the scale of every tau, and the sd of every mean, times a factor: to see what depends on them.
+
+        Raises
+        ------
+        InputError
+            Where such a number is still that of the stimuli, or leaves its range.
+
+        Examples
+        --------
+        >>> from bayes_toe.data.example import example_study
+        >>> Hyperprior().for_study(example_study()).scaled(3.0).numbers(["gamma"]).sd_scale.tolist()
+        [3.0]
+        """
+        own = self.numbers(tuple(_FIELDS))
+        pairs = zip(_FIELDS, (own.sd_scale * sd_scale).tolist(), (own.mean_sd * mean_sd).tolist(), strict=True)
+        return self.changed({name: {"sd_scale": of_sd, "mean_sd": of_mean} for name, of_sd, of_mean in pairs})
+
+    def as_dict(self) -> dict[str, dict[str, float | str]]:
+        """All numbers by parameter and name, as JSON has them."""
+        return {name: dict(zip(_NAMES, values, strict=True)) for name, values in zip(_FIELDS, self.values, strict=True)}
+
+    @classmethod
+    def from_dict(cls, sections: Mapping[str, Mapping[str, float | str]]) -> Hyperprior:
+        """The inverse of :meth:`as_dict`.
+
+        Raises
+        ------
+        InputError
+            If a number is missing, unknown or out of range.
+        """
+        found = cls().changed(sections)
+        missing = [f"{key} of {name}" for name in _FIELDS for key in _NAMES if key not in sections.get(name, {})]
+        _refuse("hyperprior", [f"{one}: missing, allowed: all numbers of all parameters" for one in missing])
+        return found
+
+    def _sections(self, names: Iterable[str]) -> dict[str, dict[str, float | str]]:
+        known = self.as_dict()
+        for name in names:
+            if name not in known:
+                raise InputError(f"hyperprior: no parameter {quoted(name)}, allowed: {', '.join(known)}")
+        return {name: known[name] for name in names}
+
+
+def read_hyperprior(path: str | Path) -> Hyperprior:
+    r"""The hyperprior in a TOML file with a section per parameter; what it leaves out keeps its default. :func:`example_file` has all.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or holds an unknown section or key, something that is not a number or a number out of
+        range: one line per problem.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "hyperprior.toml")
+    ...     _ = file.write_text("[gamma]\nsd_scale = 0.5  # subjects lie close", encoding="utf-8")
+    ...     read_hyperprior(file) == Hyperprior().changed({"gamma": {"sd_scale": 0.5}})
+    True
+    """
+    found = toml_table(path, f"NAME = NUMBER below a line [PARAMETER], as in {_NAMES[0]} = 0 below [{next(iter(_FIELDS))}]")
+    _refuse(str(path), _problems(found))
+    return Hyperprior().changed(found)
+
+
+def example_file() -> str:
+    r"""A complete hyperprior file with the defaults and what they mean.
+
+    Examples
+    --------
+    >>> print(*example_file().splitlines()[:2], sep="\n")
+    [mu1]  # mean of the prior belief
+    mean = "stimuli"           # mean of the normal prior of the population mean of mu1, natural-log intensity; or "stimuli", their mean s1
+    """
+    texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}
+    width = max(map(len, texts.values()))
+    sections = {
+        f"[{name}]  # {GROUP_PARAMETERS[name].words}": [f"{texts[name, key]:<{width}}  # {one.about}" for key, one in fields.items()]
+        for name, fields in _FIELDS.items()
+    }
+    return "".join(f"{line}\n" for head, lines in sections.items() for line in (head, *lines))
+
+
+def _problems(sections: Mapping[str, Any]) -> list[str]:
+    """What is wrong with numbers by parameter and name, one line each."""
+    found = []
+    for name, section in sections.items():
+        if name not in _FIELDS:
+            found.append(f"section {quoted(name)}: unknown, allowed: {', '.join(_FIELDS)}")
+        elif not isinstance(section, Mapping):
+            found.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_NAMES)}")
+        else:
+            found += [f"[{name}] {line}" for key, value in section.items() for line in number_problems(_FIELDS[name], key, value)]
+    return found
+
+
+def _refuse(source: str, problems: Sequence[str]) -> None:
+    if problems:
+        raise InputError([f"{source}: {line}" for line in problems])
+
+
+def _value(given: float | str) -> float | str:
+    return given if given == STIMULI else real(given)
+
+
+def _line(name: str, section: Mapping[str, float | str]) -> str:
+    parameter = GROUP_PARAMETERS[name]
+    said = {
+        key: f"the stimuli's {_FIELDS[name][key].stimuli.replace('_', ' ')}" if value == STIMULI else f"{value:g}"
+        for key, value in section.items()
+    }
+    law = "mean ~ Normal({mean}, {mean_sd}), sd between subjects ~ HalfNormal({sd_scale}), effect ~ Normal(0, {effect_sd})"
+    return ", ".join(part for part in (f"{parameter.label}: {law.format(**said)}", parameter.unit) if part)
