@@ -2,7 +2,7 @@
 
 A gradient in NumPy costs much the same for one point as for dozens; so chains are many and short. In coordinates in which the posterior is
 nearly standard normal a trajectory of a quarter period makes the next draw nearly independent, and all trajectories may have one length: it
-is drawn anew for each, about a quarter, so that no frequency is ever in step with it. The length is known beforehand, so chains need not
+is drawn anew for each, from a quarter to three, so that slower coordinates move too and no frequency is ever in step with it. The length is known beforehand, so chains need not
 wait for each other as they would where each finds its own turning point.
 
 Step size, and the scale of every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each
@@ -21,7 +21,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 _ACCEPTED = 0.8
-_QUARTER = 0.5 * np.pi
+_LENGTH = 0.75 * np.pi
 _LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
 _MOST_STEPS = 256
 
@@ -50,15 +50,15 @@ class Hamiltonian:
 
     Attributes
     ----------
-    gradients : int
-        Gradients of single chains so far.
+    gradients, draws : int
+        Gradients of single chains, and draws of each after warming up, so far.
     """
 
     def __init__(self, density: Density, start: FloatArray, scale: FloatArray, together: int, rng: np.random.Generator) -> None:
         self._density, self._rng, self._x = density, rng, start.copy()
         self._value, self._gradient = density(start)
         self._root, self._scale = np.diag(scale[:together]), scale[together:]
-        self.step, self.gradients = 0.5 * start.shape[1] ** -0.25, len(start)
+        self.step, self.gradients, self.draws = 0.5 * start.shape[1] ** -0.25, len(start), 0
 
     def warm_up(self, rounds: tuple[int, ...] = (40, 40, 60, 80)) -> None:
         """Learn step and scales over rounds of so many draws, each with the scales of the one before."""
@@ -69,6 +69,7 @@ class Hamiltonian:
 
     def advance(self, draws: int) -> Trace:
         """So many more draws of every chain."""
+        self.draws += draws
         made = [self._trajectory() for _ in range(draws)]
         return Trace(*map(np.stack, zip(*made, strict=True)))
 
@@ -96,7 +97,7 @@ class Hamiltonian:
 
     def _trajectory(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """One trajectory of every chain: where they are then, chance to be accepted, lost or not."""
-        length = _QUARTER * self._rng.uniform(0.5, 1.5)
+        length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         steps = min(_MOST_STEPS, max(1, round(length / self.step)))
         step = min(length / steps, self.step)
         momentum = self._rng.standard_normal(self._x.shape)

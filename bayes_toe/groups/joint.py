@@ -55,7 +55,7 @@ class Funnel:
     pulled: Callable[[FloatArray], GroupPull]
 
 
-class Population(NamedTuple):
+class Shared(NamedTuple):
     """Mean (..., k), log of the scatter (..., k), effects (..., r, k): everything that members have in common."""
 
     mean: FloatArray
@@ -99,50 +99,55 @@ class Joint:
     scatter: Scatter
 
     @property
-    def shared(self) -> int:
+    def dimension(self) -> int:
+        """Number of coordinates, D."""
+        return self.size + self.told.place.size
+
+    @property
+    def size(self) -> int:
         """Number of coordinates that belong to all members: they come first, means, log scatters, then effects by regressor."""
         return int(self.told.place.shape[1] * (2 + self.x.shape[1]))
 
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
-        population, xi = self.split(theta)
-        at, by_pull = self._place(population, xi)
+        shared, xi = self.split(theta)
+        at, by_pull = self._place(shared, xi)
         of_answers, steep = self.likelihood(at.eta)
-        slope, inverse = self.scatter.slope(at.score), np.exp(-population.log_scatter)[:, None]
+        slope, inverse = self.scatter.slope(at.score), np.exp(-shared.log_scatter)[:, None]
         steep = steep + slope * inverse
         if self.told.funnel is not None and by_pull is not None:
             steep[..., self.told.funnel.pull] += steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
-        of_members = (self.scatter.log_density(at.score) - population.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
-        prior, of_prior = self._prior(population)
+        of_members = (self.scatter.log_density(at.score) - shared.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
+        prior, of_prior = self._prior(shared)
         by_mean = steep * at.share - slope * inverse
         by_log_scatter = steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
         gradient = np.empty(theta.shape)
         parts = (by_mean.sum(axis=1), by_log_scatter.sum(axis=1), (self.x.T @ by_mean).reshape(len(theta), -1))
-        gradient[:, : self.shared] = np.concatenate(parts, axis=1) + of_prior
-        gradient[:, self.shared :] = (steep * np.exp(at.log_unit)).reshape(len(theta), -1)
+        gradient[:, : self.size] = np.concatenate(parts, axis=1) + of_prior
+        gradient[:, self.size :] = (steep * np.exp(at.log_unit)).reshape(len(theta), -1)
         return of_answers.sum(axis=1) + of_members + prior, gradient
 
-    def split(self, theta: FloatArray) -> tuple[Population, FloatArray]:
+    def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
         """What is shared, and xi of the members, (points, N, k)."""
         (n, k), points = self.told.place.shape, len(theta)
-        effects = theta[:, 2 * k : self.shared].reshape(points, self.x.shape[1], k)
-        return Population(theta[:, :k], theta[:, k : 2 * k], effects), theta[:, self.shared :].reshape(points, n, k)
+        effects = theta[:, 2 * k : self.size].reshape(points, self.x.shape[1], k)
+        return Shared(theta[:, :k], theta[:, k : 2 * k], effects), theta[:, self.size :].reshape(points, n, k)
 
     def eta(self, theta: FloatArray) -> FloatArray:
         """Parameters of the members, shape (points, N, k)."""
         return self._place(*self.split(theta))[0].eta
 
-    def point(self, population: Population, eta: FloatArray) -> FloatArray:
+    def point(self, shared: Shared, eta: FloatArray) -> FloatArray:
         """The inverse: coordinates of what is shared and of members' parameters, shape (points, D)."""
         xi = np.zeros(eta.shape)
         for _ in range(2):  # the prior mean's place and unit depend on the pull
-            at = self._place(population, xi)[0]
+            at = self._place(shared, xi)[0]
             xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
-        return np.concatenate([part.reshape(len(eta), -1) for part in (*population, xi)], axis=1)
+        return np.concatenate([part.reshape(len(eta), -1) for part in (*shared, xi)], axis=1)
 
-    def _place(self, population: Population, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
+    def _place(self, shared: Shared, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
         """Where members are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""
-        told, expected, log_scatter = self.told, population.expected(self.x), population.log_scatter[:, None]
+        told, expected, log_scatter = self.told, shared.expected(self.x), shared.log_scatter[:, None]
         at = _between(told.log_precision, told.log_precision, told.place - expected, log_scatter, expected, xi)
         if told.funnel is None:
             return at, None
@@ -158,16 +163,16 @@ class Joint:
         by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + np.exp(column.log_unit) * xi[..., i]))
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
 
-    def _prior(self, population: Population) -> tuple[FloatArray, FloatArray]:
+    def _prior(self, shared: Shared) -> tuple[FloatArray, FloatArray]:
         """Log density of what is shared, with respect to log tau, and its gradient, (points, k (2 + r))."""
-        given, points = self.hyperprior, len(population.mean)
-        of_mean = (population.mean - given.mean) / given.mean_sd
-        of_scatter, of_effects = np.exp(population.log_scatter) / given.sd_scale, population.effects / given.effect_sd
+        given, points = self.hyperprior, len(shared.mean)
+        of_mean = (shared.mean - given.mean) / given.mean_sd
+        of_scatter, of_effects = np.exp(shared.log_scatter) / given.sd_scale, shared.effects / given.effect_sd
         constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
         constant += self.x.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
         squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
         slopes = (-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), (-of_effects / given.effect_sd).reshape(points, -1))
-        value = -0.5 * squares + population.log_scatter.sum(axis=1) - constant
+        value = -0.5 * squares + shared.log_scatter.sum(axis=1) - constant
         return np.asarray(value), np.concatenate(slopes, axis=1)
 
 

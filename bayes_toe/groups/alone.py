@@ -1,0 +1,100 @@
+"""A member before it joins the group: its own posterior, on the scales on which members scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
+from bayes_toe.groups.joint import Funnel, Told
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.diagnostics import smoothed_weights
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
+
+_PRIOR_DRAWS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """Independent weighted draws of one subject's posterior, and what its answers alone say of each parameter.
+
+    Attributes
+    ----------
+    name : str
+    eta : array, shape (draws, k)
+        Group parameters on their scales.
+    log_weights : array, shape (draws,)
+        Log of posterior over proposal density: likelihood without binomial coefficients times prior, so that the log of their mean is the
+        log evidence.
+    log_prior : array, shape (draws,)
+        Log density of the subject's own prior with respect to eta.
+    log_precision, place : array, shape (k,)
+        See :class:`bayes_toe.groups.joint.Told`.
+    trusted : bool
+        Whether the weights are good enough for averages.
+    """
+
+    name: str
+    eta: FloatArray
+    log_weights: FloatArray
+    log_prior: FloatArray
+    log_precision: FloatArray
+    place: FloatArray
+    trusted: bool
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the mean weight."""
+        return float(logsumexp(self.log_weights) - np.log(len(self.log_weights)))
+
+    def equal_draws(self, size: int, seed: int) -> FloatArray:
+        """Draws of equal weight, with repeats, shape (size, k)."""
+        weights = np.exp(smoothed_weights(self.log_weights).log_weights)
+        return self.eta[generator(seed, self.name, "alone").choice(len(weights), size, p=weights / weights.sum())]
+
+
+def funnel_of(model: Model, centre: float) -> Funnel | None:
+    """Where mu1 and what its pull follows from are among the model's group parameters."""
+    place = 0
+    for block in model.free:
+        if block.group_pull is not None:
+            return Funnel(place, place + 1, centre, block.group_pull)
+        place += len(block.group)
+    return None
+
+
+def told_by(members: list[Alone], model: Model, centre: float) -> Told:
+    """What the answers of all members say."""
+    return Told(np.stack([one.log_precision for one in members]), np.stack([one.place for one in members]), funnel_of(model, centre))
+
+
+def alone(subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int) -> Alone:
+    """Fit a proposal to a subject's own posterior and draw from it."""
+    posterior = Posterior(subject, model, prior, centre=centre)
+    fitted = fit_proposal(posterior, generator(seed, subject.name, model.name, "alone"), draws=draws)
+    some = np.isfinite(fitted.draws.log_posterior)
+    x, weights = fitted.draws.x[some], fitted.draws.shares[some]
+    believed = posterior.sample_prior(generator(seed, subject.name, "prior"), _PRIOR_DRAWS)
+    at, first = (_tellable(posterior, points) for points in (x, believed))
+    place = weights @ at
+    gained = 1.0 / (weights @ np.square(at - place)) - 1.0 / first.var(axis=0)
+    with np.errstate(divide="ignore"):  # nothing told: a precision of 0
+        log_precision = np.log(np.where(gained > 0.0, gained, 0.0))
+    eta = posterior.to_group(x)
+    _, jacobian = posterior.from_group(eta)
+    log_prior = posterior.log_prior(x) + np.log(np.diagonal(jacobian, axis1=1, axis2=2)).sum(axis=1)
+    log_weights = fitted.draws.log_weights[some] + np.log(len(x) / len(fitted.draws.x))  # those of density 0 count as draws
+    return Alone(subject.name, eta, log_weights, log_prior, log_precision, place, fitted.trusted)
+
+
+def _tellable(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """What answers tell more or less normally: group parameters, but p (mu1 - centre) in the place of mu1, shape (points, k)."""
+    told, funnel = posterior.to_group(x), funnel_of(posterior.model, posterior.sbar)
+    if funnel is not None:
+        told[:, funnel.mean] = x[:, posterior.coordinates.index("offset")]
+    return told

@@ -1,0 +1,132 @@
+"""Draws of a group's joint posterior, and a stated rule for stopping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.starting import scales, starts
+from bayes_toe.inference.diagnostics import Convergence, convergence
+
+CHAINS = 16
+MAX_R_HAT = 1.01
+_NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
+_FIRST, _MORE, _MOST = 1.5, 1.15, 24.0  # draws for each effective one: at first, beyond what seems to be enough, at most
+
+#: Quantity ("mean", "sd" or "effect"), place of the regressor (-1 where there is none) and of the parameter.
+Key: TypeAlias = tuple[str, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupChains:
+    """Draws of what is shared and of every member; r regressors, N members, k parameters on their group scales.
+
+    Attributes
+    ----------
+    mean, scatter : array, shape (chains, draws, k)
+    effects : array, shape (chains, draws, r, k)
+    eta : array, shape (chains, draws, N, k)
+    shared : dict of Key to Convergence
+        Of what is shared.
+    members : array, shape (N, k, 3)
+        Bulk and tail effective draws and R-hat of every member's parameters.
+    divergent : int
+        Trajectories that were given up.
+    reason : str
+        What was not reached; empty where converged.
+    gradients : int
+        Gradients of single chains that all of it took.
+    """
+
+    mean: FloatArray
+    scatter: FloatArray
+    effects: FloatArray
+    eta: FloatArray
+    shared: dict[Key, Convergence]
+    members: FloatArray
+    divergent: int = 0
+    reason: str = ""
+    gradients: int = 0
+
+    @property
+    def converged(self) -> bool:
+        """Whether everything was reached."""
+        return not self.reason
+
+    def worst(self, names: Sequence[str], members: Sequence[str]) -> tuple[tuple[str, float], tuple[str, float]]:
+        """What has the fewest effective draws, bulk or tail, and how many; what has the largest R-hat, and which. NaN is worst."""
+        found = {f"the {key[0]} of {names[key[2]]}": one for key, one in self.shared.items()}
+        for member, rows in zip(members, self.members.tolist(), strict=True):
+            found |= {f"{name} of {member!r}": Convergence(*row) for name, row in zip(names, rows, strict=True)}
+        ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
+        r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
+        lowest, highest = min(ess, key=ess.__getitem__), max(r_hat, key=r_hat.__getitem__)
+        return (lowest, ess[lowest]), (highest, r_hat[highest])
+
+
+def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], draws: int, rng: np.random.Generator) -> GroupChains:
+    """Draw until all that is shared and every member's parameters have so many effective draws and an R-hat below 1.01, or up to a limit.
+
+    Each pass adds as many draws as the last look says are missing. Where chains have not mixed at all, what was drawn so far is burn-in.
+
+    Parameters
+    ----------
+    joint : Joint
+        For :data:`CHAINS` points.
+    names, members : sequence of str
+        Of parameters and members, for words.
+    draws : int
+        Bulk and tail effective draws to reach.
+    """
+    sampler = Hamiltonian(joint, starts(joint, CHAINS, rng), scales(joint), joint.size, rng)
+    sampler.warm_up()
+    x, divergent, more = np.empty((0, CHAINS, joint.dimension)), 0, int(np.ceil(_FIRST * draws / CHAINS))
+    while True:
+        trace = sampler.advance(more)
+        x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
+        found = replace(_judged(joint, x), divergent=divergent, gradients=sampler.gradients)
+        lowest, highest = found.worst(names, members)
+        reason = _shortfall(lowest, highest, draws)
+        if not reason or sampler.draws * CHAINS >= _MOST * draws:
+            return replace(found, reason=reason)
+        if not highest[1] < _NOT_MIXED:
+            x, more = x[:0], 2 * len(x)
+        else:
+            missing = _MORE * draws / max(lowest[1], 1.0) - 1.0
+            more = int(np.ceil(len(x) * max(0.25, min(1.0, missing))))
+
+
+def _judged(joint: Joint, x: FloatArray) -> GroupChains:
+    """Draws (draws, chains, D) with their diagnostics."""
+    (n, k), chains = joint.told.place.shape, np.ascontiguousarray(x.transpose(1, 0, 2))
+    shared, _ = joint.split(flat := chains.reshape(-1, joint.dimension))
+    lead = chains.shape[:2]
+    mean, scatter = shared.mean.reshape(*lead, k), np.exp(shared.log_scatter).reshape(*lead, k)
+    effects, eta = shared.effects.reshape(*lead, -1, k), joint.eta(flat).reshape(*lead, n, k)
+    judged = {key: convergence(values) for key, values in _quantities(mean, scatter, effects)}
+    of_members = np.array([[convergence(eta[:, :, i, j]) for j in range(k)] for i in range(n)])
+    return GroupChains(mean, scatter, effects, eta, judged, of_members)
+
+
+def _quantities(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> Iterator[tuple[Key, FloatArray]]:
+    for j in range(mean.shape[2]):
+        yield ("mean", -1, j), mean[..., j]
+        yield ("sd", -1, j), scatter[..., j]
+        for i in range(effects.shape[2]):
+            yield ("effect", i, j), effects[..., i, j]
+
+
+def _shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:
+    """What was not reached, in words; a diagnostic that is NaN was not."""
+    problems = []
+    if not lowest[1] >= draws:
+        problems.append(f"{lowest[1]:.0f} effective draws of {lowest[0]}, {draws} required")
+    if not highest[1] < MAX_R_HAT:
+        problems.append(f"R-hat {highest[1]:.3f} of {highest[0]}, below {MAX_R_HAT:g} required")
+    return "; ".join(problems)
