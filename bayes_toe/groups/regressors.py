@@ -1,0 +1,189 @@
+"""Covariates as the columns x of eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2), and who of a study has them.
+
+A numeric covariate is one column, in sds about its mean; a category has a column for each level but the reference, 1 for its subjects and 0
+for others. So m is the mean of subjects at the reference levels and at the means of numeric covariates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.covariates import Covariates, level_words, levels
+from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.errors import InputError
+
+#: A column of which the others leave no more than this share is theirs but for rounding.
+_ALL_BUT_ROUNDING = 1e-8
+
+
+class Regressor(NamedTuple):
+    """One column.
+
+    Attributes
+    ----------
+    covariate : str
+    level : str
+        Of a category; empty for a numeric covariate.
+    about : str
+        What its effect is an effect of: 'age, per sd of 11.2 about 34.1', 'group B against A'.
+    mean, sd : float
+        x = (covariate - mean)/sd; of a level, 0 and 1.
+    """
+
+    covariate: str
+    level: str
+    about: str
+    mean: float = 0.0
+    sd: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Covariate and level."""
+        return " ".join(bare(part) for part in (self.covariate, self.level) if part)
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """The subjects that have all covariates, and their columns.
+
+    Attributes
+    ----------
+    subjects : tuple of str
+        In the order of the study.
+    x : array, shape (subjects, columns)
+    columns : tuple of Regressor
+    left_out : mapping of str to str
+        Subjects of the study that are not among them, with the reason.
+    notes : tuple of str
+        Who was left out, and whose covariates nobody asked for, in words.
+    """
+
+    subjects: tuple[str, ...]
+    x: FloatArray
+    columns: tuple[Regressor, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        x = np.array(self.x, np.float64)
+        x.setflags(write=False)
+        object.__setattr__(self, "x", x)
+
+    @classmethod
+    def none(cls, subjects: Sequence[str]) -> Regressors:
+        """Subjects without covariates.
+
+        Examples
+        --------
+        >>> Regressors.none(["S01", "S02"]).x.shape
+        (2, 0)
+        """
+        return cls(tuple(subjects), np.empty((len(subjects), 0)))
+
+
+def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()) -> Regressors:
+    """The columns that covariates make for the subjects of a study that have all of them.
+
+    Parameters
+    ----------
+    people : Covariates
+    subjects : sequence of str
+        Names of the study's subjects.
+    categorical : collection of str
+        Covariates whose numbers are names of levels, as in a group that is 0 or 1. Without it a covariate is a category where one of its
+        values is a text, and numeric where all are numbers.
+
+    Raises
+    ------
+    InputError
+        If there are fewer subjects than two more than columns, if a covariate does not vary over them, or a column follows from others.
+
+    Examples
+    --------
+    >>> people = Covariates({"age": dict(zip("abcde", [30.0, 20.0, 25.0, 40.0, 35.0])), "group": dict(zip("abcd", "xxyy"))})
+    >>> found = regressors(people, ["e", "d", "c", "b", "a"])
+    >>> found.subjects, dict(found.left_out), found.x[:, 1].tolist()
+    (('d', 'c', 'b', 'a'), {'e': 'no group'}, [1.0, 1.0, 0.0, 0.0])
+    >>> [column.about for column in found.columns]
+    ['age, per sd of 8.539 about 28.75', 'group y against x']
+    """
+    unknown = [name for name in categorical if name not in people.values]
+    if unknown:
+        raise InputError(f"categorical: found {quoted(unknown[0])}, allowed: {listed([*map(quoted, people.values)])}")
+    left_out = {subject: reason for subject in subjects if (reason := _missing(people, subject))}
+    kept = tuple(subject for subject in subjects if subject not in left_out)
+    _require_subjects(kept, len(people.values), left_out)
+    columns, x = list[Regressor](), [np.empty((len(kept), 0))]
+    for name, values in people.values.items():
+        own = [values[subject] for subject in kept]
+        of_levels = name in categorical or any(isinstance(value, str) for value in values.values())
+        more, part = _of_levels(name, own) if of_levels else _of_numbers(name, np.array(own, np.float64))
+        columns += more
+        x.append(part)
+    _require_subjects(kept, len(columns), left_out)
+    _require_independent(columns, np.hstack(x))
+    return Regressors(kept, np.hstack(x), tuple(columns), left_out, _notes(people, subjects, left_out))
+
+
+def _missing(people: Covariates, subject: str) -> str:
+    """Which covariates a subject does not have."""
+    missing = [f"no {bare(name)}" for name, values in people.values.items() if subject not in values]
+    return "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
+
+
+def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
+    if values.min() == values.max():
+        raise _constant(name, f"{values[0]:g}")
+    unit = float(np.abs(values).max())  # squares of numbers beyond 1e154 are beyond the largest float
+    mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
+    about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
+    return [Regressor(name, "", about, unit * mean, unit * sd)], ((values / unit - mean) / sd)[:, None]
+
+
+def _of_levels(name: str, values: Sequence[str | float]) -> tuple[list[Regressor], FloatArray]:
+    kinds = levels(values)
+    reference, *others = level_words(kinds)
+    if not others:
+        raise _constant(name, quoted(reference))
+    columns = [Regressor(name, word, f"{bare(name)} {bare(word)} against {bare(reference)}") for word in others]
+    return columns, np.array([[value == kind for kind in kinds[1:]] for value in values], np.float64)
+
+
+def _constant(name: str, found: str) -> InputError:
+    return InputError(
+        f"covariate {bare(name)}: found {found} for every subject, allowed: at least two different values; leave the column out"
+    )
+
+
+def _require_subjects(kept: Sequence[str], columns: int, left_out: Mapping[str, str]) -> None:
+    if columns and len(kept) < columns + 2:
+        found = f"covariates: found {counted(len(kept), 'subject')} with all of them"
+        rest = f"; left out: {_said(left_out)}" if left_out else ""
+        raise InputError(f"{found}, allowed: at least {columns + 2} for {counted(columns, 'column')}{rest}")
+
+
+def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
+    """R of the QR decomposition has on its diagonal what the columns before leave of each."""
+    left = np.abs(np.diagonal(np.linalg.qr(np.column_stack([np.ones(len(x)), x]), mode="r")))[1:]
+    for column, rest, size in zip(columns, left, np.linalg.norm(x - x.mean(axis=0), axis=0), strict=True):
+        if rest < _ALL_BUT_ROUNDING * size:
+            others = listed([one.label for one in columns[: columns.index(column)]])
+            raise InputError(
+                f"covariates: {column.label} follows from {others}, allowed: columns that tell different things; leave one out"
+            )
+
+
+def _said(left_out: Mapping[str, str]) -> str:
+    return listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
+
+
+def _notes(people: Covariates, subjects: Sequence[str], left_out: Mapping[str, str]) -> tuple[str, ...]:
+    known = {subject for values in people.values.values() for subject in values}
+    others = listed([quoted(subject) for subject in sorted(known - set(subjects))])
+    notes = (("covariates of subjects that are not in the study ignored", others), ("subjects left out", _said(left_out)))
+    return tuple(f"{about}: {names}" for about, names in notes if names)
