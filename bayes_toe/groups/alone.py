@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +69,7 @@ def funnel_of(model: Model, centre: float) -> Funnel | None:
     return None
 
 
-def told_by(members: list[Alone], model: Model, centre: float) -> Told:
+def told_by(members: Sequence[Alone], model: Model, centre: float) -> Told:
     """What the answers of all members say."""
     return Told(np.stack([one.log_precision for one in members]), np.stack([one.place for one in members]), funnel_of(model, centre))
 

@@ -1,9 +1,9 @@
 """Hamiltonian Monte Carlo of many chains in step: every leapfrog is one call of the log density for all of them.
 
-A gradient in NumPy costs much the same for one point as for dozens; so chains are many and short. In coordinates in which the posterior is
-nearly standard normal a trajectory of a quarter period makes the next draw nearly independent, and all trajectories may have one length: it
-is drawn anew for each, from a quarter to three, so that slower coordinates move too and no frequency is ever in step with it. The length is known beforehand, so chains need not
-wait for each other as they would where each finds its own turning point.
+A gradient in NumPy costs much the same for one point as for dozens, so chains are many and short. In coordinates in which the posterior is
+nearly standard normal a trajectory of a quarter period makes the next draw nearly independent, and all trajectories may have one length. It
+is drawn anew for each, from half a quarter to two and a half, so that slower coordinates move too and no frequency is ever in step with it.
+The length is known beforehand, so chains need not wait for each other as they would where each finds its own turning point.
 
 Step size, and the scale of every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each
 trajectory is an exact Metropolis step. Trajectories on which energy grows by more than 1000 nats are given up: refused, and counted as

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -28,3 +28,233 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers
+
+_FEWEST, _MOST_DRAWS = 2, 100_000
+_ALONE = 4000  # draws kept of every subject's own posterior
+_JUDGING = 20_000
+
+
+@dataclass(frozen=True)
+class GroupSettings:
+    """Everything that decides the numbers, stored with the results.
+
+    Parameters
+    ----------
+    seed : int
+    model : str
+    prior : Prior
+        Of single subjects: from their own posteriors chains start, and their reference interval holds for the group. It does not enter the
+        joint posterior.
+    hyperprior : Hyperprior
+    scatter : str
+        "normal" or "t".
+    draws : int
+        Bulk and tail effective draws of everything that is shared and of every subject's parameters.
+    method : {"joint", "reweight"}
+    """
+
+    seed: int
+    model: str
+    prior: Prior
+    hyperprior: Hyperprior
+    scatter: str = "normal"
+    draws: int = 2000
+    method: str = "joint"
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """The posterior of a group: draws, with everything that is needed to read them.
+
+    Attributes
+    ----------
+    study : Study
+        The subjects in it, in order.
+    settings : GroupSettings
+    names : tuple of str
+        The k group parameters, see :data:`bayes_toe.groups.hyperprior_fields.GROUP_PARAMETERS`.
+    centre : float
+        Mean first stimulus of the study, from which an offset counts; natural-log intensity.
+    regressors : Regressors
+    chains : GroupChains
+        Draws on the group scales.
+    alone : array, shape (draws, N, k)
+        Draws of each subject's own posterior on the same scales, independent between subjects.
+    left_out : mapping of str to str
+        Subjects of the study that are not in the group, and why.
+    """
+
+    study: Study
+    settings: GroupSettings
+    names: tuple[str, ...]
+    centre: float
+    regressors: Regressors
+    chains: GroupChains
+    alone: FloatArray
+    left_out: Mapping[str, str]
+
+    @property
+    def model(self) -> Model:
+        """Record of the model of every subject."""
+        return _model(self.settings.model)
+
+    @property
+    def converged(self) -> bool:
+        """Whether everything has the effective draws asked for and chains agree."""
+        return self.chains.converged
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What to know before any number is believed, in words: who is left out, what was not reached, what diverged."""
+        found = [f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()]
+        if self.chains.reason:
+            found.append(f"the group's chains did not converge: {self.chains.reason}")
+        if self.chains.divergent:
+            found.append(f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin")
+        return tuple(found)
+
+    def posterior(self, subject: str) -> Posterior:
+        """A subject's posterior with the group's centre: what turns group parameters into quantities and answers."""
+        return Posterior(self.study[subject], self.model, self.settings.prior, centre=self.centre)
+
+    def quantities(self, eta: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity of parameters on their group scales, (..., k) -> (...) each."""
+        posterior = self.posterior(self.study.names[0])
+        x, _ = posterior.from_group(eta.reshape(-1, eta.shape[-1]))
+        return {name: values.reshape(eta.shape[:-1]) for name, values in posterior.quantities(x).items()}
+
+    def new_subject(self, x: FloatArray | None = None) -> FloatArray:
+        """A draw of a further subject for every draw of what is shared, shape (chains, draws, k); x are its regressors, 0 by default.
+
+        Of categories 0 is the reference, of numbers their mean.
+        """
+        rng = generator(self.settings.seed, "population", "new subject")
+        score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
+        shift = 0.0 if x is None else np.einsum("r,cdrk->cdk", x, self.chains.effects)
+        return np.asarray(self.chains.mean + shift + self.chains.scatter * score)
+
+
+def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
+    study: Study,
+    *,
+    covariates: Covariates | None = None,
+    categorical: tuple[str, ...] = (),
+    model: str = PREDICTIVE_UPDATE.name,
+    draws: int = 2000,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    hyperprior: Hyperprior | None = None,
+    scatter: str = "normal",
+    method: str = "joint",
+    workers: Workers = None,
+    engine: Cluster | None = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> Population:
+    """The exact joint posterior of all subjects and of the population that they are drawn from.
+
+    Parameters
+    ----------
+    study : Study
+        At least two subjects.
+    covariates : Covariates, optional
+        What may move subjects; those that lack one are left out and named.
+    categorical : tuple of str
+        Covariates whose numbers are names of levels.
+    model : str
+        A model by its name or composition; the predictive update (H1) by default.
+    draws : int
+        Bulk and tail effective draws to reach for everything.
+    seed, prior, workers, engine, progress, keep
+        As in :func:`bayes_toe.analysis.sample`; the prior is that of subjects alone and does not enter the joint posterior. `keep` keeps
+        these, and progress is told the name of every subject whose own posterior is done.
+    hyperprior : Hyperprior, optional
+    scatter : {"normal", "t"}
+        How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
+    method : {"joint", "reweight"}
+        Sample the joint posterior, or weight draws of the subjects' own posteriors.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two subjects, a word or number is not allowed, or covariates do not fit.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If effective draws or R-hat were not reached, for trajectories that diverged, and for subjects that are left out.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.example import example_study
+    >>> found = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
+    >>> found.names, found.converged
+    (('mu1', 'gamma', 'width', 'q0'), True)
+    """
+    given = Hyperprior() if hyperprior is None else hyperprior
+    shared = workers if engine is None else engine
+    with keeping(keep) as kept:
+        settings = GroupSettings(kept.seed(seed), model, prior_for(study, prior), given.for_study(study), scatter, draws, method)
+        who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
+        made = draw_population(study, settings, who, workers=shared, progress=progress, kept=kept)
+    for problem in made.problems:
+        warnings.warn(problem, ConvergenceWarning, stacklevel=2)
+    return made
+
+
+def draw_population(
+    study: Study, settings: GroupSettings, who: Regressors, *, workers: Workers, progress: Progress | None, kept: Kept | Unkept
+) -> Population:
+    """:func:`population` without its warnings, for callers that say themselves what did not work."""
+    model, scatter = _model(settings.model), scatter_named(settings.scatter)
+    _require(settings, who)
+    centre = _mean_first(study)
+    jobs = [partial(alone, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
+    done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
+    failed = {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
+    if len(who.subjects) - len(failed) < _FEWEST:
+        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    members, who = list(done), who.without(failed)
+    group = study.select(who.subjects)
+    chains = METHODS[settings.method](members, group, settings, model, scatter, centre, who)
+    own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
+    return Population(group, settings, _names(model), centre, who, chains, own, {**who.left_out, **failed})
+
+
+def _jointly(
+    members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
+) -> GroupChains:
+    likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, CHAINS)
+    numbers = settings.hyperprior.numbers(_names(model))
+    joint = Joint(likelihood, numbers, who.x, told_by(members, model, centre), scatter)
+    return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
+
+
+#: Ways to the posterior, by name.
+METHODS: Mapping[str, Callable[..., GroupChains]] = {"joint": _jointly}
+
+
+def _model(name: str) -> Model:
+    found = model_named(name)
+    if not isinstance(found, Model):
+        raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
+    return found
+
+
+def _names(model: Model) -> tuple[str, ...]:
+    return tuple(name for block in model.free for name in block.group)
+
+
+def _require(settings: GroupSettings, who: Regressors) -> None:
+    if settings.method not in METHODS:
+        raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
+    if len(who.subjects) < _FEWEST:
+        raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
+    if not 1 <= settings.draws <= _MOST_DRAWS:
+        raise InputError(f"population: draws={settings.draws} must be in 1..{_MOST_DRAWS}")
+
+
+def _mean_first(study: Study) -> float:
+    """Mean first stimulus of all trials, natural-log intensity."""
+    s1, n = (np.concatenate([getattr(one, name) for one in study]) for name in ("s1", "n_trials"))
+    return float(np.average(s1, weights=n))

@@ -7,7 +7,8 @@ for others. So m is the mean of subjects at the reference levels and at the mean
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +85,11 @@ class Regressors:
         (2, 0)
         """
         return cls(tuple(subjects), np.empty((len(subjects), 0)))
+
+    def without(self, subjects: Collection[str]) -> Regressors:
+        """The same columns without some subjects."""
+        kept = [name not in subjects for name in self.subjects]
+        return replace(self, subjects=tuple(compress(self.subjects, kept)), x=self.x[kept])
 
 
 def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()) -> Regressors:

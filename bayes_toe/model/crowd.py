@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
@@ -33,17 +34,16 @@ class Crowd:
         filler = {"s1": centre, "s2": centre, "n_equal": 0, "n_trials": 0, "isi": interval}
         pairs, known = max(one.n_pairs for one in subjects), subjects[0].isi is not None
 
-        def rows(name: str) -> FloatArray:
+        def rows(name: str) -> npt.NDArray[Any]:
             parts = [np.asarray(getattr(one, name)) for one in subjects]
             return np.stack([np.pad(part, (0, pairs - len(part)), constant_values=filler[name]) for part in parts])
 
-        counts = (rows(name).astype(np.int64) for name in ("n_equal", "n_trials"))
-        return cls(rows("s1"), rows("s2"), *counts, rows("isi") if known else None)
+        return cls(rows("s1"), rows("s2"), rows("n_equal"), rows("n_trials"), rows("isi") if known else None)
 
     @property
     def n_pairs(self) -> int:
         """Pairs of a row."""
-        return self.s1.shape[1]
+        return int(self.s1.shape[1])
 
 
 def crowd_posterior(model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, interval: float) -> Posterior:

@@ -129,9 +129,9 @@ def likelihood_gradient(distance: Distance, of: Logarithm, own: Sequence[int | N
         gradient[:, place] += _finished(of.z, part).sum(axis=-1)
     for place, part in distance.log_width.items():
         gradient[:, place] -= _finished(steep, part).sum(axis=-1)
-    for m, place in enumerate(own):
-        if place is not None:
-            gradient[:, place] += _over_pairs(of.own[m], distance)
+    for m, at in enumerate(own):
+        if at is not None:
+            gradient[:, at] += _over_pairs(of.own[m], distance)
     return gradient
 
 

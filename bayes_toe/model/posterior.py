@@ -25,7 +25,15 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.decay import Jet
-from bayes_toe.model.derivatives import Derivatives, Distance, Pulled, add_growth, add_numerator, likelihood_derivatives, likelihood_gradient
+from bayes_toe.model.derivatives import (
+    Derivatives,
+    Distance,
+    Pulled,
+    add_growth,
+    add_numerator,
+    likelihood_derivatives,
+    likelihood_gradient,
+)
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link, Logarithm

@@ -1,4 +1,7 @@
-"""From logits to probits and back, accurate in both tails: where data leave a share open its logit has exponential tails, its probit normal ones."""
+"""From logits to probits and back, accurate in both tails.
+
+Where data leave a share open its logit has exponential tails, its probit normal ones.
+"""
 
 from __future__ import annotations
 
