@@ -17,7 +17,8 @@ from bayes_toe.inference.diagnostics import Convergence, convergence
 CHAINS = 16
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
-_FIRST, _MORE, _MOST = 1.5, 1.15, 24.0  # draws for each effective one: at first, beyond what seems to be enough, at most
+_FIRST, _MORE, _MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
+_LIMIT = 40_000  # draws that may be made in any case
 
 #: Quantity ("mean", "sd" or "effect"), place of the regressor (-1 where there is none) and of the parameter.
 Key: TypeAlias = tuple[str, int, int]
@@ -93,12 +94,12 @@ def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], dra
         found = replace(_judged(joint, x), divergent=divergent, gradients=sampler.gradients)
         lowest, highest = found.worst(names, members)
         reason = _shortfall(lowest, highest, draws)
-        if not reason or sampler.draws * CHAINS >= _MOST * draws:
+        if not reason or sampler.draws * CHAINS >= max(_LIMIT, _MOST * draws):
             return replace(found, reason=reason)
         if not highest[1] < _NOT_MIXED:
             x, more = x[:0], 2 * len(x)
         else:
-            missing = _MORE * draws / max(lowest[1], 1.0) - 1.0
+            missing = _MORE * draws / max(lowest[1], 1.0) - 1.0 if highest[1] < MAX_R_HAT else 1.0
             more = int(np.ceil(len(x) * max(0.25, min(1.0, missing))))
 
 

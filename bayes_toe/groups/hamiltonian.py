@@ -5,9 +5,9 @@ nearly standard normal a trajectory of a quarter period makes the next draw near
 is drawn anew for each, from half a quarter to two and a half, so that slower coordinates move too and no frequency is ever in step with it.
 The length is known beforehand, so chains need not wait for each other as they would where each finds its own turning point.
 
-Step size, and the scale of every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each
-trajectory is an exact Metropolis step. Trajectories on which energy grows by more than 1000 nats are given up: refused, and counted as
-divergent.
+While chains settle, the step is that of the slowest, because it may have started where the posterior is narrow. Step size, and the scale of
+every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each trajectory is an exact Metropolis
+step. Trajectories on which energy grows by more than 1000 nats are given up: refused, and counted as divergent.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ _ACCEPTED = 0.8
 _LENGTH = 0.75 * np.pi
 _LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
 _MOST_STEPS = 256
+_SETTLING, _SHORT = 40, 8  # draws, of so many steps at most, with the step that the slowest chain needs
+_CAREFUL = 0.125
 
 
 class Trace(NamedTuple):
@@ -61,25 +63,32 @@ class Hamiltonian:
         self.step, self.gradients, self.draws = 0.5 * start.shape[1] ** -0.25, len(start), 0
 
     def warm_up(self, rounds: tuple[int, ...] = (40, 40, 60, 80)) -> None:
-        """Learn step and scales over rounds of so many draws, each with the scales of the one before."""
+        """Let the chains settle, then learn step and scales over rounds of so many draws, each with the scales of the one before."""
+        self._adapt_step(_SETTLING, lambda accepted: float(accepted.min()), most=_SHORT)
         for size in rounds:
             draws = self._adapt_step(size)
             self._learn(draws[len(draws) // 4 :])
         self._adapt_step(rounds[0])
 
     def advance(self, draws: int) -> Trace:
-        """So many more draws of every chain."""
+        """So many more draws of every chain.
+
+        One trajectory in eight has steps of a fifth, so that a chain that came to where the common step is too long does not stay there.
+        """
         self.draws += draws
-        made = [self._trajectory() for _ in range(draws)]
+        short = self._rng.uniform(size=draws) < _CAREFUL
+        made = [self._trajectory(factor) for factor in np.where(short, 0.2, 1.0)]
         return Trace(*map(np.stack, zip(*made, strict=True)))
 
-    def _adapt_step(self, size: int) -> FloatArray:
+    def _adapt_step(
+        self, size: int, judge: Callable[[FloatArray], float] = lambda accepted: float(accepted.mean()), most: int = _MOST_STEPS
+    ) -> FloatArray:
         """Draws during which the step follows the acceptance by dual averaging (Hoffman & Gelman 2014, section 3.2)."""
         anchor, error, averaged, made = np.log(2.0 * self.step), 0.0, np.log(self.step), []
         for t in range(1, size + 1):
-            x, accepted, _ = self._trajectory()
+            x, accepted, _ = self._trajectory(most=most)
             made.append(x)
-            error += (_ACCEPTED - float(accepted.mean()) - error) / (t + 10.0)
+            error += (_ACCEPTED - judge(accepted) - error) / (t + 10.0)
             now = anchor - error * np.sqrt(t) / 0.1
             averaged += t**-0.75 * (now - averaged)
             self.step = float(np.exp(now))
@@ -95,11 +104,11 @@ class Hamiltonian:
         self._root = np.linalg.cholesky(weight * covariance + (1.0 - weight) * self._root @ self._root.T)
         self._scale = np.sqrt(weight * np.square(flat[:, together:]).mean(axis=0) + (1.0 - weight) * np.square(self._scale))
 
-    def _trajectory(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def _trajectory(self, factor: float = 1.0, most: int = _MOST_STEPS) -> tuple[FloatArray, FloatArray, BoolArray]:
         """One trajectory of every chain: where they are then, chance to be accepted, lost or not."""
         length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
-        steps = min(_MOST_STEPS, max(1, round(length / self.step)))
-        step = min(length / steps, self.step)
+        steps = min(most, max(1, round(length / self.step)))
+        step = factor * min(length / steps, self.step)
         momentum = self._rng.standard_normal(self._x.shape)
         x, value, gradient, kinetic = self._x, self._value, self._gradient, _kinetic(momentum)
         lost, start = np.zeros(len(x), bool), kinetic - value

@@ -91,7 +91,7 @@ class Hyperprior:
         >>> from bayes_toe.data.study import Subject
         >>> study = Study([Subject("S", [0.0, 0.5], [0.0, 2.0], [9, 4], [10, 10])])
         >>> Hyperprior().for_study(study).describe(["mu1"])[0]
-        'mu1: mean ~ Normal(0.25, 2), sd between subjects ~ HalfNormal(2), effect ~ Normal(0, 2), natural-log intensity'
+        'mu1: mean ~ Normal(0.25, 8), sd between subjects ~ HalfNormal(8), effect ~ Normal(0, 8), natural-log intensity'
         """
         open_ones = [(name, key) for name, section in self.as_dict().items() for key, value in section.items() if value == STIMULI]
         if not open_ones:

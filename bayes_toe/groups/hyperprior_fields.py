@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 from bayes_toe.model.prior_fields import LARGEST, LOG_INTENSITY, SMALLEST, STIMULI, Kind, PriorField
 
 #: A number, or the property of :class:`bayes_toe.model.study_prior.Stimuli` that gives it.
-Default = float | Literal["mean_s1", "range", "inverse_range", "step", "log_step"]
+Default = float | Literal["mean_s1", "four_ranges", "inverse_range", "step", "log_step"]
 
 #: The numbers of every group parameter, on its scale.
 NUMBERS: tuple[tuple[str, Kind, str], ...] = (
@@ -85,7 +85,7 @@ class GroupParameter(NamedTuple):
 
 
 _DECLARED = (
-    GroupParameter("mu1", "mean of the prior belief", "identity", "mean_s1", "range", "range", LOG_INTENSITY),
+    GroupParameter("mu1", "mean of the prior belief", "identity", "mean_s1", "four_ranges", "four_ranges", LOG_INTENSITY),
     GroupParameter("gamma", "noise ratio (sigma_l/sigma_p)^2", "probit", 0.0, 1.0, 1.0),
     GroupParameter("width", "width w of the curve", "log", "log_step", 1.0, 0.7),
     GroupParameter("q0", "P(equal) of equal stimuli", "probit", 1.0, 1.0, 1.0),

@@ -17,8 +17,8 @@ def probit_of_logit(logit: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> probit_of_logit(np.array([0.0, -700.0])).round(4).tolist()
-    [0.0, -37.2824]
+    >>> probit_of_logit(np.array([1.0, -700.0])).round(4).tolist()
+    [0.6161, -37.2951]
     """
     return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
 

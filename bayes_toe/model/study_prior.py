@@ -47,6 +47,11 @@ class Stimuli(NamedTuple):
     step: float
 
     @property
+    def four_ranges(self) -> float:
+        """Four times the range: about as far from the stimuli as a mean of a prior belief may be."""
+        return 4.0 * self.range
+
+    @property
     def inverse_range(self) -> float:
         """1 / range."""
         return 1.0 / self.range

@@ -33,8 +33,8 @@ def test_what_the_stimuli_say_by_hand():
     found, step = Hyperprior().for_study(study()), np.sqrt((5 * 9 + 15) / 20)
     numbers = found.numbers(["offset", "width", "noise_slope", "mu1"])
     assert numbers.mean == pytest.approx([0.0, np.log(step), 0.0, 35 / 40])
-    assert numbers.mean_sd == pytest.approx([step, 1.0, 1 / 3, 3.0])
-    assert numbers.sd_scale == pytest.approx([step, 0.7, 1 / 3, 3.0])
+    assert numbers.mean_sd == pytest.approx([step, 1.0, 1 / 3, 12.0])
+    assert numbers.sd_scale == pytest.approx([step, 0.7, 1 / 3, 12.0])
     assert numbers.effect_sd.tolist() == numbers.sd_scale.tolist()
     assert found.for_study(study(9.0)) == found  # once
 
@@ -64,7 +64,7 @@ def test_files_dictionaries_and_records(written):
     found = read_hyperprior(written('\ufeff[gamma]\nsd_scale = 2\n[mu1]\nmean_sd = 1.5\nsd_scale = "stimuli"\n'))
     assert found == Hyperprior().changed({"gamma": {"sd_scale": 2.0}, "mu1": {"mean_sd": 1.5}})
     assert (found != Hyperprior(), len({found, Hyperprior(), Hyperprior()})) == (True, 2)
-    assert found.for_study(study()).numbers(["mu1", "gamma"]).sd_scale.tolist() == [3.0, 2.0]
+    assert found.for_study(study()).numbers(["mu1", "gamma"]).sd_scale.tolist() == [12.0, 2.0]
     assert Hyperprior.from_dict(json.loads(json.dumps(found.as_dict()))) == unpacked(packed(found)) == found
     assert {type(value) for values in found.for_study(study()).values for value in values} == {float}
 
@@ -80,8 +80,8 @@ def test_scaled():
 def test_words():
     assert Hyperprior().describe(["gain", "mu1"]) == (
         "probit(gain/2): mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(1), effect ~ Normal(0, 1)",
-        "mu1: mean ~ Normal(the stimuli's mean s1, the stimuli's range), sd between subjects ~ HalfNormal(the stimuli's range), "
-        "effect ~ Normal(0, the stimuli's range), natural-log intensity",
+        "mu1: mean ~ Normal(the stimuli's mean s1, the stimuli's four ranges), sd between subjects ~ HalfNormal(the stimuli's four ranges), "
+        "effect ~ Normal(0, the stimuli's four ranges), natural-log intensity",
     )
 
 
