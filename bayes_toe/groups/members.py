@@ -53,6 +53,6 @@ class MembersLikelihood:
         value, gradient = np.empty(len(points)), np.empty(points.shape)
         for some, posterior in self._blocks:
             x, jacobian = posterior.from_group(points[some])
-            value[some] = posterior.pair_log_likelihood(x).sum(axis=1)
-            gradient[some] = (posterior.likelihood_gradient(x)[:, None, :] @ jacobian)[:, 0]
+            value[some], slope = posterior.likelihood_gradient(x)
+            gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
         return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
