@@ -19,6 +19,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])  # not this folder: its files are not top-level modules
 from speed import machine
 
+CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 THREADS = machine.one_thread()  # before numpy and the other libraries are imported: they read it once
 
 import numpy as np  # noqa: E402
@@ -42,6 +43,8 @@ STATISTICS = (*FOUND, *(f"mcse_{key}" for key in FOUND), "ess_bulk", "ess_tail",
 def main() -> int:
     """Parse, refuse early, sample with one method after the other, write."""
     options = _parser().parse_args()
+    if options.cores > 1 and CORES:
+        os.sched_setaffinity(0, CORES)
     try:
         for path in [one for one in (options.output, options.golden) if one is not None]:
             require_writable(path, overwrite=options.overwrite)
@@ -70,13 +73,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--chains", type=int, default=2)
     parser.add_argument("--warm-up", type=int, default=1500)
     parser.add_argument("--draws", type=int, default=4000)
+    parser.add_argument("--cores", type=int, default=1, help="chains at a time; 1, the default, holds the whole process on one core")
     parser.add_argument("--target", type=float, default=0.95, help="acceptance that the step is adapted to")
     return parser
 
 
 def _raced(counts: Counts, name: str, turn: int, options: argparse.Namespace) -> dict[str, Any] | None:
     """Compile and sample, each timed; a line instead where a library is absent."""
-    settings = Settings(options.chains, options.warm_up, options.draws, options.target)
+    settings = Settings(options.chains, options.warm_up, options.draws, options.target, options.cores)
     for library in LIBRARIES.get(name, LIBRARIES.get(name.split("-")[0], ())):
         try:
             importlib.import_module(library)  # not part of what is timed
@@ -91,7 +95,11 @@ def _raced(counts: Counts, name: str, turn: int, options: argparse.Namespace) ->
     statistics = _statistics(counts, found)
     seconds = {"compile_s": compiled[0] - began[0], "compile_cpu_s": compiled[1] - began[1]}
     seconds |= {"wall_s": ended[0] - compiled[0], "cpu_s": ended[1] - compiled[1]}
-    row = {"study": options.study.stem, "method": name, "seed": options.seed + turn} | seconds | _score(statistics, found)
+    row = (
+        {"study": options.study.stem, "method": name, "cores": options.cores, "seed": options.seed + turn}
+        | seconds
+        | _score(statistics, found)
+    )
     print(", ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items()), flush=True)
     if options.json is not None and not turn:
         _write_numbers(counts, row | vars(settings), statistics, options)
@@ -144,7 +152,13 @@ def _score(statistics: dict[str, dict[str, float]], found: Sampled) -> dict[str,
 def _write_numbers(counts: Counts, row: dict[str, Any], statistics: dict[str, dict[str, float]], options: argparse.Namespace) -> None:
     """Everything of one run that a comparison needs."""
     prior_mean = dict(zip(NAMES, counts.prior_mean.tolist(), strict=True))
-    found = {"run": row, "prior_mean": prior_mean, "versions": machine.versions(), "threads": THREADS, "parameters": statistics}
+    found = {
+        "run": row,
+        "prior_mean": prior_mean,
+        "versions": machine.versions(),
+        "threads": THREADS if options.cores == 1 else "one thread a library",
+        "parameters": statistics,
+    }
     options.json.mkdir(parents=True, exist_ok=True)
     with whole_file(options.json / f"{row['study']}_{row['method']}.json", overwrite=True) as path:
         path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

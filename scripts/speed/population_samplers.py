@@ -5,7 +5,7 @@ A method takes counts and settings, makes and compiles its model, and returns a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ class Settings:
     warm_up: int
     draws: int
     target: float
+    cores: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +41,21 @@ Run = Callable[[int], Sampled]
 Method = Callable[[Counts, Settings], Run]
 
 
-def numpyro_method(*, centred: bool = False, chain_method: str = "sequential") -> Method:
-    """NumPyro in double precision, the whole run in one `jax.jit`."""
+def numpyro_method(centred: Sequence[int] = (0, 0, 0, 0), *, vectorised: bool = False) -> Method:
+    """NumPyro in double precision, the whole run in one `jax.jit`; chains one after the other, each on a core, or in one array.
+
+    Centred says of each parameter whether its coordinates are eta (1) or (eta - m)/tau (0).
+    """
 
     def prepare(counts: Counts, settings: Settings) -> Run:
         import jax
         import numpyro
         from numpyro.infer import MCMC, NUTS, init_to_median
 
+        numpyro.set_host_device_count(settings.cores)
         numpyro.enable_x64()
-        model = _numpyro_model(counts, centred=centred)
+        chain_method = "vectorized" if vectorised else "sequential" if settings.cores == 1 else "parallel"
+        model = _numpyro_model(counts, np.array(centred, float))
         many = {"num_chains": settings.chains, "chain_method": chain_method, "progress_bar": False}
 
         def whole(key: Any) -> tuple[Any, Any]:
@@ -70,20 +76,15 @@ def numpyro_method(*, centred: bool = False, chain_method: str = "sequential") -
     return prepare
 
 
-def _numpyro_model(counts: Counts, *, centred: bool) -> Callable[[], None]:
+def _numpyro_model(counts: Counts, centred: np.ndarray) -> Callable[[], None]:
     import numpyro
     from numpyro import distributions as dist
-
-    subjects = len(counts.names)
 
     def model() -> None:
         m = numpyro.sample("m", dist.Normal(counts.prior_mean, PRIOR_SD).to_event(1))
         tau = numpyro.sample("tau", dist.HalfNormal(TAU_SCALE).to_event(1))
-        if centred:
-            eta = numpyro.sample("eta", dist.Normal(m, tau).expand((subjects, 4)).to_event(2))
-        else:
-            xi = numpyro.sample("xi", dist.Normal(0.0, 1.0).expand((subjects, 4)).to_event(2))
-            eta = numpyro.deterministic("eta", m + tau * xi)
+        x = numpyro.sample("x", dist.Normal(centred * m, tau**centred).expand((len(counts.names), 4)).to_event(2))
+        eta = numpyro.deterministic("eta", m + tau ** (1.0 - centred) * (x - centred * m))
         numpyro.factor("answers", jax_log_likelihood(counts, eta))
 
     return model
@@ -167,7 +168,7 @@ def _nutpie_run(compiled: Any, settings: Settings, subjects: int) -> Run:
         trace = nutpie.sample(
             compiled,
             chains=settings.chains,
-            cores=1,
+            cores=settings.cores,
             tune=settings.warm_up,
             draws=settings.draws,
             target_accept=settings.target,
@@ -181,11 +182,12 @@ def _nutpie_run(compiled: Any, settings: Settings, subjects: int) -> Run:
     return run
 
 
-#: By name. The package's own sampler is one more line: a function of counts (or of `counts.study`) and settings like the others.
+#: By name. The package's own sampler is one more line: a method that calls it on `counts.study` and gives `Sampled`.
 METHODS: dict[str, Method] = {
     "numpyro": numpyro_method(),
-    "numpyro-vectorised": numpyro_method(chain_method="vectorized"),
-    "numpyro-centred": numpyro_method(centred=True),
+    "numpyro-vectorised": numpyro_method(vectorised=True),
+    "numpyro-centred": numpyro_method((1, 1, 1, 1)),
+    "numpyro-mixed": numpyro_method((0, 0, 1, 0)),
     "nutpie": nutpie_pymc,
     "nutpie-numpy": nutpie_numpy,
 }

@@ -34,12 +34,17 @@ class Counts:
         Of m. s_ref is the mean s1, scale the root mean square of the s2 - s1 that are not zero, both over all trials.
     """
 
-    names: tuple[str, ...]
+    study: bt.Study
     s1: np.ndarray
     s2: np.ndarray
     equal: np.ndarray
     different: np.ndarray
     prior_mean: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the subjects."""
+        return self.study.names
 
 
 def counts_of(study: bt.Study) -> Counts:
@@ -52,7 +57,7 @@ def counts_of(study: bt.Study) -> Counts:
     apart = trials * (s1 != s2)
     scale = np.sqrt(np.sum(apart * (s2 - s1) ** 2) / apart.sum())
     prior_mean = np.array([np.sum(trials * s1) / trials.sum(), 0.0, np.log(scale), 1.0])
-    return Counts(study.names, s1, s2, equal, trials - equal, prior_mean)
+    return Counts(study, s1, s2, equal, trials - equal, prior_mean)
 
 
 def jax_terms(counts: Counts) -> Callable[[Any, Any, Any], tuple[Any, Any, Any]]:
