@@ -1,6 +1,6 @@
 """Samplers side by side on the hierarchical posterior of one study: time, effective draws, divergences, and the numbers they find.
 
-The model is in population_target.py, the samplers are in population_samplers.py: pip install numpyro nutpie pymc. Example:
+The model is in population_target.py, the samplers are in population_samplers.py: pip install -e ".[peers]". Example:
 python scripts/speed/population.py STUDY.csv --method numpyro --method nutpie -o out.csv --json numbers
 """
 
@@ -168,7 +168,7 @@ def _write(rows: list[dict[str, Any]], options: argparse.Namespace) -> None:
     import pandas as pd
 
     if options.method and not rows:
-        raise InputError("no method has its libraries: pip install numpyro nutpie pymc")
+        raise InputError('no method has its libraries: pip install -e ".[peers]"')
     if options.output is not None:
         write_table(pd.DataFrame(rows), options.output, overwrite=options.overwrite)
 
