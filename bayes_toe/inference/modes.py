@@ -58,7 +58,7 @@ def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     distinct = _distinct(x, value)
     hopeless = value[distinct] <= value.max() - 30.0
     chosen = distinct[~hopeless]
-    curvature = -target.derivatives(x[chosen])[1]
+    curvature = -np.moveaxis(found.hessian[:, :, kept], -1, 0)[chosen]
     return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()), x[distinct[hopeless]])
 
 
