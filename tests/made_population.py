@@ -9,6 +9,7 @@ from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population import GroupSettings, Population
 from bayes_toe.groups.regressors import Regressors
+from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.model.ladder import model_named
 
 #: Mean and sd of mu1, probit gamma, log w and probit q0 of ordinary subjects.
@@ -38,7 +39,11 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
-    chains = GroupChains(mean, scatter, effects, near, {}, np.zeros((n, k, 3)), reason=reason)
+    shared = {("mean", -1, j): convergence(mean[..., j]) for j in range(k)} | {
+        ("sd", -1, j): convergence(scatter[..., j]) for j in range(k)
+    }
+    shared |= {("effect", i, j): convergence(effects[..., i, j]) for i in range(len(columns)) for j in range(k)}
+    chains = GroupChains(mean, scatter, effects, near, shared, np.ones((n, k, 3)), reason=reason)
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
     names = tuple(name for block in record.free for name in block.group)

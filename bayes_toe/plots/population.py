@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import zip_longest
+from itertools import groupby, zip_longest
 from textwrap import fill
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,10 +12,13 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import presentation_order
+from bayes_toe.comparison.words import compared
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, Statistic, predictive_check
+from bayes_toe.groups.regressors import Regressor
 from bayes_toe.plots.corner_content import LABELS
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel
 from bayes_toe.plots.sorted import HIGH
@@ -47,6 +50,8 @@ MOST_NAMED_IN_GROUP = 40
 _MARKED = (0.05, 0.5, 0.95)
 _DRAWS = 1000  # of each subject, for quantiles
 _ACROSS = 4
+#: The name under which :func:`effects_axes` knows the difference of both orders.
+ASYMMETRY = "asymmetry"
 _LONGEST = 14  # letters of a name
 #: Inches of the key over the forests, and of the strip of a new subject and the predictive check.
 _KEY, _NEW_HEIGHT = 0.25, 3.1
@@ -150,13 +155,20 @@ class _Block(NamedTuple):
 
 
 def heading(found: Population) -> str:
-    """How many subjects under which model, whether to believe it, and what the mean of the population is."""
-    mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
+    """How many subjects under which model, whether to believe it, how they answer in both orders, and where a typical subject is."""
     model = found.settings.model + (" (synthetic data)" if found.study.synthetic else "")
-    first = f"Population of {len(found.study)} subjects: {model}"
+    mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
     said = [f"{name} {said_interval(np.quantile(mean[name], _MARKED))}" for name in main_quantities(found)[:2]]
     badge = "" if found.converged else "NOT CONVERGED, not to be reported as it stands\n"
-    return f"{badge}{first}\ntypical subject, median and 5 to 95 %: {', '.join(said)}"
+    return f"{badge}Population of {len(found.study)} subjects: {model}\n{'; '.join([*_order_effect(found), *said])}"
+
+
+def _order_effect(found: Population) -> list[str]:
+    """The population's asymmetry and its direction, where it can be seen."""
+    if found.asymmetries is None:
+        return []
+    draws = found.asymmetries.draws[:, :, 0, 0]
+    return [f"asymmetry {said_interval(np.quantile(draws, _MARKED))}, {_direction(float((draws > 0.0).mean()))}"]
 
 
 def said_interval(quantiles: FloatArray) -> str:
@@ -196,7 +208,8 @@ def forest_axes(found: Population, quantity: str, ax: Axes | None = None, *, val
     """
     shown = marked(found)[quantity] if values is None else values
     ax = panel(ax, wide=2.4, high=_forest_height(found))
-    ax.axvspan(shown.new[0], shown.new[2], color=_NEW, lw=0, label="new subject, 5 to 95 %")
+    at = " at reference" if found.regressors.columns else ""
+    ax.axvspan(shown.new[0], shown.new[2], color=_NEW, lw=0, label=f"new subject{at}, 5 to 95 %")
     ax.axvspan(
         shown.mean[0], shown.mean[2], color=_MEAN, lw=0, label=f"typical subject (mean{' at reference' * bool(found.regressors.columns)})"
     )
@@ -357,51 +370,85 @@ def effects_axes(found: Population, parameter: str, ax: Axes | None = None) -> A
     ----------
     found : Population
     parameter : str
-        One of `found.names`.
+        One of `found.names`, or :data:`ASYMMETRY`.
     ax : matplotlib Axes, optional
         Drawn into, where given.
 
     Raises
     ------
-    ValueError
-        If there is no such parameter.
+    InputError
+        If there is none of this name.
     """
-    columns, place = found.regressors.columns, found.names.index(parameter)
-    ax = panel(ax, wide=COLUMN, high=_effects_height(found))
-    draws = found.chains.effects[..., place].reshape(-1, len(columns))
-    low, middle, high = np.quantile(draws, _MARKED, axis=0)
-    y = np.arange(len(columns))
-    ax.axvline(0.0, color="black", lw=0.8)
-    ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
-    ax.plot(middle, y, "o", ms=3.4, color=POSTERIOR)
-    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
-    for i, above in enumerate((draws > 0.0).mean(axis=0).tolist()):
-        words = f"P(> 0) {_share(above)}" if above >= 0.5 else f"P(< 0) {_share(1.0 - above)}"
-        ax.text(0.5, i - 0.18, words, transform=ax.get_yaxis_transform(), ha="center", va="bottom", fontsize=SMALL, bbox=behind)
-    ax.set_yticks(y, [plain(fill(column.about, 22), 70) for column in columns])
-    ax.set_ylim(len(columns) - 0.6, -0.7)
-    reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
-    ax.set(xlim=(-reach, reach), xlabel=f"{GROUP_PARAMETERS[parameter].label}")
-    ax.locator_params(axis="x", nbins=4)
+    known = _effects(found)
+    if parameter not in known:
+        raise InputError(f"effects of covariates: found {parameter!r}, allowed: {', '.join(known)}")
+    ax = panel(ax, wide=COLUMN, high=1.0 + 0.4 * len(found.regressors.columns))
+    _draw_intervals(ax, known[parameter])
+    ax.set_yticks(range(len(found.regressors.columns)), [plain(fill(column.about, 22), 70) for column in found.regressors.columns])
+    ax.set_xlabel("asymmetry" if parameter == ASYMMETRY else GROUP_PARAMETERS[parameter].label)
     dress(ax).tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     return ax
 
 
-def _share(value: float) -> str:
-    """A probability to two digits, or that it is nearly 1."""
-    return "> 0.99" if value > 0.995 else f"{value:.2f}"
+def _effects(found: Population) -> dict[str, FloatArray]:
+    """Draws of the effects on everything, shape (draws, r): parameters, and the asymmetry where it can be seen."""
+    columns = found.regressors.columns
+    if not columns:
+        return {}
+    of_parameters = {name: found.chains.effects[..., i].reshape(-1, len(columns)) for i, name in enumerate(found.names)}
+    if found.asymmetries is None:
+        return of_parameters
+    of_answers = found.asymmetries.draws[:, :, list(_differences(columns)), 0]
+    return of_parameters | {ASYMMETRY: of_answers.reshape(-1, len(columns))}
+
+
+def _differences(columns: Sequence[Regressor]) -> Iterator[int]:
+    """Where among the levels of asymmetries the differences are, in the order of the regressors: a category has its levels before them."""
+    place = 1
+    for _, group in groupby(columns, key=lambda column: column.covariate):
+        own = list(group)
+        place += len(own) + 1 if own[0].level else 0
+        yield from range(place, place + len(own))
+        place += len(own)
+
+
+def _draw_intervals(ax: Axes, draws: FloatArray) -> None:
+    """A row for each column, with its direction over it."""
+    low, middle, high = np.quantile(draws, _MARKED, axis=0)
+    y = np.arange(draws.shape[1])
+    ax.axvline(0.0, color="black", lw=0.8)
+    ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
+    ax.plot(middle, y, "o", ms=3.4, color=POSTERIOR)
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    for i, above in enumerate((draws > 0.0).mean(axis=0).tolist()):
+        where = ax.get_yaxis_transform()
+        ax.text(0.5, i - 0.18, _direction(above), transform=where, ha="center", va="bottom", fontsize=SMALL, bbox=behind)
+    reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
+    ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.6, -0.7))
+    ax.locator_params(axis="x", nbins=4)
+
+
+def _direction(above: float) -> str:
+    """The probability of the sign that is the likelier one."""
+    return f"P(> 0) {compared(above)}" if above >= 0.5 else f"P(< 0) {compared(1.0 - above)}"
+
+
+def _effects_grid(found: Population) -> tuple[int, int]:
+    known = len(found.names) + (found.asymmetries is not None)
+    across = even_columns(known, _ACROSS + 1)
+    return -(-known // across), across
 
 
 def _effects_height(found: Population) -> float:
-    return -(-len(found.names) // _ACROSS) * (0.85 + 0.4 * len(found.regressors.columns))
+    return _effects_grid(found)[0] * (0.85 + 0.4 * len(found.regressors.columns))
 
 
 def _draw_effects(found: Population, block: _Block) -> None:
-    across = even_columns(len(found.names), _ACROSS)
-    axes = block.panels(-(-len(found.names) // across), across, left=1.35, over=0.3, under=0.45, apart=0.15)
+    (rows, across), names = _effects_grid(found), (*found.names, *([] if found.asymmetries is None else [ASYMMETRY]))
+    axes = block.panels(rows, across, left=1.35, over=0.3, under=0.45, apart=0.15)
     block.say("effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter", 0.12)
-    for i, (name, ax) in enumerate(zip_longest(found.names, axes)):
+    for i, (name, ax) in enumerate(zip_longest(names, axes)):
         if name is None:
             ax.remove()
             continue

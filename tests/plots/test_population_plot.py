@@ -11,7 +11,10 @@ from bayes_toe.groups.regressors import Regressor
 from bayes_toe.plots.population import MOST_NAMED_IN_GROUP, said_interval
 from bayes_toe.plots.style import ORDERS
 
-COLUMNS = (Regressor("group", "patient", "group patient against control"), Regressor("age", "", "age, per sd of 11 about 35", 35.0, 11.0))
+COLUMNS = (
+    Regressor("group", "patient", "group patient against control", reference="control"),
+    Regressor("age", "", "age, per sd of 11 about 35", 35.0, 11.0),
+)
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +92,15 @@ def test_effects_say_their_direction():
     found.chains.effects[:, :, 0, 3] = -0.7
     ax = bt.plots.effects_axes(found, "q0")
     above = np.mean(found.chains.effects[:, :, 1, 3] > 0)
-    assert [text.get_text() for text in ax.texts] == ["P(< 0) > 0.99", f"P(> 0) {above:.2f}"]
+    assert [text.get_text() for text in ax.texts] == ["P(< 0) > 0.99", f"P(> 0) = {above:.2f}"]
     assert [label.get_text().replace("\n", " ") for label in ax.get_yticklabels()] == [column.about for column in COLUMNS]
     figure = bt.plots.population_figure(found)
-    assert len(figure.axes) == 4 + 2 + 4
+    assert len(figure.axes) == 4 + 2 + 5
+    ax, every = bt.plots.effects_axes(found, "asymmetry"), found.asymmetries
+    asked = [every.levels.index(level) for level in ("group patient - control", "age +1 sd - mean")]
+    assert np.asarray(ax.lines[-1].get_xdata()) == pytest.approx(np.median(every.draws[:, :, asked, 0], axis=(0, 1)))
+    with pytest.raises(bt.InputError, match="found 'gain', allowed: mu1, gamma, width, q0, asymmetry"):
+        bt.plots.effects_axes(found, "gain")
     assert "with covariates of the study" in figure.axes[4].get_legend().get_title().get_text()
 
 
@@ -109,7 +117,7 @@ def test_the_predictive_check_shows_what_is_wrong_and_where_it_lies():
 
 def test_the_title_says_who_and_whether_to_believe_it(few):
     title = bt.plots.population_figure(few).get_suptitle()
-    assert title.startswith("Population of 3 subjects: predictive update\ntypical subject")
+    assert title.startswith("Population of 3 subjects: predictive update\nasymmetry ")
     assert "pull 0." in title
     unfinished = bt.plots.population_figure(made_population(ordinary(3), reason="few draws"))
     assert unfinished.get_suptitle().startswith("NOT CONVERGED")
