@@ -19,6 +19,7 @@ from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.scatter import scatter_named
 from bayes_toe.model.posterior import Posterior
+from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
@@ -51,7 +52,7 @@ class Asymmetries:
         :data:`OVERALL`, then every pair of different stimuli that was presented in both orders.
     draws : array, shape (chains, kept, levels, comparisons)
     new_subject : array, shape (chains, kept)
-        The mean over comparisons of one further subject for each draw.
+        The mean over comparisons of one further subject for each draw, with the covariates of one that there is.
     kept : array of int, shape (kept,)
         Which draws of each chain.
     """
@@ -68,7 +69,8 @@ def asymmetries(found: Population) -> Asymmetries | None:
     pairs = _both_orders(found.study)
     if not len(pairs):
         return None
-    posterior = found.posterior(found.study.names[0]).for_subject(_shown_both_ways(pairs))
+    shown, places = _shown_both_ways(pairs)
+    posterior = found.posterior(found.study.names[0]).for_subject(shown)
     levels = list(_levels(found))
     kept = _kept(found, len(pairs) * sum(2 if one.less is not None else 1 for one in levels))
     mean, scatter, effects = (part[:, kept] for part in (found.chains.mean, found.chains.scatter, found.chains.effects))
@@ -82,21 +84,28 @@ def asymmetries(found: Population) -> Asymmetries | None:
         for i in range(0, len(flat[0]), rows):
             m, tau, beta = (part[i : i + rows] for part in flat)
             eta = m[:, None] + x @ beta + tau[:, None] * scores
-            parts.append(_asymmetry(posterior, eta).mean(axis=1))
+            parts.append(_asymmetry(posterior, eta, places).mean(axis=1))
         return np.concatenate(parts)
 
     draws = np.stack([average(one.x) - (0.0 if one.less is None else average(one.less)) for one in levels], axis=1)
-    further = _asymmetry(posterior, found.new_subject()[:, kept].reshape(-1, 1, k)).mean(axis=(1, 2)).reshape(lead)
+    further = _asymmetry(posterior, _further(found)[:, kept].reshape(-1, 1, k), places).mean(axis=(1, 2)).reshape(lead)
     whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2)
     names = (OVERALL, *(_label(pair) for pair in pairs))
     return Asymmetries(tuple(one.label for one in levels), names, whole.reshape(*lead, *whole.shape[1:]), further, kept)
 
 
-def _asymmetry(posterior: Posterior, eta: FloatArray) -> FloatArray:
+def _asymmetry(posterior: Posterior, eta: FloatArray, places: IndexArray) -> FloatArray:
     """q(c, r) - q(r, c) of subjects, (draws, scores, k) -> (draws, scores, comparisons)."""
     x, _ = posterior.from_group(eta.reshape(-1, eta.shape[-1]))
-    equal = np.exp(posterior.log_answers(x)[0]).reshape(*eta.shape[:2], 2, -1)
-    return np.asarray(equal[:, :, 0] - equal[:, :, 1])
+    equal = np.exp(posterior.log_answers(x)[0]).reshape(*eta.shape[:2], -1)
+    return np.asarray(equal[:, :, places[0]] - equal[:, :, places[1]])
+
+
+def _further(found: Population) -> FloatArray:
+    """A further subject for each draw, with the covariates of one that there is, shape (chains, draws, k)."""
+    rng = generator(found.settings.seed, "population", "covariates of a new subject")
+    x = found.regressors.x[rng.integers(len(found.study), size=found.chains.mean.shape[:2])]
+    return np.asarray(found.new_subject() + np.einsum("cdr,cdrk->cdk", x, found.chains.effects))
 
 
 # --- Comparisons ----------------------------------------------------------------------------------
@@ -110,11 +119,12 @@ def _both_orders(study: Study) -> FloatArray:
     return np.array(sorted(row for row in shown if row[0] < row[1] and (row[1], row[0], *row[2:]) in shown))
 
 
-def _shown_both_ways(pairs: FloatArray) -> Subject:
-    """Somebody without answers, to whom all pairs were shown, first those with the stronger stimulus first."""
+def _shown_both_ways(pairs: FloatArray) -> tuple[Subject, IndexArray]:
+    """Somebody without answers to whom all pairs were shown; which of its pairs are those with the stronger first, then the others."""
     s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()
-    isi = np.tile(pairs[:, 2], 2) if pairs.shape[1] > 2 else None
-    return Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), isi)
+    isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
+    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi)
+    return shown, np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # a subject has its pairs in this order
 
 
 def _label(pair: FloatArray) -> str:
