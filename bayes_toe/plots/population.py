@@ -209,7 +209,7 @@ def forest_axes(found: Population, quantity: str, ax: Axes | None = None, *, val
     shown = marked(found)[quantity] if values is None else values
     ax = panel(ax, wide=2.4, high=_forest_height(found))
     at = " at reference" if found.regressors.columns else ""
-    ax.axvspan(shown.new[0], shown.new[2], color=_NEW, lw=0, label=f"new subject{at}, 5 to 95 %")
+    ax.axvspan(shown.new[0], shown.new[2], color=_NEW, lw=0, label=f"new subject{at}")
     ax.axvspan(
         shown.mean[0], shown.mean[2], color=_MEAN, lw=0, label=f"typical subject (mean{' at reference' * bool(found.regressors.columns)})"
     )
@@ -230,11 +230,11 @@ def _draw_named(ax: Axes, shown: Marked, names: list[str]) -> None:
     y = np.arange(len(names))
     low, high = ax.get_xlim()
     ax.hlines(y - 0.2, shown.alone[0], shown.alone[2], color=_ALONE, lw=0.7)
-    ax.plot(shown.alone[1], y - 0.2, "o", ms=2.6, mfc="white", mec=_ALONE, mew=0.7, label="subject alone, 5-50-95 %")
+    ax.plot(shown.alone[1], y - 0.2, "o", ms=2.6, mfc="white", mec=_ALONE, mew=0.7, label="subject alone (5-50-95 %)")
     for edge, marker, beyond in ((low, "<", shown.alone[0] < low), (high, ">", shown.alone[2] > high)):
         ax.plot(np.full(beyond.sum(), edge), y[beyond] - 0.2, marker, ms=2.6, color=_ALONE, mew=0, clip_on=False)
     ax.hlines(y + 0.15, shown.group[0], shown.group[2], color=POSTERIOR, lw=1.6)
-    ax.plot(shown.group[1], y + 0.15, "o", ms=3.4, color=POSTERIOR, mec="white", mew=0.4, label="in the group, 5-50-95 %")
+    ax.plot(shown.group[1], y + 0.15, "o", ms=3.4, color=POSTERIOR, mec="white", mew=0.4, label="in the group")
     ax.set_yticks(y, names)
     ax.set_ylim(len(names) - 0.5, -0.6)
 
@@ -243,7 +243,7 @@ def _draw_ranked(ax: Axes, group: FloatArray) -> None:
     low, middle, high = group[:, np.argsort(group[1], kind="stable")]
     y = np.arange(len(middle))
     ax.hlines(y, low, high, color=POSTERIOR, lw=min(1.2, 160.0 / len(y)), alpha=0.6)
-    ax.plot(middle, y, "o", ms=1.8 if len(y) <= 100 else 1.2, color=POSTERIOR, label="subjects in the group, 5-50-95 %")
+    ax.plot(middle, y, "o", ms=1.8 if len(y) <= 100 else 1.2, color=POSTERIOR, label="subjects in the group (5-50-95 %)")
     ax.set(ylim=(len(y) - 0.5, -0.5), yticks=[])
 
 

@@ -30,14 +30,14 @@ def test_a_forest_has_everybody_alone_and_in_the_group_before_the_population(few
     ax = bt.plots.forest_axes(few, "width")
     width = [np.exp(eta.reshape(-1, *eta.shape[2:])[..., 2]) for eta in (few.chains.mean, few.chains.eta)]
     lines = {line.get_label(): np.asarray(line.get_xdata()) for line in ax.lines}
-    assert lines["in the group, 5-50-95 %"] == pytest.approx(np.median(width[1], axis=0))
-    assert lines["subject alone, 5-50-95 %"] == pytest.approx(np.median(np.exp(few.alone[..., 2]), axis=0))
+    assert lines["in the group"] == pytest.approx(np.median(width[1], axis=0))
+    assert lines["subject alone (5-50-95 %)"] == pytest.approx(np.median(np.exp(few.alone[..., 2]), axis=0))
     assert [label.get_text() for label in ax.get_yticklabels()] == list(few.study.names)
     low, high = np.quantile(width[0], (0.05, 0.95))
     bands = {band.get_label(): (band.get_x(), band.get_x() + band.get_width()) for band in ax.patches}
     assert bands["typical subject (mean)"] == pytest.approx((low, high))
     new = np.quantile(np.exp(few.new_subject()[..., 2]), (0.05, 0.95))
-    assert bands["new subject, 5 to 95 %"] == pytest.approx(tuple(new))
+    assert bands["new subject"] == pytest.approx(tuple(new))
     assert ax.get_title() == said_interval(np.quantile(width[0], (0.05, 0.5, 0.95)))
 
 
