@@ -42,6 +42,7 @@ METHODS = ("joint", "reweight")
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
+_MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Population:
         found = [f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()]
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
-        if self.chains.divergent:
+        if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
             found.append(f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin")
         return tuple(found)
 
