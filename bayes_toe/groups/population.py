@@ -5,8 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +16,14 @@ from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.alone import Alone, alone, told_by
+from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import CHAINS, GroupChains, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.member_table import member_table
 from bayes_toe.groups.members import MembersLikelihood
+from bayes_toe.groups.population_file import save_population
+from bayes_toe.groups.population_table import PopulationTable, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
 from bayes_toe.groups.reweighting import WEIGHTED, Reweighted, reweight_group
 from bayes_toe.groups.scatter import Scatter, scatter_named
@@ -29,6 +34,9 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 METHODS = ("joint", "reweight")
 _FEWEST, _MOST_DRAWS = 2, 100_000
@@ -135,6 +143,34 @@ class Population:
         score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
         shift = 0.0 if x is None else np.einsum("r,cdrk->cdk", x, self.chains.effects)
         return np.asarray(self.chains.mean + shift + self.chains.scatter * score)
+
+    @cached_property
+    def asymmetries(self) -> Asymmetries | None:
+        """How much likelier 'equal' is with the stronger stimulus first; None where no pair was presented in both orders."""
+        return asymmetries(self)
+
+    @cached_property
+    def table(self) -> PopulationTable:
+        """What is said of the population: the rows of population.csv."""
+        return population_table(self)
+
+    def summary(self) -> pd.DataFrame:
+        """The same as a frame: means, sds between subjects, effects of covariates, asymmetries, a further subject."""
+        return self.table.frame()
+
+    def subjects(self) -> pd.DataFrame:
+        """The rows of population_subjects.csv: quantities of every subject in the group, and of the same subject alone."""
+        return member_table(self).frame()
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write population.nc, which ArviZ opens and :func:`load_population` reads; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        return save_population(self, path, overwrite=overwrite)
 
 
 def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
