@@ -29,8 +29,10 @@ from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability
 from .experiments.prior_predictive import prior_predictive as prior_predictive
 from .groups.hyperprior import Hyperprior as Hyperprior
+from .groups.hyperprior import read_hyperprior as read_hyperprior
 from .groups.population import Population as Population
 from .groups.population import population as population
+from .groups.population_file import load_population as load_population
 from .inference.draws import Draws as Draws
 from .inference.draws import load as load
 from .inference.prediction import predict_equal as predict_equal

@@ -34,8 +34,11 @@ ORDER = (
     "cli",
 )
 OWNERS = {
-    "emcee": {"inference.sampling", "inference.moves"},
-    "xarray": {"inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"},
+    "emcee": {"groups.reweighting", "inference.sampling", "inference.moves"},
+    "xarray": {
+        *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),
+        "groups.population_file",
+    },
     "h5py": {"inference.draws_file", "inference.draws_writer"},
     "h5netcdf": {"inference.draws_writer"},
     "pyarrow": {"data.parquet"},

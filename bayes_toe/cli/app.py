@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from bayes_toe.cli import describe, draw, infer, synthetic
+from bayes_toe.cli import describe, draw, infer, population, synthetic
 from bayes_toe.cli.command import as_command
 from bayes_toe.cli.stopping import main as main
 
@@ -22,6 +22,7 @@ COMMANDS = (
     infer.evidence,
     infer.compare,
     infer.sensitivity,
+    population.population,
     describe.asymmetry,
     infer.fit,
     draw.figures,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.joint import Funnel, Told
+from bayes_toe.groups.told import Funnel, Told
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.model.posterior import Model, Posterior
@@ -52,6 +52,10 @@ class Alone:
     def log_evidence(self) -> float:
         """Log of the mean weight."""
         return float(logsumexp(self.log_weights) - np.log(len(self.log_weights)))
+
+    def part(self, draws: int) -> Alone:
+        """The same with the first ones of its draws."""
+        return replace(self, eta=self.eta[:draws], log_weights=self.log_weights[:draws], log_prior=self.log_prior[:draws])
 
     def equal_draws(self, size: int, seed: int) -> FloatArray:
         """Draws of equal weight, with repeats, shape (size, k)."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.crowd import crowd_posterior
 from bayes_toe.model.posterior import Model
@@ -53,6 +53,17 @@ class MembersLikelihood:
         value, gradient = np.empty(len(points)), np.empty(points.shape)
         for some, posterior in self._blocks:
             x, jacobian = posterior.from_group(points[some])
-            value[some] = posterior.pair_log_likelihood(x).sum(axis=1)
-            gradient[some] = (posterior.likelihood_gradient(x)[:, None, :] @ jacobian)[:, 0]
+            value[some], slope = posterior.likelihood_gradient(x)
+            gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
         return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
+
+    def repeated(self, eta: FloatArray, rng: np.random.Generator) -> IntArray:
+        """Answers 'equal' if everything were done once more, (copies, N, k) -> (copies, N, pairs); 0 where a subject has fewer pairs."""
+        points, counts = eta.reshape(-1, eta.shape[-1]), []
+        for some, posterior in self._blocks:
+            x, _ = posterior.from_group(points[some])
+            equal = np.exp(posterior.realised_answers(rng, x, posterior.log_answers(x))[0])
+            counts.append(rng.binomial(posterior.subject.n_trials, equal))
+        pairs = max(found.shape[1] for found in counts)
+        padded = [np.pad(found, ((0, 0), (0, pairs - found.shape[1]))) for found in counts]
+        return np.concatenate(padded).reshape(*eta.shape[:-1], pairs)

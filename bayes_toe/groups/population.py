@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +16,16 @@ from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.alone import Alone, alone, told_by
+from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import CHAINS, GroupChains, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.member_table import member_table
 from bayes_toe.groups.members import MembersLikelihood
+from bayes_toe.groups.population_file import save_population
+from bayes_toe.groups.population_table import PopulationTable, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.reweighting import WEIGHTED, Reweighted, reweight_group
 from bayes_toe.groups.scatter import Scatter, scatter_named
 from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
@@ -29,9 +35,14 @@ from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+METHODS = ("joint", "reweight")
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
+_MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
 
 @dataclass(frozen=True)
@@ -109,7 +120,7 @@ class Population:
         found = [f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()]
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
-        if self.chains.divergent:
+        if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
             found.append(f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin")
         return tuple(found)
 
@@ -132,6 +143,34 @@ class Population:
         score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
         shift = 0.0 if x is None else np.einsum("r,cdrk->cdk", x, self.chains.effects)
         return np.asarray(self.chains.mean + shift + self.chains.scatter * score)
+
+    @cached_property
+    def asymmetries(self) -> Asymmetries | None:
+        """How much likelier 'equal' is with the stronger stimulus first; None where no pair was presented in both orders."""
+        return asymmetries(self)
+
+    @cached_property
+    def table(self) -> PopulationTable:
+        """What is said of the population: the rows of population.csv."""
+        return population_table(self)
+
+    def summary(self) -> pd.DataFrame:
+        """The same as a frame: means, sds between subjects, effects of covariates, asymmetries, a further subject."""
+        return self.table.frame()
+
+    def subjects(self) -> pd.DataFrame:
+        """The rows of population_subjects.csv: quantities of every subject in the group, and of the same subject alone."""
+        return member_table(self).frame()
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write population.nc, which ArviZ opens and :func:`load_population` reads; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        return save_population(self, path, overwrite=overwrite)
 
 
 def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
@@ -216,22 +255,20 @@ def draw_population(
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     members, who = list(done), who.without(failed)
     group = study.select(who.subjects)
-    chains = METHODS[settings.method](members, group, settings, model, scatter, centre, who)
+    chains = _chains(members, group, settings, model, scatter, centre, who)
     own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
     return Population(group, settings, _names(model), centre, who, chains, own, {**who.left_out, **failed})
 
 
-def _jointly(
+def _chains(
     members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
 ) -> GroupChains:
     likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, CHAINS)
-    numbers = settings.hyperprior.numbers(_names(model))
-    joint = Joint(likelihood, numbers, who.x, told_by(members, model, centre), scatter)
-    return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
-
-
-#: Ways to the posterior, by name.
-METHODS: Mapping[str, Callable[..., GroupChains]] = {"joint": _jointly}
+    joint = Joint(likelihood, settings.hyperprior.numbers(_names(model)), who.x, told_by(members, model, centre), scatter)
+    if settings.method == "joint":
+        return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
+    weighted = Reweighted([one.part(WEIGHTED) for one in members], who.x, joint.hyperprior)
+    return reweight_group(weighted, joint, _names(model), settings.draws, settings.seed)
 
 
 def _model(name: str) -> Model:
@@ -248,6 +285,8 @@ def _names(model: Model) -> tuple[str, ...]:
 def _require(settings: GroupSettings, who: Regressors) -> None:
     if settings.method not in METHODS:
         raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
+    if settings.method == "reweight" and settings.scatter != "normal":
+        raise InputError(f"population: method 'reweight' with scatter {settings.scatter!r}, allowed: 'normal', or method 'joint'")
     if len(who.subjects) < _FEWEST:
         raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
     if not 1 <= settings.draws <= _MOST_DRAWS:

@@ -34,6 +34,8 @@ class Regressor(NamedTuple):
         What its effect is an effect of: 'age, per sd of 11.2 about 34.1', 'group B against A'.
     mean, sd : float
         x = (covariate - mean)/sd; of a level, 0 and 1.
+    reference : str
+        Of a level: the one that it is held against.
     """
 
     covariate: str
@@ -41,6 +43,7 @@ class Regressor(NamedTuple):
     about: str
     mean: float = 0.0
     sd: float = 1.0
+    reference: str = ""
 
     @property
     def label(self) -> str:
@@ -156,7 +159,7 @@ def _of_levels(name: str, values: Sequence[str | float]) -> tuple[list[Regressor
     reference, *others = level_words(kinds)
     if not others:
         raise _constant(name, quoted(reference))
-    columns = [Regressor(name, word, f"{bare(name)} {bare(word)} against {bare(reference)}") for word in others]
+    columns = [Regressor(name, word, f"{bare(name)} {bare(word)} against {bare(reference)}", reference=reference) for word in others]
     return columns, np.array([[value == kind for kind in kinds[1:]] for value in values], np.float64)
 
 

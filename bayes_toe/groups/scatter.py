@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
@@ -32,6 +33,14 @@ class Scatter(Protocol):
         """Independent scores."""
         ...
 
+    def quantile(self, p: FloatArray) -> FloatArray:
+        """Scores below which these probabilities lie."""
+        ...
+
+    def precisions(self, rng: Random, u: FloatArray) -> FloatArray:
+        """Draws of the precision with which each score, given its value, may count as a normal one."""
+        ...
+
 
 @dataclass(frozen=True)
 class NormalScatter:
@@ -51,6 +60,14 @@ class NormalScatter:
         """Independent scores."""
         return rng.standard_normal(shape)
 
+    def quantile(self, p: FloatArray) -> FloatArray:
+        """Of the standard normal."""
+        return np.asarray(ndtri(p))
+
+    def precisions(self, rng: Random, u: FloatArray) -> FloatArray:
+        """One: it is normal."""
+        return np.ones(u.shape)
+
 
 @dataclass(frozen=True)
 class StudentScatter:
@@ -69,6 +86,14 @@ class StudentScatter:
     def sample(self, rng: Random, shape: tuple[int, ...]) -> FloatArray:
         """Independent scores."""
         return rng.standard_t(4, shape)
+
+    def quantile(self, p: FloatArray) -> FloatArray:
+        """Of t with 4 degrees of freedom."""
+        return np.asarray(stdtrit(4.0, p))
+
+    def precisions(self, rng: Random, u: FloatArray) -> FloatArray:
+        """Student's t is normal with a precision of Gamma(2, rate 2), which given the score is Gamma(5/2, rate 2 + u^2/2)."""
+        return np.asarray(rng.standard_gamma(2.5, u.shape) / (2.0 + 0.5 * np.square(u)))
 
 
 SCATTERS: dict[str, Scatter] = {one.name: one for one in (NormalScatter(), StudentScatter())}

@@ -47,7 +47,7 @@ class Crowd:
 
 
 def crowd_posterior(model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, interval: float) -> Posterior:
-    """A posterior of which `pair_log_likelihood`, `likelihood_gradient` and `from_group` take points with a row for each subject.
+    """A posterior of which `log_answers`, `likelihood_gradient` and `from_group` take points with a row for each subject.
 
     Offsets count from the one centre, natural-log intensity, for all of them. Nothing else of it has a meaning.
 
@@ -56,8 +56,8 @@ def crowd_posterior(model: Model, prior: Prior, subjects: Sequence[Subject], cen
     >>> from bayes_toe.model.ladder import PREDICTIVE_UPDATE
     >>> one = Subject("A", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
     >>> other = Subject("B", [0.0], [0.2], [3], [5])
-    >>> crowd_posterior(PREDICTIVE_UPDATE, Prior(), [one, other], 0.0, 1.0).pair_log_likelihood([[0.0, 0.0, 0.0, 0.0]] * 2).shape
-    (2, 2)
+    >>> crowd_posterior(PREDICTIVE_UPDATE, Prior(), [one, other], 0.0, 1.0).likelihood_gradient(np.zeros((2, 4)))[1].shape
+    (2, 4)
     """
     crowd = Crowd.of(subjects, centre, interval)
     return Posterior(cast(Subject, crowd), model, prior, centre=centre, interval=interval)

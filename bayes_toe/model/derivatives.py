@@ -24,7 +24,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.decay import Jet
-from bayes_toe.model.links import Logarithm
+from bayes_toe.model.links import Logarithm, Rise
 from bayes_toe.model.propagators import Growth, Scales
 
 Derivatives = tuple[FloatArray, FloatArray]
@@ -122,7 +122,7 @@ def likelihood_derivatives(distance: Distance, of: Logarithm, own: Sequence[int 
     return gradient, hessian
 
 
-def likelihood_gradient(distance: Distance, of: Logarithm, own: Sequence[int | None], k: int) -> FloatArray:
+def likelihood_gradient(distance: Distance, of: Logarithm | Rise, own: Sequence[int | None], k: int) -> FloatArray:
     """The gradient alone, shape (points, k)."""
     gradient, steep = np.zeros((len(distance.z), k)), _finished(of.z, distance.z)
     for place, part in distance.numerator.items():

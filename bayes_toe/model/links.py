@@ -40,6 +40,13 @@ class Logarithm(NamedTuple):
     own_own: tuple[tuple[FloatArray, ...], ...]
 
 
+class Rise(NamedTuple):
+    """The first of these alone: in z and in the own coordinates."""
+
+    z: FloatArray
+    own: tuple[FloatArray, ...]
+
+
 @dataclass(frozen=True)
 class Link:
     """A rule of answering.
@@ -54,12 +61,24 @@ class Link:
         The same -> :class:`Logarithm` of both.
     log_fall : callable
         The same -> log of the peak less P(equal).
+    own_rise : callable, optional
+        z, both log probabilities and the own coordinates -> :class:`Rise` of both, where that is less work than :attr:`slopes`.
     """
 
     coordinates: tuple[str, ...]
     log_answers: Callable[..., Answers]
     slopes: Callable[..., tuple[Logarithm, Logarithm]]
     log_fall: Callable[..., FloatArray]
+    own_rise: Callable[..., tuple[Rise, Rise]] | None = None
+
+    def rise(self, z: FloatArray, answers: Answers, *own: FloatArray) -> tuple[Rise, Rise]:
+        """First derivatives of both answers."""
+        return _first(self.slopes(z, *own)) if self.own_rise is None else self.own_rise(z, answers, *own)
+
+
+def _first(of: tuple[Logarithm, Logarithm]) -> tuple[Rise, Rise]:
+    one, other = of
+    return Rise(one.z, one.own), Rise(other.z, other.own)
 
 
 # --- The paper's: a bell ------------------------------------------------------------------------------
@@ -104,6 +123,14 @@ def bell_slopes(z: FloatArray, logit_peak: FloatArray) -> tuple[Logarithm, Logar
             own_own=((-lost * gap,),),
         )
     return equal, different
+
+
+def bell_rise(z: FloatArray, answers: Answers, logit_peak: FloatArray) -> tuple[Rise, Rise]:
+    """The first of :func:`bell_slopes`, from the answers."""
+    lapse = expit(-logit_peak)
+    with np.errstate(over="ignore", invalid="ignore"):  # at z = 0 with q0 = 1 'different' is nobody's answer
+        odds = np.exp(answers[0] - answers[1])
+        return Rise(-2.0 * LN2 * z, (lapse,)), Rise(2.0 * LN2 * odds * z, (-odds * lapse,))
 
 
 def bell_fall(z: FloatArray, logit_peak: FloatArray) -> FloatArray:
@@ -240,6 +267,10 @@ class Lapsing:
         one, other = (_mixed(z, own, *this) for this in each)
         return one, other
 
+    def rise(self, z: FloatArray, answers: Answers, *own: FloatArray) -> tuple[Rise, Rise]:
+        """First derivatives of both answers."""
+        return _first(self.slopes(z, *own))
+
     def log_fall(self, z: FloatArray, *own: FloatArray) -> FloatArray:
         """Log of (1 - lambda) (q0 - Q)."""
         return np.asarray(log_expit(-own[-1]) + self.link.log_fall(z, *own[:-1]))
@@ -288,6 +319,6 @@ def _where_it_counts(share: FloatArray, of: Logarithm) -> Logarithm:
 
 
 #: The paper's rule, P(equal) = q0 2^(-z^2).
-BELL = Link(("logit_q0",), bell_answers, bell_slopes, bell_fall)
+BELL = Link(("logit_q0",), bell_answers, bell_slopes, bell_fall, bell_rise)
 #: The same with a free exponent.
 EXPONENT = Link(("logit_q0", "log_exponent"), exponent_answers, exponent_slopes, exponent_fall)

@@ -36,7 +36,7 @@ from bayes_toe.model.derivatives import (
 )
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
-from bayes_toe.model.links import BELL, Answers, Lapsing, Link, Logarithm
+from bayes_toe.model.links import BELL, Answers, Lapsing, Link
 from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
@@ -254,14 +254,25 @@ class Posterior:
 
     def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
         """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
-        return likelihood_derivatives(*self._slopes(x), x.shape[1])
+        link, spread, distance = self.model.link, self.model.spread, self._moved(x)
+        own = self._own(x, link)
+        answers = partial(link.log_answers, distance.z, *own)
+        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
+        return likelihood_derivatives(distance, slopes, self._own_places, x.shape[1])
 
-    def likelihood_gradient(self, x: FloatArray) -> FloatArray:
-        """The first of :meth:`likelihood_derivatives`, for a third of the work."""
-        return likelihood_gradient(*self._slopes(x), x.shape[1])
+    def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood, (points,), and its gradient, (points, k), for a fraction of the work; of the points of a crowd too."""
+        link, spread, distance = self.model.link, self.model.spread, self._moved(x)
+        own, of_spread = self._own(x, link), self._own(x, spread)
+        answers = link.log_answers(distance.z, *own)
+        with np.errstate(over="ignore"):
+            rise = spread.rise(self.subject, answers, link.rise(distance.z, answers, *own), *of_spread)
+        value = spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1)
+        return value, likelihood_gradient(distance, rise, self._own_places, x.shape[1])
 
-    def _slopes(self, x: FloatArray) -> tuple[Distance, Logarithm, list[int | None]]:
-        """Distance and link with their derivatives, and the places of the link's own coordinates."""
+    def _moved(self, x: FloatArray) -> Distance:
+        """The distance of every pair, and how it changes with the coordinates."""
         pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
         h = self._per_width(x, scales)
         distance = Distance(self._distance(pulled.pull.value, scales, x), log_width={width: np.ones((1, 1))})
@@ -272,12 +283,12 @@ class Posterior:
         if self._intervals is not None and propagator is not None:
             places = tuple(self._places[name] for name in propagator.coordinates)
             add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
-        link, spread = self.model.link, self.model.spread
-        own = self._own(x, link)
-        answers = partial(link.log_answers, distance.z, *own)
-        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
-            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
-        return distance, slopes, [self._places.get(name) for name in (*link.coordinates, *spread.coordinates)]
+        return distance
+
+    @property
+    def _own_places(self) -> list[int | None]:
+        """Places of the coordinates of link and spread, None for one that is fixed."""
+        return [self._places.get(name) for name in (*self.model.link.coordinates, *self.model.spread.coordinates)]
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -422,11 +433,12 @@ class Posterior:
         return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
 
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
-        subject = self.subject
-        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x).value)
+        """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
+        s1, s2 = np.atleast_2d(self.subject.s1).T, np.atleast_2d(self.subject.s2).T  # a column, or of a crowd a column a point
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).value.T)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            h = self._per_width(x, scales)
-            return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
+            h = self._per_width(x, scales).T
+            return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
 
     def _per_width(self, x: FloatArray, scales: Scales) -> FloatArray:
         """One over the width of every pair, shape (points, pairs) or (points, 1)."""

@@ -23,7 +23,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.links import Answers, Logarithm
+from bayes_toe.model.links import Answers, Logarithm, Rise
 from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
 
 OfAnswers = tuple[Logarithm, Logarithm]
@@ -48,6 +48,10 @@ class Spread(Protocol):
         """
         ...
 
+    def rise(self, subject: Subject, answers: Answers, of: tuple[Rise, Rise], *own: FloatArray) -> Rise:
+        """The first of these derivatives alone."""
+        ...
+
     def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
         """Log probabilities of one answer given all others to its pair, shape (points, pairs) each."""
         ...
@@ -70,6 +74,10 @@ class Binomial:
     def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
         """Counts times slopes."""
         return _total(answer_counts(subject), of)
+
+    def rise(self, subject: Subject, answers: Answers, of: tuple[Rise, Rise], *own: FloatArray) -> Rise:
+        """Counts times slopes."""
+        return _total_rise(answer_counts(subject), of)
 
     def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
         """The same."""
@@ -120,6 +128,12 @@ class BetaBinomial:
             (*map(mixed, at), -more(lambda part: part.z)),
             (*(tuple(bend(i, j) for j in range(i + 1)) for i in at), last),
         )
+
+    def rise(self, subject: Subject, answers: Answers, of: tuple[Rise, Rise], *own: FloatArray) -> Rise:
+        """Sum t in the place of the counts, and its own row."""
+        sums = [_rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
+        total = _total_rise([one.first for one in sums], of)
+        return Rise(total.z, (*total.own, sums[0].rest + sums[1].rest - _of_trials(subject, own[0]).rest))
 
     def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
         """(P + (n_Eq - 1) eps)/(1 + (n - 1) eps), and its like; of no meaning for answers that were never given."""
@@ -191,6 +205,13 @@ def _of_trials(subject: Subject, v: FloatArray) -> _Sums:
 
 def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
     return subject.n_equal, subject.n_trials - subject.n_equal
+
+
+def _total_rise(weights: Sequence[FloatArray], of: tuple[Rise, Rise]) -> Rise:
+    """Weights, (pairs,) or (points, pairs), times the first slopes of both answers."""
+    (one, other), (w, v) = of, weights
+    own = (times_counts(w, a) + times_counts(v, b) for a, b in zip(one.own, other.own, strict=True))
+    return Rise(times_counts(w, one.z) + times_counts(v, other.z), tuple(own))
 
 
 def _total(weights: Sequence[FloatArray], of: OfAnswers) -> Logarithm:

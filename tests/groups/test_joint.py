@@ -8,9 +8,10 @@ from bayes_toe.data.study import Subject
 from bayes_toe.groups import joint as joint_module
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.groups.joint import Funnel, Joint, Told
+from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.told import Funnel, Told
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -64,15 +65,34 @@ def points(joint, far):
     return theta
 
 
+def coefficients_by_definition(joint, theta, tau):
+    """Means and effects, (1 + r) rows of k, and the sum of the logs of their units."""
+    told, given, r = joint._units.told, joint.hyperprior, joint.x.shape[1]
+    scores, rows, log_unit = [theta[:K], *(theta[(2 + a) * K : (3 + a) * K] for a in range(r))], [], mpmath.mpf(0)
+    for a, score in enumerate(scores):
+        row = []
+        for j in range(K):
+            s = mpmath.mpf(float((given.effect_sd if a else given.mean_sd)[j]))
+            h = [mpmath.exp(mpmath.mpf(float(v))) for v in told.log_precision[:, j]]
+            weights = [v / (1 + v * tau[j] ** 2) * (mpmath.mpf(float(joint.x[i, a - 1])) ** 2 if a else 1) for i, v in enumerate(h)]
+            precision = 1 / s**2 + sum(weights)
+            places = sum(w * mpmath.mpf(float(e)) for w, e in zip(weights, told.place[:, j], strict=True))
+            centre = 0 if a else (mpmath.mpf(float(given.mean[j])) / s**2 + places) / precision
+            row.append(centre + score[j] / mpmath.sqrt(precision))
+            log_unit -= mpmath.log(precision) / 2
+        rows.append(row)
+    return rows, log_unit
+
+
 def eta_by_definition(joint, theta):
     """Members and their means, scatters and units, from what the module says of them."""
     told, r = joint.told, joint.x.shape[1]
-    mean, tau = theta[:K], [mpmath.exp(v) for v in theta[K : 2 * K]]
-    effects, xi, found = theta[2 * K : (2 + r) * K], theta[(2 + r) * K :], []
+    tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[(2 + r) * K :], []
+    (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
     for i in range(N):
         eta, expected = (
             [None] * K,
-            [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a * K + j] for a in range(r)) for j in range(K)],
+            [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r)) for j in range(K)],
         )
         unit = [None] * K
         for j in (1, 2, 3, 0):
@@ -86,7 +106,7 @@ def eta_by_definition(joint, theta):
             unit[j] = tau[j] * mpmath.sqrt(s)
             eta[j] = (1 - s) * e + s * expected[j] + unit[j] * xi[i * K + j]
         found.append((eta, expected, unit))
-    return found, mean, tau, effects
+    return found, mean, tau, effects, log_unit
 
 
 def log_normal(value, mean, sd):
@@ -96,8 +116,8 @@ def log_normal(value, mean, sd):
 
 
 def by_definition(joint, theta):
-    members, mean, tau, effects = eta_by_definition(joint, theta)
-    total, given = mpmath.mpf(0), joint.hyperprior
+    members, mean, tau, effects, total = eta_by_definition(joint, theta)
+    given = joint.hyperprior
     for eta, expected, unit in members:
         total += bump(eta)
         for j in range(K):
@@ -109,7 +129,7 @@ def by_definition(joint, theta):
     for j in range(K):
         total += log_normal(mean[j], given.mean[j], given.mean_sd[j])
         total += mpmath.log(2) + log_normal(tau[j], 0, given.sd_scale[j]) + mpmath.log(tau[j])
-        total += sum(log_normal(effect, 0, given.effect_sd[j]) for effect in effects[j::K])
+        total += sum(log_normal(effect, 0, given.effect_sd[j]) for effect in (row[j] for row in effects))
     return total
 
 

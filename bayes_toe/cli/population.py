@@ -1,0 +1,98 @@
+"""The command that infers a group: population."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_toe.cli import terminal
+from bayes_toe.cli.options import DrawCount, StudyFile, writes
+from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
+from bayes_toe.errors import ConvergenceWarning, InputError
+from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS, NUMBERS
+
+_HYPERPRIOR = (
+    f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}; see docs/population.md."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PopulationTask(KeepingTableTask):
+    """Sampling, of the group and of every subject."""
+
+    draws: DrawCount = 2000
+
+
+def population(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
+        "population.nc"
+    ),
+    covariates: Annotated[
+        Path | None, typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate: what may move subjects.")
+    ] = None,
+    categorical: Annotated[
+        list[str] | None, typer.Option("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
+    ] = None,
+    model: Annotated[str, typer.Option("--model", help="A name or a composition: 'update + sloped + both ways'.")] = "predictive update",
+    scatter: Annotated[
+        str, typer.Option("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
+    ] = "normal",
+    method: Annotated[
+        str, typer.Option("--method", metavar="joint|reweight", help="Sample all together, or weight draws of subjects alone.")
+    ] = "joint",
+    hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
+    task: PopulationTask,
+) -> None:
+    """What the subjects of a study have in common, how far they differ, what covariates do, and each subject in the light of the others.
+
+    [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
+    """
+    from bayes_toe.cli.population_answer import say_population
+    from bayes_toe.data.covariates import read_covariates
+    from bayes_toe.groups.hyperprior import read_hyperprior
+    from bayes_toe.groups.member_table import member_table
+    from bayes_toe.groups.population import population as infer
+    from bayes_toe.groups.predictive_check import predictive_check
+    from bayes_toe.plots.figure_files import save_figure
+    from bayes_toe.plots.population import population_figure
+
+    files = _beside(output)
+    task.require_files(*files)
+    keep = task.partial(output)
+    given = None if hyperprior is None else read_hyperprior(hyperprior)
+    people = None if covariates is None else read_covariates(covariates)
+    if people is None and categorical:
+        raise InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
+    read, prior = task.read(study)
+    terminal.say_study(task.console, read)
+    with task.progress("subjects alone, then the group", len(read)) as tick, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # said below
+        found = infer(
+            read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
+            hyperprior=given, scatter=scatter, method=method, workers=task.workers, progress=tick, keep=keep,
+        )  # fmt: skip
+    check = predictive_check(found)
+    with task.together(*files) as folder:
+        found.save(folder / files[0].name, overwrite=task.overwrite)
+        found.table.save(folder / files[1].name, **task.saving)
+        member_table(found).save(folder / files[2].name, **task.saving)
+        save_figure(population_figure(found, check), folder / files[3].name)
+    failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
+    task.say_taken(keep)
+    task.finish(keep, failed)
+    say_population(task.console, found, check.warnings)
+    task.say_written("written:", *files, seed=found.settings.seed)
+    leave_unless_whole(task, failed, {} if found.converged else {"group": found.chains.reason})
+
+
+def _beside(output: Path) -> tuple[Path, ...]:
+    """The draws, the table of the population, that of its subjects, the figure."""
+    if output.suffix != ".nc":
+        raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
+    return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv"), output.with_suffix(".png")

@@ -1,0 +1,88 @@
+"""population.nc: the same population again, to the bit; ArviZ opens it; what is damaged or something else is refused in one line."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from populations import made_up
+
+import bayes_toe as bt
+from bayes_toe.data.covariates import Covariates
+from bayes_toe.groups import population_file
+from bayes_toe.groups.regressors import regressors
+from bayes_toe.records import packed
+
+
+@pytest.fixture(scope="module")
+def found(small_study):
+    who = regressors(Covariates({"group": {"A": "x", "B": "x", "C": "y"}}), small_study.names)
+    return made_up(small_study, who)
+
+
+@pytest.fixture(scope="module")
+def file(found, tmp_path_factory):
+    return found.save(tmp_path_factory.mktemp("nc") / "population.nc")
+
+
+def test_it_comes_back_to_the_bit(found, file):
+    again = bt.load_population(file)
+    assert packed(again) == packed(found)
+    assert packed(again.table.rows) == packed(found.table.rows)
+
+
+def test_without_covariates(small_study, tmp_path):
+    found = made_up(small_study, kind="t")
+    assert packed(bt.load_population(found.save(tmp_path / "p.nc"))) == packed(found)
+
+
+def test_arviz_opens_it(found, file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ArviZ announces its own changes
+        import arviz as az
+
+        tree = az.from_netcdf(file)
+    drawn = tree["posterior"]
+    assert drawn["effect"].dims == ("chain", "draw", "regressor", "parameter")
+    assert drawn["regressor"].values.tolist() == ["group y"]
+    assert np.array_equal(drawn["eta"].sel(subject="B", parameter="width").values, found.chains.eta[:, :, 1, 2])
+    assert np.allclose(np.log(drawn["width"].sel(subject="B").values), found.chains.eta[:, :, 1, 2])
+    assert np.array_equal(drawn["new_subject"].sel(quantity="gain").values, found.quantities(found.new_subject())["gain"])
+    assert tree["posterior_predictive"]["asymmetry"].sel(level="group y - x").shape[1] == len(found.asymmetries.kept)
+    assert json.loads(tree.attrs["settings"])["hyperprior"]["gamma"]["sd_scale"] == 1.0
+    assert (tree.attrs["seed"], tree.attrs["model"], tree.attrs["converged"]) == (0, "predictive update", 1)
+    assert tree.attrs["regressors"] == "group y against x"
+    tree.close()
+
+
+def test_of_a_large_group_quantities_of_subjects_are_thinned(found, tmp_path, monkeypatch):
+    monkeypatch.setattr(population_file, "_AFFORDABLE", 100)
+    monkeypatch.setattr(population_file, "spaced", lambda *_: pytest.fail("asymmetries say which draws"))
+    again = bt.load_population(found.save(tmp_path / "large.nc"))
+    assert packed(again) == packed(found)
+    import xarray as xr
+
+    with xr.open_datatree(tmp_path / "large.nc") as tree:
+        assert "gain" not in tree["posterior"]
+        assert tree["posterior_predictive"]["gain"].shape == (*found.asymmetries.new_subject.shape, 3)
+        assert tree.attrs["thinned"]
+
+
+def test_what_is_no_population_is_refused(file, analysis, tmp_path):
+    damaged = tmp_path / "damaged.nc"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    (tmp_path / "text.nc").write_text("population")
+    other = analysis.draws.save(tmp_path / "posterior.nc")
+    for path in (damaged, tmp_path / "text.nc", other, tmp_path / "none.nc", tmp_path):
+        with pytest.raises(bt.InputError, match=r"allowed: a population\.nc") as refused:
+            bt.load_population(path)
+        assert str(refused.value).count("\n") == 0
+
+
+def test_nothing_is_replaced_unasked(found, file):
+    before = file.read_bytes()
+    with pytest.raises(bt.OutputError):
+        found.save(file)
+    assert file.read_bytes() == before

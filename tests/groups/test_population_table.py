@@ -1,0 +1,75 @@
+"""What is said of a population: the columns, rows of every kind, and each subject beside itself alone."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from populations import made_up
+
+import bayes_toe as bt
+from bayes_toe.data.covariates import Covariates
+from bayes_toe.groups.asymmetries import OVERALL
+from bayes_toe.groups.regressors import regressors
+
+
+@pytest.fixture(scope="module")
+def found(small_study):
+    """C has no age."""
+    study = bt.Study([*small_study, *(bt.Subject(name, **rows(small_study["A"])) for name in "DE")])
+    people = Covariates({"age": {"A": 20.0, "B": 30.0, "D": 50.0, "E": 41.0}, "group": dict(zip("ABCDE", "xyxyx", strict=True))})
+    who = regressors(people, study.names)
+    return made_up(study.select(who.subjects), who)
+
+
+def rows(subject):
+    return {key: getattr(subject, key) for key in ("s1", "s2", "n_equal", "n_trials")}
+
+
+def test_columns_and_kinds(found, tmp_path):
+    frame = pd.read_csv(found.table.save(tmp_path / "population.csv"), keep_default_na=False, na_values={"bf_below": ""})
+    assert ",".join(frame.columns) == (
+        "parameter,quantity,level,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,p_direction,bf_no_difference,bf_error,bf_below"
+    )
+    assert frame.quantity.drop_duplicates().tolist() == ["mean", "sd", "effect", "asymmetry", "new_subject"]
+    assert not frame.duplicated(["parameter", "quantity", "level"]).any()
+    labels = ["mu1", "probit gamma", "log width", "probit q0"]
+    assert frame.parameter[frame.quantity == "sd"].tolist() == labels
+    assert frame.parameter[frame.quantity == "mean"].tolist() == [
+        *labels, "sigma_p", "sigma_l", "gamma", "sigma1", "gain", "width", "offset", "pull", "q0"
+    ]  # fmt: skip
+    assert frame.level[frame.quantity == "effect"].drop_duplicates().tolist() == ["age", "group y"]
+    assert ((frame.p_direction != "") == frame.quantity.isin(["effect", "asymmetry"])).all()
+    assert ((frame.bf_no_difference != "") == (frame.quantity == "effect")).all()
+
+
+def test_numbers_are_those_of_the_draws(found):
+    gamma = found.chains.mean[..., 1]
+    label, natural = (found.table.some("mean", name)[0] for name in ("probit gamma", "gamma"))
+    assert (label.mean, label.q05) == pytest.approx((gamma.mean(), np.quantile(gamma, 0.05)))
+    assert natural.q50 == pytest.approx(np.quantile(found.quantities(found.chains.mean)["gamma"], 0.5))
+    assert label.ess_bulk == found.chains.shared["mean", -1, 1].ess_bulk
+    effect = found.table.some("effect", "log width")[1]
+    values = found.chains.effects[..., 1, 2]
+    assert (effect.level, effect.p_direction) == ("group y", max((values > 0).mean(), (values < 0).mean()))
+    further = {row.parameter: row for row in found.table.some("new_subject")}
+    assert further["gain"].q50 == pytest.approx(np.median(found.quantities(found.new_subject())["gain"]))
+    assert further[OVERALL].mean == pytest.approx(found.asymmetries.new_subject.mean())
+
+
+def test_subjects_in_the_group_and_alone(found):
+    frame = found.subjects()
+    assert [*frame.columns] == [
+        "subject", "parameter", "mean", "sd", "q05", "q25", "q50", "q75", "q95", "ess_bulk", "ess_tail", "r_hat",
+        "mcse_mean", "mcse_q05", "mcse_q50", "mcse_q95", "alone_q05", "alone_q50", "alone_q95",
+    ]  # fmt: skip
+    assert frame.subject.drop_duplicates().tolist() == ["A", "B", "D", "E"]  # C is left out
+    one = frame[frame.subject == "B"].set_index("parameter")
+    assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width"]
+    assert one.q95["mu1"] == pytest.approx(np.quantile(found.chains.eta[:, :, 1, 0], 0.95))
+    assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.alone[:, 1, 2]), 0.05))
+
+
+def test_without_covariates(small_study):
+    frame = made_up(small_study).summary()
+    assert not (frame.quantity == "effect").any()
+    assert frame.level.eq("").all()
+    assert frame.bf_below.dtype == float
