@@ -67,8 +67,8 @@ def _edge(kind: str) -> Study:
 
 
 def _outlier() -> Study:
-    """Eleven alike, and one whose prior mean lies far above."""
-    far = answered(1, 50, sd=0.0 * SD, mean=MEAN + np.array([4.0, 0.5, 0.0, 0.0]))[0]
+    """Eleven alike, and one whose prior mean lies six of their sds above."""
+    far = answered(1, 50, sd=0.0 * SD, mean=MEAN + np.array([1.7, 0.5, 0.0, 0.0]))[0]
     return Study([*answered(11, 50, sd=0.3 * SD), Subject("far", far.s1, far.s2, far.n_equal, far.n_trials)])
 
 
