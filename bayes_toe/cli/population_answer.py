@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 _BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+_SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -74,18 +75,14 @@ def _contrasts(found: Population) -> list[str]:
 def _effect(row: PopulationRow) -> dict[Any, Any]:
     from bayes_toe.comparison.words import compared, conclusion
 
-    bounded = row.bf_no_difference is None
-    value = row.bf_below if bounded else row.bf_no_difference
-    assert value is not None
-    words = conclusion(-math.log(value), ("a difference", "no difference"))
-    return {
-        "covariate": row.level,
-        "on": row.parameter,
-        "effect": _interval(row),
-        "P(sign)": compared(row.p_direction or 0.0).removeprefix("= "),
-        "BF no difference": f"< {value:.2g}" if bounded else f"{value:.2g}",
-        "evidence": f"at least {words}" if bounded else words,
-    }
+    if row.bf_no_difference is not None:
+        factor, words = f"{row.bf_no_difference:.2g}", conclusion(-math.log(row.bf_no_difference), _SIDES)
+    elif row.bf_below is not None and row.bf_below < 1.0:
+        factor, words = f"< {row.bf_below:.2g}", f"at least {conclusion(-math.log(row.bf_below), _SIDES)}"
+    else:  # a bound that says nothing
+        factor, words = "-", conclusion(None)
+    said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": compared(row.p_direction or 0.0)}
+    return {**said, "BF no difference": factor, "evidence": words}
 
 
 def _scales(found: Population) -> list[dict[Any, Any]]:
