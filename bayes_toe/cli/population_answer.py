@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+_SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -85,18 +86,14 @@ def effect(row: PopulationRow) -> dict[Any, Any]:
     """One effect of a covariate, as a table shows it."""
     from bayes_toe.comparison.words import compared, conclusion
 
-    bounded = row.bf_no_difference is None
-    value = row.bf_below if bounded else row.bf_no_difference
-    assert value is not None
-    words = conclusion(-math.log(value), ("a difference", "no difference"))
-    return {
-        "covariate": row.level,
-        "on": row.parameter,
-        "effect": _interval(row),
-        "P(sign)": compared(row.p_direction or 0.0).removeprefix("= "),
-        "BF no difference": f"< {value:.2g}" if bounded else f"{value:.2g}",
-        "evidence": f"at least {words}" if bounded else words,
-    }
+    if row.bf_no_difference is not None:
+        factor, words = f"{row.bf_no_difference:.2g}", conclusion(-math.log(row.bf_no_difference), _SIDES)
+    elif row.bf_below is not None and row.bf_below < 1.0:
+        factor, words = f"< {row.bf_below:.2g}", f"at least {conclusion(-math.log(row.bf_below), _SIDES)}"
+    else:  # a bound that says nothing
+        factor, words = "-", conclusion(None)
+    said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": compared(row.p_direction or 0.0)}
+    return {**said, "BF no difference": factor, "evidence": words}
 
 
 def scales(found: Population) -> list[dict[Any, Any]]:

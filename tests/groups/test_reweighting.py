@@ -77,7 +77,7 @@ def test_both_ways_agree(both):
 def test_too_few_of_a_subjects_draws_are_refused():
     # A scatter far below what single subjects' answers tell: nothing but a few draws of each would decide.
     narrow = bt.Hyperprior().for_study(STUDY).changed({"width": {"sd_scale": 1e-4}, "q0": {"sd_scale": 1e-4}})
-    with pytest.raises(NumericalError, match="method 'reweight': .* variance of .* most of it from 'S0.'.*allowed: method 'joint'"):
+    with pytest.raises(NumericalError, match=r"method 'reweight': .* variance of .* most of it from 'S0.'.*allowed: method 'joint'"):
         bt.population(STUDY, model="symmetric", method="reweight", hyperprior=narrow, seed=1, draws=100, workers=1)
 
 
