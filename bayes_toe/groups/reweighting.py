@@ -119,8 +119,8 @@ def reweight_group(density: Reweighted, joint: Joint, names: Sequence[str], draw
 def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) -> Any:
     """An emcee ensemble that has left its starts, by differential evolution alone.
 
-    Against integration, tails are too thin with emcee 3.1's DESnookerMove, which takes half the log of the ratio of distances, and too thick
-    with its KDEMove.
+    Against integration, tails are too thin with emcee 3.1's DESnookerMove, which takes half the log of the ratio of distances, and too
+    thick with its KDEMove.
     """
     import emcee
 
