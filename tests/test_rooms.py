@@ -34,7 +34,7 @@ ORDER = (
     "cli",
 )
 OWNERS = {
-    "emcee": {"inference.sampling", "inference.moves"},
+    "emcee": {"groups.reweighting", "inference.sampling", "inference.moves"},
     "xarray": {
         *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),
         "groups.population_file",

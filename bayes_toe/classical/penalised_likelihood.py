@@ -47,34 +47,56 @@ class PenalisedLikelihood:
     row: IndexArray
     normal: Normal
 
-    def evaluate(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Value (points,), gradient (4, points) and Hessian (4, 4, points) at x (4, points), for the rows of the starts `index`.
+    def value(self, x: FloatArray, index: IndexArray) -> FloatArray:
+        """Value at x, (4, points) -> (points,), for the rows of the starts `index`.
 
         At log(p/p_max) = -inf, the edge gamma = 0, the offset is 0 and mu1 rests at the penalty's mean.
         """
-        size, row = max(1, _BLOCK // min(_PAIRS, len(self.s1))), self.row[index]
-        value, gradient, hessian = np.empty(x.shape[1]), np.empty(x.shape), np.empty((4, *x.shape))
-        # Where q = 1 and 'different' was answered the value is -inf, which is the truth, and there are no derivatives.
+        value, row = np.empty(x.shape[1]), self.row[index]
+        # Where q = 1 and 'different' was answered the value is -inf, which is the truth.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for i in range(0, x.shape[1], size):
-                part = slice(i, i + size)
-                value[part] = self._block(x[:, part], row[part], gradient[:, part], hessian[:, :, part])
+            for part in self._parts(x.shape[1]):
+                value[part] = sum(self._log_likelihood(x[:, part], row[part], pairs) for pairs in self._pairs)
+        return value - self.penalty(x)
+
+    def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (4, points) and Hessian (4, 4, points) there, where the value is finite."""
+        row, gradient, hessian = self.row[index], np.empty(x.shape), np.empty((4, *x.shape))
+        for part in self._parts(x.shape[1]):
+            self._block(x[:, part], row[part], gradient[:, part], hessian[:, :, part])
         self._to_log_pull(x, gradient, hessian)
-        return value + self._penalise(x, gradient, hessian), gradient, hessian
+        self._penalise(x, gradient, hessian)
+        return gradient, hessian
+
+    def _parts(self, points: int) -> list[slice]:
+        size = max(1, _BLOCK // min(_PAIRS, len(self.s1)))
+        return [slice(i, i + size) for i in range(0, points, size)]
+
+    @property
+    def _pairs(self) -> list[slice]:
+        return [slice(i, i + _PAIRS) for i in range(0, len(self.s1), _PAIRS)]
 
     def penalty(self, x: FloatArray) -> FloatArray:
         """(mu1 - mean)^2 / (2 V_1), shape (4, points) -> (points,)."""
         return np.asarray(0.5 * np.square(self._far(x)[1] / self.normal.sd))
 
-    def _block(self, x: FloatArray, row: IndexArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
-        """Log likelihood (points,); its derivatives in (c, p, log w, log q0) go into `gradient` and `hessian`.
+    def _log_likelihood(self, x: FloatArray, row: IndexArray, pairs: slice) -> FloatArray:
+        """What some pairs add to it, (points,)."""
+        equal, different = self._counts(row, pairs)
+        t, _, rest = self._answers(self._distances(x, np.exp(-x[2]), pairs), x[3], different)
+        return np.asarray(
+            np.einsum("pn,pn->n", equal, np.subtract(x[3], t, out=t)) + np.einsum("pn,pn->n", different, np.log(rest, out=rest))
+        )
+
+    def _block(self, x: FloatArray, row: IndexArray, gradient: FloatArray, hessian: FloatArray) -> None:
+        """Derivatives of the log likelihood in (c, p, log w, log q0) go into `gradient` and `hessian`.
 
         With L = log q = log q0 - ln2 z^2 and the odds r = q/(1 - q), an answer 'equal' has slope 1 and curvature 0 in L, an answer
         'different' -r and -r (1 + r). What is left are sums over pairs of powers of z and of the lever s1 - sbar.
         """
         inverse = np.exp(-x[2])
-        parts = (self._sums(x, inverse, row, slice(i, i + _PAIRS)) for i in range(0, len(self.s1), _PAIRS))
-        value, e, h, ez, ezz, hz, hzz, hz3, hz4 = reduce(lambda all_, some: [a + b for a, b in zip(all_, some, strict=True)], parts)
+        parts = (self._sums(x, inverse, row, pairs) for pairs in self._pairs)
+        e, h, ez, ezz, hz, hzz, hz3, hz4 = reduce(lambda all_, some: [a + b for a, b in zip(all_, some, strict=True)], parts)
         k, bend = _TWO_LN2 * inverse, _TWO_LN2 * np.square(inverse)
         gradient[0], gradient[1], gradient[2], gradient[3] = k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]
         cc, cp, pp = (bend * sign * (e[i] + _TWO_LN2 * hzz[i]) for i, sign in enumerate((-1.0, 1.0, -1.0)))
@@ -84,17 +106,19 @@ class PenalisedLikelihood:
         for i, row_of in enumerate(((cc,), (cp, pp), (cb, pb, bb), (cu, pu, bu, -h))):
             for j, values in enumerate(row_of):
                 hessian[i, j] = hessian[j, i] = values
-        return value
 
     def _sums(self, x: FloatArray, inverse: FloatArray, row: IndexArray, pairs: slice) -> list[FloatArray]:
-        """What some pairs add to the log likelihood, and to the sums of slopes and curvatures times powers of z and of the lever."""
-        lever = self.s1[pairs] - self.sbar
+        """What some pairs add to the sums of slopes and curvatures in log q times powers of z and of the lever."""
+        lever, z = self.s1[pairs] - self.sbar, self._distances(x, inverse, pairs)
         powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
-        z = lever[:, None] * (MAX_PULL * np.exp(x[1]))
-        z += (self.s2 - self.s1)[pairs, None]
-        z -= x[0]
-        z *= inverse
-        value, slope, curve = self._answers(z, x[3], self.equal[pairs].take(row, axis=1), self.different[pairs].take(row, axis=1))
+        slope, different = self._counts(row, pairs)
+        _, curve, rest = self._answers(z, x[3], different)
+        curve += 1.0
+        curve *= np.exp(x[3])
+        curve *= different
+        curve /= rest  # now the odds
+        slope -= curve
+        curve /= rest
         e, h = powers @ slope, curve.sum(axis=0)
         slope *= z
         ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)
@@ -103,24 +127,29 @@ class PenalisedLikelihood:
         curve *= z
         hzz = powers @ curve
         curve *= z
-        return [value, e, h, ez, ezz, hz, hzz, powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)]
+        return [e, h, ez, ezz, hz, hzz, powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)]
 
-    def _answers(
-        self, z: FloatArray, log_q0: FloatArray, equal: FloatArray, different: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log likelihood (points,), and per pair its slope and the size of its curvature in log q, (pairs, points)."""
-        q0, t = np.exp(log_q0), np.square(z)
+    def _counts(self, row: IndexArray, pairs: slice) -> tuple[FloatArray, FloatArray]:
+        return self.equal[pairs].take(row, axis=1), self.different[pairs].take(row, axis=1)
+
+    def _distances(self, x: FloatArray, inverse: FloatArray, pairs: slice) -> FloatArray:
+        """Normalised distances z, (pairs, points); in place, here and below: few arrays stay in the processor's cache."""
+        z: FloatArray = (self.s1[pairs] - self.sbar)[:, None] * (MAX_PULL * np.exp(x[1]))
+        z += (self.s2 - self.s1)[pairs, None]
+        z -= x[0]
+        z *= inverse
+        return z
+
+    @staticmethod
+    def _answers(z: FloatArray, log_q0: FloatArray, different: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """With t = ln2 z^2: t, exp(-t) - 1 and 1 - q, (pairs, points) each."""
+        t = np.square(z)
         t *= LN2
-        shape = np.expm1(np.negative(t))  # in place from here on: what few arrays there are stay in the processor's cache
-        rest = q0 * shape
-        np.subtract(-np.expm1(log_q0), rest, out=rest)  # 1 - q, positive terms only
+        shape = np.expm1(np.negative(t))
+        rest = np.exp(log_q0) * shape
+        np.subtract(-np.expm1(log_q0), rest, out=rest)  # positive terms only
         rest[different == 0.0] = 1.0  # an answer never given contributes nothing, also where it is impossible
-        value = np.einsum("pn,pn->n", equal, np.subtract(log_q0, t, out=t)) + np.einsum("pn,pn->n", different, np.log(rest, out=t))
-        shape += 1.0
-        shape *= q0
-        shape *= different
-        shape /= rest  # now the odds
-        return value, np.subtract(equal, shape, out=t), np.divide(shape, rest, out=rest)
+        return t, shape, rest
 
     @staticmethod
     def _to_log_pull(x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
@@ -139,8 +168,8 @@ class PenalisedLikelihood:
         reach = x[0] * inverse
         return inverse, np.where(some, self.sbar - self.normal.mean + reach, 0.0), reach
 
-    def _penalise(self, x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> FloatArray:
-        """The penalty as a gain, its derivatives added in place; mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p."""
+    def _penalise(self, x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
+        """The penalty's derivatives as a gain, in place; mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p."""
         inverse, far, reach = self._far(x)
         weight = 1.0 / self.normal.sd**2
         gradient[0] -= weight * far * inverse
@@ -150,4 +179,3 @@ class PenalisedLikelihood:
         hessian[0, 1] += cross
         hessian[1, 0] += cross
         hessian[1, 1] -= weight * reach * (reach + far)
-        return np.asarray(-0.5 * weight * np.square(far))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -52,6 +52,10 @@ class Alone:
     def log_evidence(self) -> float:
         """Log of the mean weight."""
         return float(logsumexp(self.log_weights) - np.log(len(self.log_weights)))
+
+    def part(self, draws: int) -> Alone:
+        """The same with the first ones of its draws."""
+        return replace(self, eta=self.eta[:draws], log_weights=self.log_weights[:draws], log_prior=self.log_prior[:draws])
 
     def equal_draws(self, size: int, seed: int) -> FloatArray:
         """Draws of equal weight, with repeats, shape (size, k)."""

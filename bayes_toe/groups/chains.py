@@ -11,6 +11,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.shared import Shared
 from bayes_toe.groups.starting import scales, starts
 from bayes_toe.inference.diagnostics import Convergence, convergence
 
@@ -93,7 +94,7 @@ def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], dra
         x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
         found = replace(_judged(joint, x), divergent=divergent, gradients=sampler.gradients)
         lowest, highest = found.worst(names, members)
-        reason = _shortfall(lowest, highest, draws)
+        reason = shortfall(lowest, highest, draws)
         if not reason or sampler.draws * CHAINS >= max(_LIMIT, _MOST * draws):
             return replace(found, reason=reason)
         if not highest[1] < _NOT_MIXED:
@@ -106,13 +107,18 @@ def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], dra
 def _judged(joint: Joint, x: FloatArray) -> GroupChains:
     """Draws (draws, chains, D) with their diagnostics."""
     (n, k), chains = joint.told.place.shape, np.ascontiguousarray(x.transpose(1, 0, 2))
-    shared, _ = joint.split(flat := chains.reshape(-1, joint.dimension))
-    lead = chains.shape[:2]
+    flat = chains.reshape(-1, joint.dimension)
+    return judged(joint.split(flat)[0], joint.eta(flat).reshape(*chains.shape[:2], n, k))
+
+
+def judged(shared: Shared, eta: FloatArray) -> GroupChains:
+    """Draws with their diagnostics; eta has shape (chains, draws, N, k), what is shared has all draws on one axis, chain by chain."""
+    (*lead, n, k) = eta.shape
     mean, scatter = shared.mean.reshape(*lead, k), np.exp(shared.log_scatter).reshape(*lead, k)
-    effects, eta = shared.effects.reshape(*lead, -1, k), joint.eta(flat).reshape(*lead, n, k)
-    judged = {key: convergence(values) for key, values in _quantities(mean, scatter, effects)}
+    effects = shared.effects.reshape(*lead, -1, k)
+    of_shared = {key: convergence(values) for key, values in _quantities(mean, scatter, effects)}
     of_members = np.array([[convergence(eta[:, :, i, j]) for j in range(k)] for i in range(n)])
-    return GroupChains(mean, scatter, effects, eta, judged, of_members)
+    return GroupChains(mean, scatter, effects, eta, of_shared, of_members)
 
 
 def _quantities(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> Iterator[tuple[Key, FloatArray]]:
@@ -123,7 +129,7 @@ def _quantities(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> I
             yield ("effect", i, j), effects[..., i, j]
 
 
-def _shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:
+def shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:
     """What was not reached, in words; a diagnostic that is NaN was not."""
     problems = []
     if not lowest[1] >= draws:

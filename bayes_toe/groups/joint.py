@@ -26,7 +26,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.scatter import Scatter
-from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared
 from bayes_toe.model.parameters import GroupPull
 
 Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -53,18 +53,6 @@ class Funnel:
     pull: int
     centre: float
     pulled: Callable[[FloatArray], GroupPull]
-
-
-class Shared(NamedTuple):
-    """Mean (..., k), log of the scatter (..., k), effects (..., r, k): everything that members have in common."""
-
-    mean: FloatArray
-    log_scatter: FloatArray
-    effects: FloatArray
-
-    def expected(self, x: FloatArray) -> FloatArray:
-        """The mean of members with these regressors, (N, r) -> (..., N, k)."""
-        return np.asarray(self.mean[..., None, :] + x @ self.effects)
 
 
 class _Place(NamedTuple):
@@ -118,7 +106,7 @@ class Joint:
         if self.told.funnel is not None and by_pull is not None:
             steep[..., self.told.funnel.pull] += steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
         of_members = (self.scatter.log_density(at.score) - shared.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
-        prior, of_prior = self._prior(shared)
+        prior, of_prior = log_hyperprior(shared, self.hyperprior)
         by_mean = steep * at.share - slope * inverse
         by_log_scatter = steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
         gradient = np.empty(theta.shape)
@@ -129,9 +117,8 @@ class Joint:
 
     def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
         """What is shared, and xi of the members, (points, N, k)."""
-        (n, k), points = self.told.place.shape, len(theta)
-        effects = theta[:, 2 * k : self.size].reshape(points, self.x.shape[1], k)
-        return Shared(theta[:, :k], theta[:, k : 2 * k], effects), theta[:, self.size :].reshape(points, n, k)
+        n, k = self.told.place.shape
+        return split_shared(theta[:, : self.size], k), theta[:, self.size :].reshape(len(theta), n, k)
 
     def eta(self, theta: FloatArray) -> FloatArray:
         """Parameters of the members, shape (points, N, k)."""
@@ -162,18 +149,6 @@ class Joint:
         weight = np.exp(precision + 2.0 * column.log_unit)
         by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + np.exp(column.log_unit) * xi[..., i]))
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
-
-    def _prior(self, shared: Shared) -> tuple[FloatArray, FloatArray]:
-        """Log density of what is shared, with respect to log tau, and its gradient, (points, k (2 + r))."""
-        given, points = self.hyperprior, len(shared.mean)
-        of_mean = (shared.mean - given.mean) / given.mean_sd
-        of_scatter, of_effects = np.exp(shared.log_scatter) / given.sd_scale, shared.effects / given.effect_sd
-        constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
-        constant += self.x.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
-        squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
-        slopes = (-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), (-of_effects / given.effect_sd).reshape(points, -1))
-        value = -0.5 * squares + shared.log_scatter.sum(axis=1) - constant
-        return np.asarray(value), np.concatenate(slopes, axis=1)
 
 
 def _between(

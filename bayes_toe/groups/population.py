@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population_file import save_population
 from bayes_toe.groups.population_table import PopulationTable, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.reweighting import WEIGHTED, Reweighted, reweight_group
 from bayes_toe.groups.scatter import Scatter, scatter_named
 from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
@@ -37,9 +38,11 @@ from bayes_toe.workers import Cluster, Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
+METHODS = ("joint", "reweight")
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
+_MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class Population:
         found = [f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()]
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
-        if self.chains.divergent:
+        if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
             found.append(f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin")
         return tuple(found)
 
@@ -252,22 +255,20 @@ def draw_population(
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     members, who = list(done), who.without(failed)
     group = study.select(who.subjects)
-    chains = METHODS[settings.method](members, group, settings, model, scatter, centre, who)
+    chains = _chains(members, group, settings, model, scatter, centre, who)
     own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
     return Population(group, settings, _names(model), centre, who, chains, own, {**who.left_out, **failed})
 
 
-def _jointly(
+def _chains(
     members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
 ) -> GroupChains:
     likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, CHAINS)
-    numbers = settings.hyperprior.numbers(_names(model))
-    joint = Joint(likelihood, numbers, who.x, told_by(members, model, centre), scatter)
-    return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
-
-
-#: Ways to the posterior, by name.
-METHODS: Mapping[str, Callable[..., GroupChains]] = {"joint": _jointly}
+    joint = Joint(likelihood, settings.hyperprior.numbers(_names(model)), who.x, told_by(members, model, centre), scatter)
+    if settings.method == "joint":
+        return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
+    weighted = Reweighted([one.part(WEIGHTED) for one in members], who.x, joint.hyperprior)
+    return reweight_group(weighted, joint, _names(model), settings.draws, settings.seed)
 
 
 def _model(name: str) -> Model:
@@ -284,6 +285,8 @@ def _names(model: Model) -> tuple[str, ...]:
 def _require(settings: GroupSettings, who: Regressors) -> None:
     if settings.method not in METHODS:
         raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
+    if settings.method == "reweight" and settings.scatter != "normal":
+        raise InputError(f"population: method 'reweight' with scatter {settings.scatter!r}, allowed: 'normal', or method 'joint'")
     if len(who.subjects) < _FEWEST:
         raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
     if not 1 <= settings.draws <= _MOST_DRAWS:

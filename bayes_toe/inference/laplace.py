@@ -65,28 +65,23 @@ class _NaturalDensity:
 
     posterior: Posterior
 
-    def value(self, x: FloatArray) -> FloatArray:
-        """Value at x (4, points)."""
+    def value(self, x: FloatArray, _: IndexArray | None = None) -> FloatArray:
+        """Value at x, shape (4, points) -> (points,)."""
         log_sigma_p = x[2] + 1.5 * np.log1p(-MAX_PULL / (1.0 + np.exp(-x[1])))
         value: FloatArray = self.posterior.log_density(x.T) - log_jacobian(x.T) - np.log(2.0) - 3.0 * log_sigma_p
         # The density may grow without end toward sigma_p = 0; no maximum lies out there, and no number either.
         value[np.abs(x[1:]).max(axis=0) > _FAR] = -np.inf
         return value
 
-    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Value, gradient and Hessian, points on the last axis; zeros for derivatives where the density is 0."""
-        points, value = x.T, self.value(x)
-        gradient, hessian = np.zeros(x.shape), np.zeros((len(x), *x.shape))
-        some = np.isfinite(value)
-        first, second = self.posterior.derivatives(points[some])
-        of_volume = jacobian_derivatives(points[some])
-        slope, bend = log_sigma_p_derivatives(x[1, some])
-        gradient[:, some] = (first - of_volume[0]).T
-        hessian[:, :, some] = np.moveaxis(second - of_volume[1], 0, -1)
-        gradient[1, some] -= 3.0 * slope
-        gradient[2, some] -= 3.0
-        hessian[1, 1, some] -= 3.0 * bend
-        return value, gradient, hessian
+    def derivatives(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and Hessian, points on the last axis."""
+        (gradient, hessian), of_volume = self.posterior.derivatives(x.T), jacobian_derivatives(x.T)
+        slope, bend = log_sigma_p_derivatives(x[1])
+        gradient, hessian = (gradient - of_volume[0]).T, np.moveaxis(hessian - of_volume[1], 0, -1)
+        gradient[1] -= 3.0 * slope
+        gradient[2] -= 3.0
+        hessian[1, 1] -= 3.0 * bend
+        return gradient, hessian
 
 
 def _starts(density: _NaturalDensity, maxima: Maxima) -> FloatArray:

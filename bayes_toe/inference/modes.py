@@ -58,7 +58,7 @@ def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     distinct = _distinct(x, value)
     hopeless = value[distinct] <= value.max() - 30.0
     chosen = distinct[~hopeless]
-    curvature = -target.derivatives(x[chosen])[1]
+    curvature = -np.moveaxis(found.hessian[:, :, kept], -1, 0)[chosen]
     return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()), x[distinct[hopeless]])
 
 
@@ -68,14 +68,14 @@ class _LogDensity:
 
     target: Target
 
-    def evaluate(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Value, gradient and Hessian; where the density is 0 there are no derivatives, and no step leads there."""
-        value = self.target.log_density(x.T)
-        some = np.isfinite(value)
-        gradient, hessian = np.zeros(x.shape), np.zeros((len(x), *x.shape))
-        first, second = self.target.derivatives(x.T[some])
-        gradient[:, some], hessian[:, :, some] = first.T, np.moveaxis(second, 0, -1)
-        return value, gradient, hessian
+    def value(self, x: FloatArray, _: IndexArray) -> FloatArray:
+        """Its value, (k, points) -> (points,)."""
+        return self.target.log_density(x.T)
+
+    def derivatives(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and Hessian; no step leads to where the density is 0."""
+        gradient, hessian = self.target.derivatives(x.T)
+        return gradient.T, np.moveaxis(hessian, 0, -1)
 
 
 def _distinct(x: FloatArray, value: FloatArray) -> IndexArray:

@@ -147,8 +147,9 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
     rest = -np.expm1(-t)
     lapse = np.exp(-np.logaddexp(0.0, logit))
-    with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0, and log1p(-1) is not the branch taken
-        result = np.where(q < 0.5, np.log1p(-q), np.log(lapse + (1.0 - lapse) * rest))
+    with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
+        result = np.asarray(np.log(lapse + (1.0 - lapse) * rest))
+        np.log1p(-q, out=result, where=q < 0.5)
         if np.any(logit > 700.0):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
             result = np.where((q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(rest)), result)
     return np.asarray(result)

@@ -433,11 +433,12 @@ class Posterior:
         return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
 
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
-        subject = self.subject
-        shift = (subject.s2 - subject.s1) + scales.pull * (pull * (subject.s1 - self.sbar) - self._offset(x).value)
+        """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
+        s1, s2 = np.atleast_2d(self.subject.s1).T, np.atleast_2d(self.subject.s2).T  # a column, or of a crowd a column a point
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).value.T)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
-            h = self._per_width(x, scales)
-            return shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)
+            h = self._per_width(x, scales).T
+            return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
 
     def _per_width(self, x: FloatArray, scales: Scales) -> FloatArray:
         """One over the width of every pair, shape (points, pairs) or (points, 1)."""

@@ -21,6 +21,12 @@ def objective(subject, row=None, equal=None, mean=0.0, sd=10.0):
     return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, Normal(mean, sd))
 
 
+def expanded(of, y):
+    """Value, gradient and Hessian."""
+    at = np.arange(y.shape[1])
+    return of.value(y, at), *of.derivatives(y, at)
+
+
 def points(n=30, seed=3):
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n, 4)) * [0.3, 2.0, 0.7, 2.0] + [0.0, 0.0, -1.0, 2.0]
@@ -31,7 +37,7 @@ def points(n=30, seed=3):
 def test_value_is_the_likelihood_minus_the_penalty(name):
     subject = CASES[name]
     posterior, (x, y) = posterior_of(subject), points()
-    value, _, _ = objective(subject, mean=0.5, sd=3.0).evaluate(y, np.arange(y.shape[1]))
+    value = objective(subject, mean=0.5, sd=3.0).value(y, np.arange(y.shape[1]))
     expected = posterior.log_likelihood(x) - 0.5 * ((posterior.natural(x).mu1 - 0.5) / 3.0) ** 2
     assert value == pytest.approx(expected, rel=1e-11, abs=1e-9)
 
@@ -40,7 +46,7 @@ def test_value_is_the_likelihood_minus_the_penalty(name):
 def test_derivatives_are_those_of_the_likelihood_by_the_chain_rule(name):
     subject = CASES[name]
     posterior, (x, y) = posterior_of(subject), points()
-    _, gradient, hessian = objective(subject, sd=1e9).evaluate(y, np.arange(y.shape[1]))
+    gradient, hessian = objective(subject, sd=1e9).derivatives(y, np.arange(y.shape[1]))
     # d log(p/p_max) / da = expit(-a) and its derivative -expit(a) expit(-a); the same for log q0.
     back, bend = np.ones_like(x), np.zeros_like(x)
     for i in (1, 3):
@@ -62,7 +68,7 @@ def test_derivatives_on_the_edges_agree_with_finite_differences(edge):
     if edge[1] < 0:
         y[0] = 0.0  # gamma = 0: no offset
     target, at = objective(subject), np.zeros(1, int)
-    _, gradient, hessian = target.evaluate(y, at)
+    gradient, hessian = target.derivatives(y, at)
     for i in range(4):
         if edge[1] < 0 and i < 2:
             continue
@@ -73,9 +79,9 @@ def test_derivatives_on_the_edges_agree_with_finite_differences(edge):
         width = 1e-6 if i == edge[0] else 2e-6
         sign = -1.0 if i == edge[0] else 1.0
         high = y + sign * step
-        slope = sign * (target.evaluate(high, at)[0] - target.evaluate(low, at)[0]) / width
+        slope = sign * (target.value(high, at) - target.value(low, at)) / width
         assert gradient[i] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
-        column = sign * (target.evaluate(high, at)[1] - target.evaluate(low, at)[1]) / width
+        column = sign * (target.derivatives(high, at)[0] - target.derivatives(low, at)[0]) / width
         assert hessian[:, i] == pytest.approx(column, rel=1e-3, abs=1e-3 * np.abs(hessian).max())
 
 
@@ -85,8 +91,8 @@ def test_rows_are_independent_and_blocks_do_not_matter(monkeypatch):
     equal = rng.binomial(subject.n_trials, 0.6, size=(7, subject.n_pairs))
     _, y = points(40)
     row = rng.integers(0, 7, 40)
-    together = objective(subject, row, equal).evaluate(y, np.arange(40))
-    one_by_one = [objective(subject, row[i : i + 1], equal).evaluate(y[:, i : i + 1], np.zeros(1, int)) for i in range(40)]
+    together = expanded(objective(subject, row, equal), y)
+    one_by_one = [expanded(objective(subject, row[i : i + 1], equal), y[:, i : i + 1]) for i in range(40)]
     for k, part in enumerate(together):
         assert part == pytest.approx(np.concatenate([one[k] for one in one_by_one], axis=-1), rel=1e-9, abs=1e-9)
 
@@ -94,13 +100,13 @@ def test_rows_are_independent_and_blocks_do_not_matter(monkeypatch):
 def test_an_impossible_answer_has_no_likelihood():
     subject = CASES["reversed answers"]  # 'different' was answered where z can be 0
     y = np.array([[0.0], [-np.inf], [0.0], [0.0]])
-    assert objective(subject).evaluate(y, np.zeros(1, int))[0] == -np.inf
+    assert objective(subject).value(y, np.zeros(1, int)) == -np.inf
 
 
 def test_pairs_after_one_another_add_up_to_all_at_once(monkeypatch):
     of, (_, y) = objective(CASES["400 pairs with 3 trials"]), points()
     monkeypatch.setattr(penalised_likelihood, "_PAIRS", 1000)
-    at_once = of.evaluate(y, np.arange(y.shape[1]))
+    at_once = expanded(of, y)
     monkeypatch.setattr(penalised_likelihood, "_PAIRS", 37)
-    for part, whole in zip(of.evaluate(y, np.arange(y.shape[1])), at_once, strict=True):
+    for part, whole in zip(expanded(of, y), at_once, strict=True):
         assert part == pytest.approx(whole, rel=1e-12, abs=1e-11 * np.abs(whole).max())
