@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,8 +12,11 @@ import typer
 from bayes_toe.cli import summaries, terminal
 from bayes_toe.cli.options import DrawCount, Store, StudyFile, StudyFileOrExample, writes
 from bayes_toe.cli.task import KeepingTableTask, KeepingTask, ModelTableTask, SamplingTask, TableTask, leave_unless_whole
+from bayes_toe.errors import ConvergenceWarning, InputError
 
 if TYPE_CHECKING:
+    from bayes_toe.analysis import Analysis
+    from bayes_toe.cli.group_section import Group
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
@@ -33,6 +37,7 @@ def run(
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
     pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
+    population: Annotated[bool, typer.Option("--population", help="What the subjects have in common, too: the joint posterior.")] = False,
     store: Store = "nc",
     task: RunningTask,
 ) -> None:
@@ -50,6 +55,8 @@ def run(
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
+    if population and len(read) < 2:
+        raise InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
     task.require_room(output, read, prior, others=PICTURE_BYTES[pictures], copies=copies)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
@@ -58,12 +65,32 @@ def run(
     summaries.say_evidence(task.console, analysis.evidence, "evidence.csv")
     terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
     summaries.say_draws(task.console, analysis.draws, "summary.csv")
+    group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, **task.saving)
+        write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    leave_unless_whole(task, analysis.draws.failed, analysis.draws.not_converged)
+    missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
+    leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
+
+
+def _group(analysis: Analysis, task: RunningTask) -> Group:
+    """What the subjects have in common, computed and said."""
+    from bayes_toe.cli.group_section import Group
+    from bayes_toe.cli.population_answer import answer, say_attention
+    from bayes_toe.groups.population import population
+    from bayes_toe.groups.predictive_check import predictive_check
+
+    study, settings = analysis.study, analysis.settings
+    with task.progress("subjects alone, then the group", len(study)) as tick, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # said below
+        found = population(study, seed=settings.seed, prior=settings.prior, workers=task.workers, progress=tick)
+    group = Group(found, predictive_check(found))
+    for line in answer(found):
+        terminal.say(task.console, line)
+    say_attention(task.console, found, group.check.warnings)
+    return group
 
 
 def sample(

@@ -30,7 +30,7 @@ class PopulationTask(KeepingTableTask):
 def population(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("population.nc", "NetCDF file to write; tables NAME.csv and NAME_subjects.csv beside it.")] = Path(
+    output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
         "population.nc"
     ),
     covariates: Annotated[
@@ -58,6 +58,9 @@ def population(
     from bayes_toe.groups.hyperprior import read_hyperprior
     from bayes_toe.groups.member_table import member_table
     from bayes_toe.groups.population import population as infer
+    from bayes_toe.groups.predictive_check import predictive_check
+    from bayes_toe.plots.figure_files import save_figure
+    from bayes_toe.plots.population import population_figure
 
     files = _beside(output)
     task.require_files(*files)
@@ -75,21 +78,22 @@ def population(
             read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
             hyperprior=given, scatter=scatter, method=method, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
+    check = predictive_check(found)
     with task.together(*files) as folder:
         found.save(folder / files[0].name, overwrite=task.overwrite)
         found.table.save(folder / files[1].name, **task.saving)
         member_table(found).save(folder / files[2].name, **task.saving)
-        # FIGURE: bt.plots.population(found) is saved here, as folder / f"{output.stem}.png", which _beside then names too.
+        save_figure(population_figure(found, check), folder / files[3].name)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     task.say_taken(keep)
     task.finish(keep, failed)
-    say_population(task.console, found)
+    say_population(task.console, found, check.warnings)
     task.say_written("written:", *files, seed=found.settings.seed)
     leave_unless_whole(task, failed, {} if found.converged else {"group": found.chains.reason})
 
 
 def _beside(output: Path) -> tuple[Path, ...]:
-    """The draws, the table of the population and that of its subjects."""
+    """The draws, the table of the population, that of its subjects, the figure."""
     if output.suffix != ".nc":
         raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
-    return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv")
+    return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv"), output.with_suffix(".png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import compress
 from typing import TYPE_CHECKING, Any
 
@@ -17,28 +18,37 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population_table import PopulationRow
 
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
-_BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
 _SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
 
-def say_population(console: Console, found: Population) -> None:
+def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
     from bayes_toe.comparison.words import STATED
 
-    for line in (_order_effect(found), _at_the_mean(found), *_contrasts(found)):
-        if line:
-            say(console, line)
-    if effects := [_effect(row) for row in found.table.some("effect")]:
+    for line in answer(found):
+        say(console, line)
+    if effects := [effect(row) for row in found.table.some("effect")]:
         about = "; ".join(column.about for column in found.regressors.columns)
         say_table(console, f"effects of covariates, mean (5 %, 95 %): {safe(about)}", effects)
-        say_footnote(console, f"{_BAYES_FACTOR}. {STATED}.")
-    say_table(console, f"{found.settings.model}: {len(found.study)} subjects, mean (5 %, 95 %)", _scales(found))
-    say_table(console, f"medians (5 %, 95 %){_reference(found)}", _naturals(found))
+        say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
+    say_table(console, f"{found.settings.model}: {len(found.study)} subjects, mean (5 %, 95 %)", scales(found))
+    say_table(console, f"medians (5 %, 95 %){reference(found)}", naturals(found))
     for line in found.settings.hyperprior.describe(found.names):
         say_footnote(console, f"hyperprior: {line}")
     say_notes(console, found.regressors.notes)
-    say_notes(console, found.problems[len(found.left_out) :], "attention", "red")
+    say_attention(console, found, contradicted)
+
+
+def say_attention(console: Console, found: Population, contradicted: Sequence[str]) -> None:
+    """What to know before any of it is believed: what was not reached, and what contradicts a population of this form."""
+    say_notes(console, (*found.problems[len(found.left_out) :], *contradicted), "attention", "red")
+
+
+def answer(found: Population) -> list[str]:
+    """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
+    return [line for line in (_order_effect(found), _at_the_mean(found), *_contrasts(found)) if line]
 
 
 def _order_effect(found: Population) -> str:
@@ -61,7 +71,7 @@ def _order_effect(found: Population) -> str:
 def _at_the_mean(found: Population) -> str:
     rows = {row.parameter: row for row in found.table.some("mean")}
     said = ", ".join(f"{name} {_median(rows[name])}" for name in _PULLING if name in rows)
-    return said and f"[bold]a subject at the mean[/bold]{_reference(found)}: {said}"
+    return said and f"[bold]a subject at the mean[/bold]{reference(found)}: {said}"
 
 
 def _contrasts(found: Population) -> list[str]:
@@ -75,7 +85,8 @@ def _contrasts(found: Population) -> list[str]:
     return [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {compared(row.p_direction or 0.0)}" for row in rows]
 
 
-def _effect(row: PopulationRow) -> dict[Any, Any]:
+def effect(row: PopulationRow) -> dict[Any, Any]:
+    """One effect of a covariate, as a table shows it."""
     from bayes_toe.comparison.words import compared, conclusion
 
     if row.bf_no_difference is not None:
@@ -93,7 +104,8 @@ def _nats(factor: float) -> float:
     return -math.log(factor) if factor > 0.0 else math.inf
 
 
-def _scales(found: Population) -> list[dict[Any, Any]]:
+def scales(found: Population) -> list[dict[Any, Any]]:
+    """Mean and scatter of every parameter on its scale."""
     what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
     rows = []
     for sd in found.table.some("sd"):
@@ -104,14 +116,15 @@ def _scales(found: Population) -> list[dict[Any, Any]]:
     return rows
 
 
-def _naturals(found: Population) -> list[dict[Any, Any]]:
+def naturals(found: Population) -> list[dict[Any, Any]]:
+    """Every quantity of a subject at the mean and of a further one."""
     means = {row.parameter: _median(row) for row in found.table.some("mean")}
     further = {row.parameter: _median(row) for row in found.table.some("new_subject")}
     shown = [name for name in further if name in means]
     return [{"quantity": name, "subject at the mean": means[name], "further subject": further[name]} for name in shown]
 
 
-def _reference(found: Population) -> str:
+def reference(found: Population) -> str:
     """Who is meant where there are covariates."""
     of = {column.covariate: column.reference or "mean" for column in found.regressors.columns}
     return safe(f" ({', '.join(f'{name} {level}' for name, level in of.items())})") if of else ""

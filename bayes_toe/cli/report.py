@@ -67,11 +67,12 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What a report says besides the analysis: summary of the draws, model-free asymmetries, who must be looked at and why."""
+    """What a report says besides the analysis: summary of the draws, model-free asymmetries, who must be looked at and why, the group."""
 
     summary: pd.DataFrame
     asymmetry: AsymmetryTable
     flagged: Mapping[str, tuple[str, ...]]
+    group: Mapping[str, Any] | None = None
 
 
 def write_report(analysis: Analysis, facts: Facts, pictures: Pictures, folder: Path) -> None:
@@ -149,6 +150,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "links": links,
         "crowded": len(analysis.study) > MOST_NAMED,
         "flagged": facts.flagged,
+        "group": facts.group,
         "index": _index(analysis, facts) if len(analysis.study) > MOST_IN_ONE else (),
     }
 

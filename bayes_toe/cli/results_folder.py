@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.attention import flagged
+from bayes_toe.cli.group_section import GROUP_PRODUCTS, Group, group_section, write_group
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.file_names import file_stems
@@ -36,8 +37,8 @@ from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
-#: What a results folder may hold: draws in one of two ways, pages of subjects where there are very many, corner plots of those drawn.
-PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", "corner", "report.html", "subjects")
+#: What a results folder may hold: draws in one of two ways, the group, pages of very many subjects, corner plots of those drawn.
+PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", *GROUP_PRODUCTS, "corner", "report.html", "subjects")
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
 PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
@@ -118,6 +119,7 @@ def write_results(
     workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
+    group: Group | None = None,
 ) -> Path:
     """Write posterior.nc (.zarr), summary.csv, evidence.csv, corner/*.png and report.html, of very many subjects also subjects/*.html.
 
@@ -136,6 +138,8 @@ def write_results(
         As in :func:`bayes_toe.analysis.run`; progress is told of the subjects that are drawn.
     spreadsheet_safe : bool
         As in :func:`bayes_toe.data.tables.write_table`.
+    group : Group, optional
+        What the subjects have in common: population.csv, population_subjects.csv, population.png, and a section of the report.
 
     Raises
     ------
@@ -145,12 +149,15 @@ def write_results(
     marked = flagged(analysis.evidence, analysis.draws.not_converged, analysis.presets)
     drawn = pictures.names(analysis.draws.names, marked)
     files, posterior = corner_files(analysis.draws, drawn), draws_in(Path(), store).name
-    required = (posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in files.values()))
+    of_group = () if group is None else GROUP_PRODUCTS
+    required = (posterior, "summary.csv", "evidence.csv", *of_group, "report.html", *(f"corner/{name}" for name in files.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, _drawing_place(new) as (target, place):
         analysis.draws.save(target / posterior)
         summary = analysis.summary()
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
+        if group is not None:
+            write_group(group, target, spreadsheet_safe=spreadsheet_safe)
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns, held=analysis.draws)
         if drawn:
@@ -161,7 +168,7 @@ def write_results(
             of_subjects.append(partial(_draw_subject, here(name), analysis.settings.prior, pictures.truth.get(name), *into))
         names = [*((),) * len(of_study), *((name,) for name in drawn)]
         run_in_order([*of_study, *of_subjects], of_this_machine(workers), progress, names)
-        facts = Facts(summary, asymmetry, marked)
+        facts = Facts(summary, asymmetry, marked, None if group is None else group_section(group, target))
         curve_files, corner_plots = ({name: home / file for name, file in files.items()} for home in (place / "curves", target / "corner"))
         write_report(analysis, facts, Pictures(place, curve_files, corner_plots, pictures.which), target)
     return Path(folder)

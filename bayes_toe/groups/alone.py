@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.joint import Funnel, Told
+from bayes_toe.groups.told import Funnel, Told
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.model.posterior import Model, Posterior

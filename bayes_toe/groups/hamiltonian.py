@@ -20,7 +20,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray
 
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-_ACCEPTED = 0.9  # a longer step would save a fifth of the work, and lose trajectories in narrow places
+_ACCEPTED = 0.85
 _LENGTH = 0.75 * np.pi
 _LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
 _MOST_STEPS = 256

@@ -19,40 +19,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.coefficients import CoefficientUnits, Units
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.scatter import Scatter
 from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared
-from bayes_toe.model.parameters import GroupPull
+from bayes_toe.groups.told import Told, without_funnel
 
 Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-
-
-@dataclass(frozen=True, eq=False)
-class Told:
-    """What each member's answers alone say of its parameters, about: log precision and place, shape (N, k); -inf where nothing.
-
-    Of the prior mean mu1 answers tell p (mu1 - centre), with pull p: the less of it there is, the less they say of mu1. Where `funnel` is
-    given, precision and place in the column of mu1 are those of this product.
-    """
-
-    log_precision: FloatArray
-    place: FloatArray
-    funnel: Funnel | None = None
-
-
-@dataclass(frozen=True)
-class Funnel:
-    """Columns of the prior mean and of what the pull follows from, the centre, and how it follows."""
-
-    mean: int
-    pull: int
-    centre: float
-    pulled: Callable[[FloatArray], GroupPull]
 
 
 class _Place(NamedTuple):
@@ -98,7 +77,8 @@ class Joint:
 
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
-        shared, xi = self.split(theta)
+        units, coefficients = self._coefficients(theta)
+        shared, xi = self._shared(theta, units, coefficients), self._xi(theta)
         at, by_pull = self._place(shared, xi)
         of_answers, steep = self.likelihood(at.eta)
         slope, inverse = self.scatter.slope(at.score), np.exp(-shared.log_scatter)[:, None]
@@ -107,18 +87,17 @@ class Joint:
             steep[..., self.told.funnel.pull] += steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
         of_members = (self.scatter.log_density(at.score) - shared.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
         prior, of_prior = log_hyperprior(shared, self.hyperprior)
-        by_mean = steep * at.share - slope * inverse
-        by_log_scatter = steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
-        gradient = np.empty(theta.shape)
-        parts = (by_mean.sum(axis=1), by_log_scatter.sum(axis=1), (self.x.T @ by_mean).reshape(len(theta), -1))
-        gradient[:, : self.size] = np.concatenate(parts, axis=1) + of_prior
-        gradient[:, self.size :] = (steep * np.exp(at.log_unit)).reshape(len(theta), -1)
-        return of_answers.sum(axis=1) + of_members + prior, gradient
+        by_mean, by_log_scatter = steep * at.share - slope * inverse, steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
+        by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
+        by_log_scatter = of_prior.log_scatter + by_log_scatter.sum(axis=1)
+        moved = coefficients * np.exp(units.log_unit)
+        by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
+        gradient = self._joined(by_coefficient * np.exp(units.log_unit), by_log_scatter, steep * np.exp(at.log_unit))
+        return of_answers.sum(axis=1) + of_members + prior + units.log_unit.sum(axis=(1, 2)), gradient
 
     def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
         """What is shared, and xi of the members, (points, N, k)."""
-        n, k = self.told.place.shape
-        return split_shared(theta[:, : self.size], k), theta[:, self.size :].reshape(len(theta), n, k)
+        return self._shared(theta, *self._coefficients(theta)), self._xi(theta)
 
     def eta(self, theta: FloatArray) -> FloatArray:
         """Parameters of the members, shape (points, N, k)."""
@@ -126,11 +105,37 @@ class Joint:
 
     def point(self, shared: Shared, eta: FloatArray) -> FloatArray:
         """The inverse: coordinates of what is shared and of members' parameters, shape (points, D)."""
-        xi = np.zeros(eta.shape)
+        xi, units = np.zeros(eta.shape), self._units.at(shared.log_scatter)
         for _ in range(2):  # the prior mean's place and unit depend on the pull
             at = self._place(shared, xi)[0]
             xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
-        return np.concatenate([part.reshape(len(eta), -1) for part in (*shared, xi)], axis=1)
+        return self._joined((shared.coefficients - units.centre) * np.exp(-units.log_unit), shared.log_scatter, xi)
+
+    @cached_property
+    def _units(self) -> CoefficientUnits:
+        return CoefficientUnits(without_funnel(self.told, self.hyperprior), self.x, self.hyperprior)
+
+    @cached_property
+    def _columns(self) -> FloatArray:
+        """1 and the regressors, (N, 1 + r)."""
+        return np.column_stack([np.ones(len(self.x)), self.x])
+
+    def _coefficients(self, theta: FloatArray) -> tuple[Units, FloatArray]:
+        """Units of mean and effects, and these in their units, (points, 1 + r, k)."""
+        given = split_shared(theta[:, : self.size], self.told.place.shape[1])
+        return self._units.at(given.log_scatter), given.coefficients
+
+    def _shared(self, theta: FloatArray, units: Units, coefficients: FloatArray) -> Shared:
+        k = self.told.place.shape[1]
+        return Shared.of(units.centre + coefficients * np.exp(units.log_unit), theta[:, k : 2 * k])
+
+    def _xi(self, theta: FloatArray) -> FloatArray:
+        return theta[:, self.size :].reshape(len(theta), *self.told.place.shape)
+
+    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, xi: FloatArray) -> FloatArray:
+        """Coordinates, or a gradient, of these parts, (points, D)."""
+        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], xi)
+        return np.concatenate([part.reshape(len(xi), -1) for part in parts], axis=1)
 
     def _place(self, shared: Shared, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
         """Where members are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""

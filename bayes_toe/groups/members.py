@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.crowd import crowd_posterior
 from bayes_toe.model.posterior import Model
@@ -56,3 +56,14 @@ class MembersLikelihood:
             value[some], slope = posterior.likelihood_gradient(x)
             gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
         return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
+
+    def repeated(self, eta: FloatArray, rng: np.random.Generator) -> IntArray:
+        """Answers 'equal' if everything were done once more, (copies, N, k) -> (copies, N, pairs); 0 where a subject has fewer pairs."""
+        points, counts = eta.reshape(-1, eta.shape[-1]), []
+        for some, posterior in self._blocks:
+            x, _ = posterior.from_group(points[some])
+            equal = np.exp(posterior.realised_answers(rng, x, posterior.log_answers(x))[0])
+            counts.append(rng.binomial(posterior.subject.n_trials, equal))
+        pairs = max(found.shape[1] for found in counts)
+        padded = [np.pad(found, ((0, 0), (0, pairs - found.shape[1]))) for found in counts]
+        return np.concatenate(padded).reshape(*eta.shape[:-1], pairs)

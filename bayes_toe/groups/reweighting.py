@@ -120,7 +120,8 @@ def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) 
     import emcee
 
     random = np.random.RandomState(np.random.MT19937(seeds))
-    start = starts(joint, _WALKERS, np.random.default_rng(seeds))[:, : joint.size]
+    shared, _ = joint.split(starts(joint, _WALKERS, np.random.default_rng(seeds)))
+    start = np.concatenate([part.reshape(_WALKERS, -1) for part in shared], axis=1)
     moves = [(emcee.moves.KDEMove(), 0.6), (emcee.moves.DEMove(), 0.4)]
     sampler = emcee.EnsembleSampler(_WALKERS, joint.size, density.log_density, vectorize=True, moves=moves)
     sampler.random_state = random.get_state()

@@ -18,6 +18,16 @@ class Shared(NamedTuple):
     log_scatter: FloatArray
     effects: FloatArray
 
+    @classmethod
+    def of(cls, coefficients: FloatArray, log_scatter: FloatArray) -> Shared:
+        """From means and effects in one array, (..., 1 + r, k)."""
+        return cls(coefficients[..., 0, :], log_scatter, coefficients[..., 1:, :])
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Means, then effects, (..., 1 + r, k)."""
+        return np.concatenate([self.mean[..., None, :], self.effects], axis=-2)
+
     def expected(self, x: FloatArray) -> FloatArray:
         """The mean of members with these regressors, (N, r) -> (..., N, k)."""
         return np.asarray(self.mean[..., None, :] + x @ self.effects)
@@ -28,12 +38,12 @@ def split_shared(theta: FloatArray, k: int) -> Shared:
     return Shared(theta[:, :k], theta[:, k : 2 * k], theta[:, 2 * k :].reshape(len(theta), -1, k))
 
 
-def log_hyperprior(shared: Shared, given: HyperpriorNumbers) -> tuple[FloatArray, FloatArray]:
-    """Log density with respect to (m, log tau, beta), (points,), and its gradient, (points, k (2 + r))."""
-    of_mean, points = (shared.mean - given.mean) / given.mean_sd, len(shared.mean)
-    of_scatter, of_effects = np.exp(shared.log_scatter) / given.sd_scale, shared.effects / given.effect_sd
+def log_hyperprior(shared: Shared, given: HyperpriorNumbers) -> tuple[FloatArray, Shared]:
+    """Log density with respect to (m, log tau, beta), (points,), and its slopes in each of them."""
+    of_mean, of_effects = (shared.mean - given.mean) / given.mean_sd, shared.effects / given.effect_sd
+    of_scatter = np.exp(shared.log_scatter) / given.sd_scale
     constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
     constant += shared.effects.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
     squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
-    slopes = (-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), (-of_effects / given.effect_sd).reshape(points, -1))
-    return np.asarray(-0.5 * squares + shared.log_scatter.sum(axis=1) - constant), np.concatenate(slopes, axis=1)
+    slopes = Shared(-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), -of_effects / given.effect_sd)
+    return np.asarray(-0.5 * squares + shared.log_scatter.sum(axis=1) - constant), slopes

@@ -22,6 +22,11 @@ from .paper_figures import write_figures as write_figures
 from .parts import best_axes as best_axes
 from .parts import part_axes as part_axes
 from .parts_sensitivity import parts_sensitivity_figure as parts_sensitivity_figure
+from .population import effects_axes as effects_axes
+from .population import forest_axes as forest_axes
+from .population import new_subject_axes as new_subject_axes
+from .population import population_figure as population_figure
+from .population import predictive_check_axes as predictive_check_axes
 from .prior_predictive import prior_predictive_axes as prior_predictive_axes
 from .prior_predictive import prior_predictive_figure as prior_predictive_figure
 from .sensitivity import sensitivity_axes as sensitivity_axes

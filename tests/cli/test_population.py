@@ -17,7 +17,7 @@ from bayes_toe.groups.chains import GroupChains
 from bayes_toe.groups.regressors import regressors
 from bayes_toe.inference.diagnostics import Convergence
 
-FILES = ("group.csv", "group.nc", "group_subjects.csv")
+FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
 SHORT = "8 effective draws of the sd of mu1"
 OPTIONS = ("--seed", "1", "--draws", "200", "--workers", "1")
 
@@ -48,7 +48,7 @@ def test_files_and_answer(done, folder):
     assert re.search(r"│ site 2 +│ +probit gamma │.*(no|a) difference │", done.stdout)
     assert "probit gamma: mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(0.5)" in done.stdout
     assert "note subjects left out: 'E' (no age)" in done.stdout
-    assert "seed 1; written: group.nc, group.csv, group_subjects.csv" in done.stdout
+    assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done.stdout
 
 
 def test_files_are_those_of_the_population(done, folder):

@@ -1,0 +1,174 @@
+"""Does the population have the right form? How subjects differ in what they did, beside how those of new groups would.
+
+A new group has as many subjects, with the same trials and covariates, each drawn from the population of one posterior draw; its answers are
+simulated. The subjects themselves are not used again, so that their own parameters cannot hide that no such population has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.study import Subject
+from bayes_toe.groups.members import MembersLikelihood
+from bayes_toe.groups.population import Population
+from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.model.crowd import Crowd
+from bayes_toe.seeds import generator
+
+#: Below this two-sided tail probability a population of this form is said to be contradicted.
+CONTRADICTED = 0.01
+_GROUPS, _TOGETHER = 500, 20  # new groups, and how many of them are simulated at once
+#: What is asked of each of the subjects' deeds.
+_ASKED = {"mean asymmetry": ("spread", "farthest"), "accuracy": ("spread",), "share of 'equal'": ("skewness", "farthest")}
+_FEWEST = 3  # subjects of which a skewness or a farthest one says anything: of two, both are always the same
+
+
+class Statistic(NamedTuple):
+    """How subjects differ in something that they did.
+
+    Attributes
+    ----------
+    kind : {"spread", "skewness", "farthest"}
+        Standard deviation between subjects; third standardised moment; largest distance from the mean in standard deviations.
+    of : str
+    observed : float
+    q05, q50, q95 : float
+        Of new groups.
+    p_value : float
+        Two-sided share of new groups that are as far out.
+    above : bool
+        Whether it is above the median of new groups.
+    """
+
+    kind: str
+    of: str
+    observed: float
+    q05: float
+    q50: float
+    q95: float
+    p_value: float
+    above: bool
+
+    @property
+    def label(self) -> str:
+        """What it is, in words."""
+        return {"spread": "sd of {}", "skewness": "skewness of {}", "farthest": "farthest {}, in sd"}[self.kind].format(self.of)
+
+
+@dataclass(frozen=True)
+class PredictiveCheck:
+    """What :func:`predictive_check` found.
+
+    Attributes
+    ----------
+    statistics : tuple of Statistic
+        Those of asymmetry are missing where fewer than two subjects met a pair in both orders.
+    scatter : str
+        Of the population that is checked.
+    groups : int
+        New groups.
+    """
+
+    statistics: tuple[Statistic, ...]
+    scatter: str
+    groups: int
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What contradicts the population, in words."""
+        return tuple(self._said(one) for one in self.statistics if one.p_value < CONTRADICTED)
+
+    def _said(self, one: Statistic) -> str:
+        numbers = f"{one.observed:.2g}, {one.q05:.2g} to {one.q95:.2g} expected, p = {one.p_value:.2g}"
+        outlying = one.above or one.kind == "skewness"
+        if one.kind == "spread":
+            what = f"the spread of the {one.of} between subjects is {'larger' if one.above else 'smaller'} than"
+        elif one.kind == "skewness":
+            what = f"the {one.of} of the subjects is skewed otherwise than"
+        else:
+            what = f"the subject farthest in its {one.of} is {'farther out' if one.above else 'nearer'} than"
+        further = "; try --population t" if outlying and self.scatter == "normal" else ""
+        clumps = "; do the subjects fall into kinds? A covariate may tell them apart" if not outlying and one.kind == "farthest" else ""
+        return f"{what} a {self.scatter} population has it ({numbers}){further}{clumps}"
+
+
+def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveCheck:
+    """Hold how subjects differ against new groups drawn from the posterior.
+
+    Parameters
+    ----------
+    found : Population
+    groups : int
+        New groups.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.example import example_study
+    >>> from bayes_toe.groups.population import population
+    >>> made = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
+    >>> [one.label for one in predictive_check(made, groups=100).statistics[:2]]
+    ['sd of mean asymmetry', 'sd of accuracy']
+    """
+    crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
+    everyone = np.concatenate([crowd.n_equal[None], _new_groups(found, groups)])
+    statistics = [one for of, values in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(of, values)]
+    return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
+
+
+def _new_groups(found: Population, groups: int) -> IntArray:
+    """Counts of 'equal' of new groups on the pairs of the study, shape (groups, N, pairs)."""
+    rng, chains = generator(found.settings.seed, "population", "predictive check"), found.chains
+    k, draws, parts = len(found.names), chains.mean[..., 0].size, -(-groups // _TOGETHER)
+    some = np.linspace(0, draws - 1, parts * _TOGETHER).astype(int)
+    mean, tau, effects = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects))
+    expected = mean + found.regressors.x @ effects
+    eta = expected + tau * scatter_named(found.settings.scatter).sample(rng, expected.shape)
+    members = MembersLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
+    return np.concatenate([members.repeated(part, rng) for part in np.split(eta, parts)])[:groups]
+
+
+def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_equal: IntArray) -> Iterator[tuple[str, FloatArray]]:
+    """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs)."""
+    orders, trials = _orders(subjects, crowd.n_pairs), crowd.n_trials.sum(axis=1)
+    both = orders.any(axis=1)
+    if both.sum() > 1:
+        shares = (n_equal[:, both] + 1.0) / (crowd.n_trials[both] + 2.0)  # Laplace's estimator, Eq. e:2b
+        yield "mean asymmetry", (orders[both] * shares).sum(axis=2)
+    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_equal, crowd.n_trials - n_equal).sum(axis=2) / trials
+    yield "share of 'equal'", n_equal.sum(axis=2) / trials
+
+
+def _orders(subjects: Sequence[Subject], pairs: int) -> FloatArray:
+    """Weights of the pairs in each subject's mean of q(c, r) - q(r, c) over its comparisons, shape (N, pairs)."""
+    weights = np.zeros((len(subjects), pairs))
+    for row, one in zip(weights, subjects, strict=True):
+        seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
+        at = {key: i for i, key in enumerate(zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True))}
+        both = [(i, at[b, a, isi]) for (a, b, isi), i in at.items() if a > b and (b, a, isi) in at]
+        for strong_first, weak_first in both:
+            row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
+    return weights
+
+
+def _statistics(of: str, values: FloatArray) -> Iterator[Statistic]:
+    """Of the group in the first row beside those in the others: its spread, and, where that says something, its form."""
+    spread = values.std(axis=1, ddof=1, keepdims=True)
+    from_mean = values - values.mean(axis=1, keepdims=True)
+    scores = np.divide(from_mean, spread, out=np.zeros_like(from_mean), where=spread > 0.0)
+    measures = {"spread": spread[:, 0], "skewness": (scores**3).mean(axis=1), "farthest": np.abs(scores).max(axis=1)}
+    for kind in _ASKED[of]:
+        if kind == "spread" or values.shape[1] >= _FEWEST:
+            yield _statistic(kind, of, measures[kind])
+
+
+def _statistic(kind: str, of: str, values: FloatArray) -> Statistic:
+    observed, others = values[0], values[1:]
+    tail = min((others >= observed).sum(), (others <= observed).sum())
+    p_value = min(1.0, 2.0 * (tail + 1.0) / (len(others) + 1.0))
+    q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
+    return Statistic(kind, of, float(observed), q05, q50, q95, float(p_value), above=bool(observed > q50))
