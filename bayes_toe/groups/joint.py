@@ -35,11 +35,12 @@ Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class _Place(NamedTuple):
-    """Where members are, shape (points, N, k) or one column of it, and what moves them."""
+    """Where members are, shape (points, N, k) or one column of it, the population's share and the rest, and what moves them."""
 
     eta: FloatArray
     score: FloatArray
     share: FloatArray
+    rest: FloatArray
     log_unit: FloatArray
     by_log_scatter: FloatArray
 
@@ -80,16 +81,19 @@ class Joint:
         units, coefficients = self._coefficients(theta)
         shared, xi = self._shared(theta, units, coefficients), self._xi(theta)
         at, by_pull = self._place(shared, xi)
-        of_answers, steep = self.likelihood(at.eta)
-        slope, inverse = self.scatter.slope(at.score), np.exp(-shared.log_scatter)[:, None]
-        steep = steep + slope * inverse
+        of_answers, of_eta = self.likelihood(at.eta)
+        by_score = self.scatter.slope(at.score)
+        drawn = by_score * np.exp(-shared.log_scatter)[:, None]
+        steep = of_eta + drawn
         if self.told.funnel is not None and by_pull is not None:
-            steep[..., self.told.funnel.pull] += steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
+            funnelled = steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
+            for whole in (of_eta, steep):
+                whole[..., self.told.funnel.pull] += funnelled
         of_members = (self.scatter.log_density(at.score) - shared.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
         prior, of_prior = log_hyperprior(shared, self.hyperprior)
-        by_mean, by_log_scatter = steep * at.share - slope * inverse, steep * at.by_log_scatter - slope * at.score - 1.0 + at.share
+        by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
         by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
-        by_log_scatter = of_prior.log_scatter + by_log_scatter.sum(axis=1)
+        by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
         moved = coefficients * np.exp(units.log_unit)
         by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
         gradient = self._joined(by_coefficient * np.exp(units.log_unit), by_log_scatter, steep * np.exp(at.log_unit))
@@ -165,4 +169,4 @@ def _between(
     share, log_unit = np.exp(log_share), log_scatter + 0.5 * log_share
     drawn, own = np.exp(log_lever + 2.0 * log_unit) * short, np.exp(log_unit) * xi
     score = np.exp(log_lever + log_unit + 0.5 * log_share) * short + np.exp(0.5 * log_share) * xi
-    return _Place(expected + drawn + own, score, share, log_unit, share * (2.0 * drawn + own))
+    return _Place(expected + drawn + own, score, share, np.exp(log_ratio + log_share), log_unit, share * (2.0 * drawn + own))

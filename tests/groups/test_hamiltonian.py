@@ -1,0 +1,148 @@
+"""The sampler of many chains in step, on densities that are known."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_toe.groups.hamiltonian import Hamiltonian
+
+COVARIANCE = np.array([[4.0, 1.2, 0.0, 0.0], [1.2, 1.0, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0], [0.0, 0.0, 0.0, 900.0]])
+MEAN = np.array([1.0, -2.0, 5.0, 100.0])
+
+
+def normal(x):
+    slope = -(x - MEAN) @ np.linalg.inv(COVARIANCE)
+    return 0.5 * ((x - MEAN) * slope).sum(axis=1), slope
+
+
+def skewed(x):
+    """Logs of exponential numbers, three of them, the second one's scale following from the first: skewed, and narrow in places."""
+    a, b, c = x.T
+    with np.errstate(over="ignore"):
+        ea, eb, ec = np.exp(a), np.exp(b - a / 2.0), np.exp(c)
+    slope = np.stack([1.0 - ea - 0.5 + 0.5 * eb, 1.0 - eb, 1.0 - ec], axis=1)
+    return a - ea + (b - a / 2.0) - eb + c - ec, slope
+
+
+def skewed_draws(rng, size):
+    a, b, c = np.log(rng.exponential(size=(3, size)))
+    return np.stack([a, b + a / 2.0, c], axis=1)
+
+
+def uniforms(x):
+    """Each column of which has a known distribution made uniform."""
+    a, b, c = x.T
+    return 1.0 - np.exp(-np.exp(np.stack([a, b - a / 2.0, c], axis=1)))
+
+
+def sampler(density, start, seed, together=0, scale=None):
+    return Hamiltonian(density, start, np.ones(start.shape[1]) if scale is None else scale, together, np.random.default_rng(seed))
+
+
+def test_a_normal_from_a_poor_start():
+    """Means, variances and a correlation: 13 z scores from about independent draws; false alarms once in 10,000 runs."""
+    chains = sampler(normal, np.random.default_rng(1).normal(0.0, 3.0, (16, 4)), 2, together=2)
+    chains.warm_up()
+    x = chains.advance(400).x.reshape(-1, 4) - MEAN
+    products = x[:, :, None] * x[:, None, :]
+    errors = np.sqrt((np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE)) + COVARIANCE**2) / (0.3 * len(x)))
+    assert np.abs((products.mean(axis=0) - COVARIANCE) / errors).max() < 4.5
+    assert np.abs(x.mean(axis=0) / np.sqrt(np.diag(COVARIANCE) / (0.3 * len(x)))).max() < 4.5
+
+
+def test_scales_are_learnt_with_correlations_among_the_first():
+    chains = sampler(normal, np.zeros((16, 4)) + MEAN, 3, together=2)
+    chains.warm_up()
+    assert chains._root @ chains._root.T == pytest.approx(COVARIANCE[:2, :2], rel=0.35)
+    assert chains._scale == pytest.approx(np.sqrt(np.diag(COVARIANCE)[2:]), rel=0.2)
+    assert chains.advance(100).accepted.mean() == pytest.approx(0.8, abs=0.12)
+
+
+@pytest.mark.parametrize("step", [0.15, 0.6, 1.1])
+def test_a_density_is_left_as_it_is(step):
+    """2000 independent draws stay such draws, whatever the step: also where half of the proposals are refused."""
+    rng = np.random.default_rng(4)
+    chains = sampler(skewed, skewed_draws(rng, 2000), 5)
+    chains.step = step
+    trace = chains.advance(6)
+    assert 0.05 < trace.accepted.mean() < 0.9999
+    for u in uniforms(trace.x[-1]).T:
+        assert stats.kstest(u, "uniform").pvalue > 1e-4
+
+
+def test_and_a_wrong_acceptance_would_be_seen():
+    def twisted(x):
+        value, slope = skewed(x)
+        return 1.5 * value, slope
+
+    chains = sampler(twisted, skewed_draws(np.random.default_rng(4), 2000), 5)
+    chains.step = 0.6
+    assert min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T) < 1e-4
+
+
+def test_a_skewed_density_from_far_off():
+    chains = sampler(skewed, np.random.default_rng(6).normal(-8.0, 4.0, (16, 3)), 7, together=1)
+    chains.warm_up()
+    u = uniforms(chains.advance(800).x[::8].reshape(-1, 3))
+    for column in u.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-4
+
+
+def test_one_chain_that_starts_far_away_arrives():
+    start = np.random.default_rng(8).standard_normal((16, 4))
+    start[3] = 60.0
+
+    def density(x):
+        return -0.5 * np.square(x).sum(axis=1), -x
+
+    chains = sampler(density, start, 9)
+    chains.warm_up()
+    assert np.abs(chains.advance(5).x).max() < 6.0
+
+
+def test_trajectories_over_a_cliff_are_refused_and_counted():
+    def cliff(x):
+        steep = 1e9 * np.where(np.abs(x) > 1.0, np.sign(x) * (np.abs(x) - 1.0), 0.0)
+        return -0.5 * 1e9 * np.square(np.maximum(np.abs(x) - 1.0, 0.0)).sum(axis=1), -steep
+
+    chains = sampler(cliff, np.zeros((16, 1)), 10)
+    chains.step = 0.7
+    trace = chains.advance(30)
+    assert 0.1 < trace.divergent.mean() < 1.0
+    assert (trace.accepted[trace.divergent] == 0.0).all()
+    assert np.abs(trace.x).max() < 1.001
+    again = trace.x[1:][trace.divergent[1:]] == trace.x[:-1][trace.divergent[1:]]
+    assert again.all()
+
+
+def test_a_density_that_is_nothing_somewhere_is_not_entered():
+    """-inf is the value outside a support, and NaN that of a slope there."""
+
+    def half(x):
+        inside = x[:, 0] > 0.0
+        return np.where(inside, -x[:, 0], -np.inf), np.where(inside[:, None], -1.0, np.nan)
+
+    trace = sampler(half, np.ones((64, 1)), 11).advance(400)
+    assert trace.divergent.any()
+    assert trace.x.min() > 0.0
+    assert stats.kstest(trace.x[40::40].ravel(), "expon").pvalue > 1e-4
+
+
+def test_the_same_seed_the_same_numbers():
+    first, second, other = (sampler(normal, np.zeros((16, 4)) + MEAN, seed).advance(5).x for seed in (12, 12, 13))
+    assert (first == second).all()
+    assert (first != other).any()
+
+
+def test_gradients_are_counted():
+    calls = []
+
+    def density(x):
+        calls.append(len(x))
+        return normal(x)
+
+    chains = sampler(density, np.zeros((16, 4)) + MEAN, 14)
+    chains.warm_up((5, 5))
+    chains.advance(7)
+    assert chains.gradients == sum(calls)
+    assert chains.draws == 7

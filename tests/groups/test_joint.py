@@ -1,0 +1,281 @@
+"""The joint density of a group against its definition in many digits, and the map to its coordinates against differences."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from bayes_toe.data.study import Subject
+from bayes_toe.groups import joint as joint_module
+from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
+from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.members import MembersLikelihood
+from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.told import Funnel, Told
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+
+N, K, CENTRE = 3, 4, 0.3
+HYPERPRIOR = HyperpriorNumbers(*np.array([[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]))
+PULL = PREDICTIVE_UPDATE.free[0].group_pull
+#: Funnel or not, kind of scatter, regressors, what is told.
+CASES = {
+    "nothing told": (False, "normal", 0, "nothing"),
+    "told": (False, "normal", 0, "some"),
+    "two regressors": (False, "normal", 2, "some"),
+    "t": (False, "t", 1, "some"),
+    "funnel": (True, "normal", 0, "some"),
+    "funnel, t, two regressors": (True, "t", 2, "some"),
+    "funnel, nothing told": (True, "normal", 1, "nothing"),
+    "funnel, very much told": (True, "t", 1, "much"),
+}
+
+
+def bumps(eta):
+    """A likelihood that needs no digits: of each member, and its gradient."""
+    weight = np.array([0.3, 1.1, 0.7, 2.0])
+    return -(weight * (eta**2 / 4.0 + np.cos(eta))).sum(axis=-1), -weight * (eta / 2.0 - np.sin(eta))
+
+
+def bump(eta):
+    return -sum(w * (e**2 / 4 + mpmath.cos(e)) for w, e in zip(map(mpmath.mpf, (0.3, 1.1, 0.7, 2.0)), eta, strict=True))
+
+
+def made(funnel, scatter, regressors, told, likelihood=bumps):
+    rng = np.random.default_rng(11)
+    log_precision = {"nothing": np.full((N, K), -np.inf), "some": rng.normal(1.0, 2.0, (N, K)), "much": rng.uniform(8.0, 20.0, (N, K))}[
+        told
+    ]
+    if told == "some":
+        log_precision[1, 2] = -np.inf
+    place = rng.normal(0.0, 1.0, (N, K))
+    x = rng.standard_normal((N, regressors))
+    return Joint(
+        likelihood, HYPERPRIOR, x, Told(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None), scatter_named(scatter)
+    )
+
+
+def points(joint, far):
+    rng = np.random.default_rng(13)
+    theta = rng.standard_normal((3, joint.dimension))
+    if far:  # scatters of e^-20 to e^3, and a pull that is next to nothing
+        theta[:, K : 2 * K] = rng.uniform(-20.0, 3.0, (3, K))
+        theta[0, 1] = -9.0
+    return theta
+
+
+def coefficients_by_definition(joint, theta, tau):
+    """Means and effects, (1 + r) rows of k, and the sum of the logs of their units."""
+    told, given, r = joint._units.told, joint.hyperprior, joint.x.shape[1]
+    scores, rows, log_unit = [theta[:K], *(theta[(2 + a) * K : (3 + a) * K] for a in range(r))], [], mpmath.mpf(0)
+    for a, score in enumerate(scores):
+        row = []
+        for j in range(K):
+            s = mpmath.mpf(float((given.effect_sd if a else given.mean_sd)[j]))
+            h = [mpmath.exp(mpmath.mpf(float(v))) for v in told.log_precision[:, j]]
+            weights = [v / (1 + v * tau[j] ** 2) * (mpmath.mpf(float(joint.x[i, a - 1])) ** 2 if a else 1) for i, v in enumerate(h)]
+            precision = 1 / s**2 + sum(weights)
+            places = sum(w * mpmath.mpf(float(e)) for w, e in zip(weights, told.place[:, j], strict=True))
+            centre = 0 if a else (mpmath.mpf(float(given.mean[j])) / s**2 + places) / precision
+            row.append(centre + score[j] / mpmath.sqrt(precision))
+            log_unit -= mpmath.log(precision) / 2
+        rows.append(row)
+    return rows, log_unit
+
+
+def eta_by_definition(joint, theta):
+    """Members and their means, scatters and units, from what the module says of them."""
+    told, r = joint.told, joint.x.shape[1]
+    tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[(2 + r) * K :], []
+    (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
+    for i in range(N):
+        eta, expected = (
+            [None] * K,
+            [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r)) for j in range(K)],
+        )
+        unit = [None] * K
+        for j in (1, 2, 3, 0):
+            h = mpmath.exp(mpmath.mpf(float(told.log_precision[i, j])))
+            e = mpmath.mpf(float(told.place[i, j]))
+            if told.funnel is not None and j == 0:
+                ratio = (1 + mpmath.sqrt(1 + 4 * mpmath.ncdf(eta[1]))) / 2
+                p = (ratio - 1) / ratio
+                h, e = h * p**2, mpmath.mpf(CENTRE) + e / p
+            s = 1 / (1 + h * tau[j] ** 2)
+            unit[j] = tau[j] * mpmath.sqrt(s)
+            eta[j] = (1 - s) * e + s * expected[j] + unit[j] * xi[i * K + j]
+        found.append((eta, expected, unit))
+    return found, mean, tau, effects, log_unit
+
+
+def log_normal(value, mean, sd):
+    return -(((value - mpmath.mpf(float(mean))) / mpmath.mpf(float(sd))) ** 2) / 2 - mpmath.log(
+        mpmath.mpf(float(sd)) * mpmath.sqrt(2 * mpmath.pi)
+    )
+
+
+def by_definition(joint, theta):
+    members, mean, tau, effects, total = eta_by_definition(joint, theta)
+    given = joint.hyperprior
+    for eta, expected, unit in members:
+        total += bump(eta)
+        for j in range(K):
+            u = (eta[j] - expected[j]) / tau[j]
+            of_score = (
+                mpmath.log(mpmath.mpf(3) / 8 * (1 + u**2 / 4) ** mpmath.mpf(-2.5)) if joint.scatter.name == "t" else log_normal(u, 0, 1)
+            )
+            total += of_score - mpmath.log(tau[j]) + mpmath.log(unit[j])
+    for j in range(K):
+        total += log_normal(mean[j], given.mean[j], given.mean_sd[j])
+        total += mpmath.log(2) + log_normal(tau[j], 0, given.sd_scale[j]) + mpmath.log(tau[j])
+        total += sum(log_normal(effect, 0, given.effect_sd[j]) for effect in (row[j] for row in effects))
+    return total
+
+
+def require_right(joint, far):
+    """Value and gradient, to twelve digits of the largest term."""
+    theta = points(joint, far)
+    values, gradients = joint(theta)
+    h = mpmath.mpf(10) ** -30
+    with mpmath.workdps(90):
+        for point, value, gradient in zip(theta, values, gradients, strict=True):
+            at = [mpmath.mpf(float(v)) for v in point]
+            assert value == pytest.approx(float(by_definition(joint, at)), rel=1e-12)
+            for i in range(joint.dimension):
+                up, down = (by_definition(joint, [v + sign * h * (j == i) for j, v in enumerate(at)]) for sign in (1, -1))
+                assert gradient[i] == pytest.approx(float((up - down) / (2 * h)), rel=1e-11, abs=1e-11 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("far", [False, True], ids=["near", "far"])
+@pytest.mark.parametrize("case", CASES)
+def test_value_and_gradient_are_those_of_the_definition(case, far):
+    require_right(made(*CASES[case]), far)
+
+
+@pytest.mark.parametrize("wrong", ["unit", "share", "slope"])
+def test_a_wrong_jacobian_is_noticed(wrong, monkeypatch):
+    right = joint_module._between
+
+    def between(*given):
+        at = right(*given)
+        return {
+            "unit": at._replace(log_unit=at.log_unit + 0.01 * given[3]),
+            "share": at._replace(share=at.share * 1.001),
+            "slope": at._replace(by_log_scatter=at.by_log_scatter * 1.001),
+        }[wrong]
+
+    monkeypatch.setattr(joint_module, "_between", between)
+    with pytest.raises(AssertionError):
+        require_right(made(*CASES["told"]), far=False)
+
+
+def whole_jacobian(joint, theta):
+    """Of (m, tau, beta, eta) with respect to one point, by differences, (D, D)."""
+
+    def natural(at):
+        shared, _ = joint.split(at)
+        return np.concatenate(
+            [shared.mean, np.exp(shared.log_scatter), *np.moveaxis(shared.effects, 1, 0), *np.moveaxis(joint.eta(at), 1, 0)], axis=1
+        )
+
+    h = 1e-3 * np.eye(joint.dimension)
+    a, b, c, d = (natural(theta + f * h) for f in (-2.0, -1.0, 1.0, 2.0))
+    return ((a - 8.0 * b + 8.0 * c - d) / 12e-3).T
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_with_real_answers_and_a_jacobian_by_differences(case):
+    rng = np.random.default_rng(17)
+    people = [Subject(f"S{i}", *rng.normal(0.3, 0.3, (2, 5)), rng.integers(0, 20, 5), np.full(5, 20)) for i in range(N)]
+    funnel, scatter, regressors, told = CASES[case]
+    many = made(
+        funnel, scatter, regressors, "some" if told == "much" else told, MembersLikelihood(PREDICTIVE_UPDATE, Prior(), people, CENTRE, 3)
+    )
+    theta = points(many, far=False)
+    shared, eta = many.split(theta)[0], many.eta(theta)
+    values, gradients = many(theta)
+    for p in range(3):
+        mean, tau, effects = shared.mean[p], np.exp(shared.log_scatter[p]), shared.effects[p]
+        own = [Posterior(one, PREDICTIVE_UPDATE, Prior(), centre=CENTRE) for one in people]
+        total = sum(one.log_likelihood(one.from_group(eta[p, i : i + 1])[0])[0] for i, one in enumerate(own))
+        u = (eta[p] - mean - many.x @ effects) / tau
+        total += (
+            (np.log(0.375) - 2.5 * np.log1p(u**2 / 4)) if scatter == "t" else -0.5 * u**2 - 0.5 * np.log(2 * np.pi)
+        ).sum() - N * np.log(tau).sum()
+        for value, at, sd in (
+            (mean, HYPERPRIOR.mean, HYPERPRIOR.mean_sd),
+            (tau, 0.0, HYPERPRIOR.sd_scale),
+            (effects, 0.0, HYPERPRIOR.effect_sd),
+        ):
+            total += (-0.5 * ((value - at) / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi) + 0.0 * value).sum()
+        total += K * np.log(2.0) + np.linalg.slogdet(whole_jacobian(many, theta[p : p + 1]))[1]
+        assert values[p] == pytest.approx(total, abs=1e-8)
+    for j in rng.choice(many.dimension, 8, replace=False):
+        h = 1e-4 * np.eye(many.dimension)[j]
+        a, b, c, d = (many(theta + f * h)[0] for f in (-2.0, -1.0, 1.0, 2.0))
+        assert gradients[:, j] == pytest.approx((a - 8 * b + 8 * c - d) / 12e-4, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_there_and_back(case):
+    joint = made(*CASES[case])
+    theta = points(joint, far=False)
+    shared, _ = joint.split(theta)
+    assert joint.point(shared, joint.eta(theta)) == pytest.approx(theta, rel=1e-9, abs=1e-9)
+
+
+def drawn_without_answers(funnel):
+    """Mean, log scatter and one member, about independent draws, where no answer says anything; coordinates are as if they did."""
+
+    def silent(eta):
+        return np.zeros(eta.shape[:-1]), np.zeros(eta.shape)
+
+    rng = np.random.default_rng(19)
+    told = Told(
+        rng.normal(0.0, 1.0, (N, K)), np.tile(HYPERPRIOR.mean, (N, 1)) * ([0.0] + 3 * [1.0]), Funnel(0, 1, CENTRE, PULL) if funnel else None
+    )
+    joint = Joint(silent, HYPERPRIOR, np.empty((N, 0)), told, scatter_named("normal"))
+    sampler = Hamiltonian(joint, 0.3 * rng.standard_normal((64, joint.dimension)), np.ones(joint.dimension), joint.size, rng)
+    sampler.warm_up((20, 20))
+    theta = sampler.advance(150).x[::15].reshape(-1, joint.dimension)
+    shared, _ = joint.split(theta)
+    return shared.mean, np.exp(shared.log_scatter), joint.eta(theta)[:, 0]
+
+
+def farthest(mean, tau, eta):
+    """Largest z score of averages that the hyperprior fixes."""
+    g, zs = HYPERPRIOR, []
+    for values, wanted in (
+        ((mean - g.mean) / g.mean_sd, 0.0),
+        (((mean - g.mean) / g.mean_sd) ** 2, 1.0),
+        (tau / g.sd_scale, np.sqrt(2.0 / np.pi)),
+        ((tau / g.sd_scale) ** 2, 1.0),
+        ((eta - g.mean) ** 2 / (g.mean_sd**2 + g.sd_scale**2), 1.0),
+    ):
+        zs.append((values.mean(axis=0) - wanted) / (values.std(axis=0) / np.sqrt(len(values))))
+    return np.abs(zs).max()
+
+
+#: 20 averages of about 640 draws, a third of which may be copies of neighbours in effect: false alarms once in 10,000 runs.
+FAR = 6.0
+
+
+@pytest.mark.parametrize("funnel", [False, True])
+def test_without_answers_the_hyperprior_comes_back(funnel):
+    assert farthest(*drawn_without_answers(funnel)) < FAR
+
+
+def test_and_does_not_with_a_wrong_jacobian(monkeypatch):
+    """A part of the Jacobian that is forgotten: value and gradient belong together, but to another density."""
+    right = Joint.__call__
+
+    def forgetful(self, theta):
+        value, gradient = right(self, theta)
+        log_ratio = self.told.log_precision + 2.0 * self.split(theta)[0].log_scatter[:, None]
+        share = 1.0 / (1.0 + np.exp(log_ratio))
+        gradient[:, K : 2 * K] += (1.0 - share).sum(axis=1)
+        return value - 0.5 * np.log(share).sum(axis=(1, 2)), gradient
+
+    monkeypatch.setattr(Joint, "__call__", forgetful)
+    assert farthest(*drawn_without_answers(funnel=False)) > FAR

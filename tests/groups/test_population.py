@@ -1,0 +1,65 @@
+"""The verb: what it promises of seeds, workers and the order of subjects."""
+
+import numpy as np
+import pytest
+from conftest import few_pairs
+
+from bayes_toe.groups import chains
+from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.hyperprior import Hyperprior
+from bayes_toe.groups.population import population
+from bayes_toe.inference.diagnostics import errors
+
+pytestmark = pytest.mark.filterwarnings("ignore::bayes_toe.errors.ConvergenceWarning")
+
+STUDY = few_pairs(["A", "B", "C"])
+#: Close to what such a study tells, so that few draws do.
+HYPERPRIOR = (
+    Hyperprior()
+    .for_study(STUDY)
+    .changed({"mu1": {"mean_sd": 0.5, "sd_scale": 0.3}, "gamma": {"sd_scale": 0.3}, "width": {"sd_scale": 0.3}, "q0": {"sd_scale": 0.3}})
+)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A run that is short however the chains mix: what is asked here does not need more."""
+
+    def short(study=STUDY, **more):
+        return population(study, **{"draws": 100, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1, **more})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chains, "_LIMIT", 1)
+        patch.setattr(chains, "_MOST", 8)
+        patch.setattr(Hamiltonian.warm_up, "__defaults__", ((20, 30),))
+        yield short
+
+
+@pytest.fixture(scope="module")
+def found(run):
+    return run()
+
+
+def test_the_number_of_workers_changes_no_bit(found, run):
+    other = run(workers=2)
+    for name in ("mean", "scatter", "eta"):
+        assert (getattr(found.chains, name) == getattr(other.chains, name)).all()
+    assert (found.alone == other.alone).all()
+
+
+def test_the_order_of_subjects_changes_what_chance_may_change(found, run):
+    """16 z scores: false alarms once in 2000 runs."""
+    other = run(STUDY.select(["C", "A", "B"]))
+    pairs = [(getattr(found.chains, name)[..., j], getattr(other.chains, name)[..., j]) for name in ("mean", "scatter") for j in range(4)]
+    pairs += [(found.chains.eta[:, :, 0, j], other.chains.eta[:, :, 1, j]) for j in range(4)]
+    for one, two in pairs:
+        assert abs(one.mean() - two.mean()) < 4.2 * np.hypot(errors(one).mean, errors(two).mean)
+
+
+def test_the_stated_diagnostics_are_those_of_the_draws(found):
+    own = found.chains
+    (_, lowest), (_, highest) = own.worst(found.names, found.study.names)
+    assert found.converged == (lowest >= 100 and highest < 1.01)
+    assert set(own.shared) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
+    assert own.mean.shape[0] == 16
+    assert (own.scatter > 0.0).all()
