@@ -22,7 +22,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import bayes_toe as bt
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import write_table
@@ -101,7 +101,7 @@ def main() -> int:
 
 def study_row(size: int, number: int, seed: int, model: Model, scatter: str) -> dict[str, object]:
     """Simulate a group, analyse it, rank what is known of it."""
-    rng, design = generator(seed, "population calibration", size, number), reference_design(batches=TRIALS)
+    rng, design = generator(seed, "population calibration", size, number), _design()
     names = [f"S{i:02d}" for i in range(1, size + 1)]
     people = Covariates({"age": dict(zip(names, rng.standard_normal(size).tolist(), strict=True))})
     hyperprior = Hyperprior().for_study(_study(names, design, np.zeros((size, len(design.s1)), int))).changed(NUMBERS)
@@ -132,6 +132,13 @@ def study_row(size: int, number: int, seed: int, model: Model, scatter: str) -> 
     }
 
 
+def _design() -> Design:
+    """The paper's pairs, sorted as those of subjects are, so that counts by pair are theirs."""
+    design = reference_design(batches=TRIALS)
+    order = np.lexsort((design.s2, design.s1))
+    return Design(design.s1[order], design.s2[order], TRIALS)
+
+
 def _names(model: Model) -> tuple[str, ...]:
     return tuple(name for block in model.free for name in block.group)
 
@@ -142,15 +149,16 @@ def _shared(numbers: HyperpriorNumbers, rng: np.random.Generator) -> tuple[Float
     return numbers.mean + numbers.mean_sd * z[0], np.abs(numbers.sd_scale * z[1]), numbers.effect_sd * z[2]
 
 
-def _study(names: list[str], design: Design, n_equal: FloatArray) -> Study:
+def _study(names: list[str], design: Design, n_equal: IntArray) -> Study:
     return Study(
         [Subject(name, design.s1, design.s2, k, [TRIALS] * len(k)) for name, k in zip(names, n_equal, strict=True)], synthetic=True
     )
 
 
-def _answers(model: Model, names: list[str], design: Design, eta: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _answers(model: Model, names: list[str], design: Design, eta: FloatArray, rng: np.random.Generator) -> IntArray:
     """Counts of 'equal', shape (subjects, pairs)."""
     any_one = _study(names[:1], design, np.zeros((1, len(design.s1)), int)).subjects[0]
+    assert np.array_equal([any_one.s1, any_one.s2], [design.s1, design.s2])
     posterior = Posterior(any_one, model, Prior(offset_sd=1.0))
     x, _ = posterior.from_group(eta)
     q, _ = posterior.realised_answers(rng, x, posterior.log_answers(x))
