@@ -1,16 +1,33 @@
-"""A population without a sampler: draws that are made up, so that what is said of them has an answer known beforehand."""
+"""Populations without a sampler.
+
+Either draws are made up, so that what is said of them has an answer known beforehand; or subjects with known parameters answer, and draws
+are scattered about what these say of mean and spread.
+"""
 
 import numpy as np
 
 import bayes_toe as bt
+from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.groups.chains import GroupChains
+from bayes_toe.groups.hyperprior import Hyperprior
+from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population import GroupSettings, Population
 from bayes_toe.groups.regressors import Regressors
 from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.model.ladder import model_named
 
 NAMES = ("mu1", "gamma", "width", "q0")
 CENTRE = np.array([-0.4, 0.3, -1.2, 1.5])  # of subjects whose prior mean is below the stimuli
 SIZE = 16, 50
+
+
+def diagnosed(mean, scatter, effects):
+    """Diagnostics of what is shared."""
+    shared = {}
+    for j in range(mean.shape[2]):
+        shared |= {("mean", -1, j): convergence(mean[..., j]), ("sd", -1, j): convergence(scatter[..., j])}
+        shared |= {("effect", i, j): convergence(effects[..., i, j]) for i in range(effects.shape[2])}
+    return shared
 
 
 def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
@@ -24,10 +41,43 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "effects": 0.2 * rng.standard_normal((*size, who.x.shape[1], k)),
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
     } | parts
-    shared = {("mean", -1, j): convergence(drawn["mean"][..., j]) for j in range(k)}
-    shared |= {("sd", -1, j): convergence(drawn["scatter"][..., j]) for j in range(k)}
-    shared |= {("effect", i, j): convergence(drawn["effects"][..., i, j]) for i in range(who.x.shape[1]) for j in range(k)}
+    shared = diagnosed(drawn["mean"], drawn["scatter"], drawn["effects"])
     chains = GroupChains(**drawn, shared=shared, members=np.full((n, k, 3), 1.0), gradients=5)
     settings = GroupSettings(seed, "predictive update", bt.Prior(), bt.Hyperprior().for_study(study), scatter=kind)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
     return Population(study, settings, NAMES, 0.2, who, chains, alone, dict(who.left_out))
+
+
+#: Mean and sd of mu1, probit gamma, log w and probit q0 of ordinary subjects.
+MEAN, SD = np.array([0.1, -0.5, -1.3, 1.3]), np.array([0.3, 0.3, 0.15, 0.3])
+
+
+def ordinary(subjects, seed=1):
+    """Parameters on their group scales, shape (subjects, 4)."""
+    return MEAN + SD * np.random.default_rng(seed).standard_normal((subjects, 4))
+
+
+def made_population(eta, *, model="predictive update", columns=(), x=None, reason="", isi=None, draws=150, seed=2):
+    """A population in which subjects with parameters eta, shape (N, k), gave 40 answers to each pair."""
+    rng, (n, k) = np.random.default_rng(seed), eta.shape
+    record, design = model_named(model), reference_design(batches=40)
+    count = np.full(len(design.s1), 40)
+    asked = [
+        bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, None if isi is None else 0 * design.s1 + isi) for i in range(n)
+    ]
+    answered = MembersLikelihood(record, bt.Prior(), asked, 0.2, 1).repeated(eta[None], rng)[0]
+    study = bt.Study([bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, one.isi) for one, k in zip(asked, answered, strict=True)])
+    spread = eta.std(axis=0, ddof=1)
+
+    def noise(*shape):
+        return rng.standard_normal((4, draws, *shape))
+
+    scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
+    effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
+    mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
+    shared = diagnosed(mean, scatter, effects)
+    chains = GroupChains(mean, scatter, effects, near, shared, np.ones((n, k, 3)), reason=reason)
+    who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
+    settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
+    names = tuple(name for block in record.free for name in block.group)
+    return Population(study, settings, names, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})

@@ -71,6 +71,7 @@ def population(
         raise InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
     read, prior = task.read(study)
     terminal.say_study(task.console, read)
+    terminal.say_smaller_models(task.console, read)
     with task.progress("subjects alone, then the group", len(read)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # said below
         found = infer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.digits import allowed
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+_SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -77,7 +79,9 @@ def _contrasts(found: Population) -> list[str]:
     from bayes_toe.comparison.words import compared
     from bayes_toe.groups.asymmetries import OVERALL
 
-    rows = [row for row in found.table.some("asymmetry", OVERALL) if " - " in row.level]
+    if found.asymmetries is None:
+        return []
+    rows = compress(found.table.some("asymmetry", OVERALL), found.asymmetries.differences)
     return [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {compared(row.p_direction or 0.0)}" for row in rows]
 
 
@@ -85,18 +89,19 @@ def effect(row: PopulationRow) -> dict[Any, Any]:
     """One effect of a covariate, as a table shows it."""
     from bayes_toe.comparison.words import compared, conclusion
 
-    bounded = row.bf_no_difference is None
-    value = row.bf_below if bounded else row.bf_no_difference
-    assert value is not None
-    words = conclusion(-math.log(value), ("a difference", "no difference"))
-    return {
-        "covariate": row.level,
-        "on": row.parameter,
-        "effect": _interval(row),
-        "P(sign)": compared(row.p_direction or 0.0).removeprefix("= "),
-        "BF no difference": f"< {value:.2g}" if bounded else f"{value:.2g}",
-        "evidence": f"at least {words}" if bounded else words,
-    }
+    if row.bf_no_difference is not None:
+        factor, words = f"{row.bf_no_difference:.2g}", conclusion(_nats(row.bf_no_difference), _SIDES)
+    elif row.bf_below is not None and row.bf_below < 1.0:
+        factor, words = f"< {row.bf_below:.2g}", f"at least {conclusion(_nats(row.bf_below), _SIDES)}"
+    else:  # a bound that says nothing
+        factor, words = "-", conclusion(None)
+    said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": compared(row.p_direction or 0.0)}
+    return {**said, "BF no difference": factor, "evidence": words}
+
+
+def _nats(factor: float) -> float:
+    """For a difference; a factor may be below the smallest float."""
+    return -math.log(factor) if factor > 0.0 else math.inf
 
 
 def scales(found: Population) -> list[dict[Any, Any]]:

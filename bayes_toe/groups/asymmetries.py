@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.messages import bare
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.scatter import scatter_named
 from bayes_toe.model.posterior import Posterior
@@ -48,6 +49,8 @@ class Asymmetries:
     ----------
     levels : tuple of str
         "" for the whole population, then 'group A', 'group B', 'group B - A', 'age +1 sd - mean'.
+    differences : tuple of bool
+        Which of them are differences.
     comparisons : tuple of str
         :data:`OVERALL`, then every pair of different stimuli that was presented in both orders.
     draws : array, shape (chains, kept, levels, comparisons)
@@ -58,6 +61,7 @@ class Asymmetries:
     """
 
     levels: tuple[str, ...]
+    differences: tuple[bool, ...]
     comparisons: tuple[str, ...]
     draws: FloatArray
     new_subject: FloatArray
@@ -91,7 +95,8 @@ def asymmetries(found: Population) -> Asymmetries | None:
     further = _asymmetry(posterior, _further(found)[:, kept].reshape(-1, 1, k), places).mean(axis=(1, 2)).reshape(lead)
     whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2)
     names = (OVERALL, *(_label(pair) for pair in pairs))
-    return Asymmetries(tuple(one.label for one in levels), names, whole.reshape(*lead, *whole.shape[1:]), further, kept)
+    labels, differences = zip(*((one.label, one.less is not None) for one in levels), strict=True)
+    return Asymmetries(labels, differences, names, whole.reshape(*lead, *whole.shape[1:]), further, kept)
 
 
 def _asymmetry(posterior: Posterior, eta: FloatArray, places: IndexArray) -> FloatArray:
@@ -146,10 +151,10 @@ def _levels(found: Population) -> Iterator[Level]:
         if not first.level:
             yield Level(f"{first.label} +1 sd - mean", _set(mix, places, places[0]), reference)
             continue
-        words = {None: first.reference} | {i: who.columns[i].level for i in places}
+        words = {None: bare(first.reference)} | {i: bare(who.columns[i].level) for i in places}
         at = {i: _set(mix, places, i) for i in words}
-        yield from (Level(f"{name} {word}", at[i]) for i, word in words.items())
-        yield from (Level(f"{name} {words[i]} - {first.reference}", at[i], reference) for i in places)
+        yield from (Level(f"{bare(name)} {word}", at[i]) for i, word in words.items())
+        yield from (Level(f"{bare(name)} {words[i]} - {words[None]}", at[i], reference) for i in places)
 
 
 def _set(mix: FloatArray, places: list[int], one: int | None = None) -> FloatArray:

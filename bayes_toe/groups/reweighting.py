@@ -32,7 +32,8 @@ from bayes_toe.seeds import stream
 #: Independent draws of each subject that are weighted.
 WEIGHTED = 5000
 TRUSTED, HOPELESS = 0.1, 1.0  # variances of the log likelihood
-_ENSEMBLES, _WALKERS, _STEPS, _BURN_IN, _MOST_PASSES = 4, 64, 64, 48, 6
+_ENSEMBLES, _WALKERS, _THIN = 4, 32, 8
+_BURN_IN, _STEPS, _MOST_PASSES = 200, 50, 5  # steps before, steps kept of a first pass, and how often these are doubled
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +117,17 @@ def reweight_group(density: Reweighted, joint: Joint, names: Sequence[str], draw
 
 
 def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) -> Any:
-    """An emcee ensemble that has left its starts: mostly global moves, since there are few dimensions and no walls."""
+    """An emcee ensemble that has left its starts, by differential evolution alone.
+
+    Against integration, tails are too thin with emcee 3.1's DESnookerMove, which takes half the log of the ratio of distances, and too
+    thick with its KDEMove.
+    """
     import emcee
 
     random = np.random.RandomState(np.random.MT19937(seeds))
     shared, _ = joint.split(starts(joint, _WALKERS, np.random.default_rng(seeds)))
     start = np.concatenate([part.reshape(_WALKERS, -1) for part in shared], axis=1)
-    moves = [(emcee.moves.KDEMove(), 0.6), (emcee.moves.DEMove(), 0.4)]
+    moves = emcee.moves.DEMove()
     sampler = emcee.EnsembleSampler(_WALKERS, joint.size, density.log_density, vectorize=True, moves=moves)
     sampler.random_state = random.get_state()
     sampler.run_mcmc(start, _BURN_IN, store=True)
@@ -130,10 +135,10 @@ def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) 
 
 
 def _advanced(sampler: Any, steps: int) -> FloatArray:
-    """So many steps of an ensemble from where it is, walker after walker, (walkers x steps, D)."""
+    """So many draws of each walker from where the ensemble is, walker after walker, (walkers x steps, D)."""
     state = sampler._previous_state
     sampler.reset()
-    sampler.run_mcmc(state, steps)
+    sampler.run_mcmc(state, steps, thin_by=_THIN)
     chain = sampler.get_chain()
     return np.asarray(chain.transpose(1, 0, 2).reshape(-1, chain.shape[2]))
 

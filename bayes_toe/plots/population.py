@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
-from itertools import groupby, zip_longest
+from itertools import zip_longest
 from textwrap import fill
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,7 +18,6 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, Statistic, predictive_check
-from bayes_toe.groups.regressors import Regressor
 from bayes_toe.plots.corner_content import LABELS
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel
 from bayes_toe.plots.sorted import HIGH
@@ -399,18 +398,8 @@ def _effects(found: Population) -> dict[str, FloatArray]:
     of_parameters = {name: found.chains.effects[..., i].reshape(-1, len(columns)) for i, name in enumerate(found.names)}
     if found.asymmetries is None:
         return of_parameters
-    of_answers = found.asymmetries.draws[:, :, list(_differences(columns)), 0]
+    of_answers = found.asymmetries.draws[:, :, np.flatnonzero(found.asymmetries.differences), 0]  # in the order of the columns
     return of_parameters | {ASYMMETRY: of_answers.reshape(-1, len(columns))}
-
-
-def _differences(columns: Sequence[Regressor]) -> Iterator[int]:
-    """Where among the levels of asymmetries the differences are, in the order of the regressors: a category has its levels before them."""
-    place = 1
-    for _, group in groupby(columns, key=lambda column: column.covariate):
-        own = list(group)
-        place += len(own) + 1 if own[0].level else 0
-        yield from range(place, place + len(own))
-        place += len(own)
 
 
 def _draw_intervals(ax: Axes, draws: FloatArray) -> None:

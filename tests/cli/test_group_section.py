@@ -2,7 +2,7 @@
 
 from commands import inside
 from conftest import few_pairs, grouped_csv
-from made_population import made_population, ordinary
+from populations import made_population, ordinary
 
 from bayes_toe.cli.group_section import GROUP_PRODUCTS, Group
 from bayes_toe.cli.results_folder import Drawn, write_results

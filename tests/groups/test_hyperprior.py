@@ -1,6 +1,7 @@
 """The hyperprior: its defaults beside the single-subject prior, numbers from the stimuli, files, and what is refused."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,3 +131,10 @@ def test_what_else_is_refused(tmp_path, written):
     del whole["icc"]["mean"]
     with pytest.raises(bt.InputError, match="hyperprior: mean of icc: missing, allowed: all numbers of all parameters"):
         Hyperprior.from_dict(whole)
+
+
+def test_the_page_shows_the_defaults():
+    page = (Path(bt.__file__).parents[1] / "docs" / "population.md").read_text(encoding="utf-8")
+    shown = page.partition("```toml\n")[2].partition("```")[0]
+    assert example_file().startswith(shown)
+    assert shown.count("[") == len(("mu1", "gamma", "width", "q0"))

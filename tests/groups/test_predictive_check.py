@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_population import MEAN, made_population, ordinary
+from populations import MEAN, made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.classical.asymmetry import asymmetry

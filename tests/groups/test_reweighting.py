@@ -58,6 +58,14 @@ def test_variance_grows_where_few_draws_count(members):
     assert density.variance(wide).sum() < 0.01 < 1.0 < density.variance(narrow).sum()
 
 
+@pytest.fixture(autouse=True, scope="module")
+def fewer():
+    """Fewer draws of each subject are weighted: the same, with a larger variance."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_toe.groups.population.WEIGHTED", 1000)
+        yield
+
+
 @pytest.fixture(scope="module")
 def both():
     numbers = {"width": {"sd_scale": 0.7}, "q0": {"sd_scale": 1.0}}

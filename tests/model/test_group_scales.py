@@ -63,7 +63,7 @@ def points(names, far):
     ordinary = rng.standard_normal((3, len(names)))
     probit = np.array([GROUP_PARAMETERS[name].scale == "probit" for name in names])
     tails = np.where(probit, rng.choice([-1.0, 1.0], (3, len(names))) * rng.uniform(5.0, 30.0, (3, len(names))), ordinary)
-    widths = np.where([GROUP_PARAMETERS[name].scale == "log" for name in names], rng.uniform(-50.0, 50.0, (6, len(names))), tails)
+    widths = np.where([GROUP_PARAMETERS[name].scale == "log" for name in names], rng.uniform(-50.0, 50.0, (3, len(names))), tails)
     return widths if far else ordinary
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_population import made_population, ordinary
+from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.classical.frequencies import laplace_estimate

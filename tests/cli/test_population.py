@@ -1,0 +1,127 @@
+"""The command population: files, an answer in words, exit codes, and what is refused before any work."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import call, inside
+from conftest import few_pairs, grouped_csv
+from populations import made_up
+
+import bayes_toe as bt
+from bayes_toe.cli.population_answer import say_population
+from bayes_toe.cli.terminal import new_console
+from bayes_toe.data.covariates import Covariates
+from bayes_toe.groups.chains import GroupChains
+from bayes_toe.groups.regressors import regressors
+from bayes_toe.inference.diagnostics import Convergence
+
+FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
+SHORT = "8 effective draws of the sd of mu1"
+OPTIONS = ("--seed", "1", "--draws", "200", "--workers", "1")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("population")
+    grouped_csv(folder / "study.csv", few_pairs("ABCDE"))
+    (folder / "people.csv").write_text("subject,site,age\nA,1,20\nB,2,30\nC,1,25\nD,2,33\nE,1,\n", encoding="utf-8")
+    (folder / "near.toml").write_text("[gamma]\nsd_scale = 0.5\n", encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(folder):
+    more = ("--covariates", "people.csv", "--categorical", "site", "--hyperprior", "near.toml")
+    found = call("population", "study.csv", "-o", "group.nc", *more, *OPTIONS, cwd=folder)
+    assert (found.returncode, found.stderr) == (0, "")
+    return found
+
+
+def test_files_and_answer(done, folder):
+    assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
+    said = [line for line in done.stdout.splitlines() if line.startswith(("order", "a subject at the mean", "site 2 - 1: asymmetry"))]
+    assert len(said) == 3
+    assert re.search(r"first, -?[\d.]+ \(-?[\d.]+, -?[\d.]+\) on average over 1 comparison and all subjects", said[0])
+    assert "(site 1, age mean): pull " in said[1]
+    assert re.search(r"│ site 2 +│ +probit gamma │.*(no|a) difference │", done.stdout)
+    assert "probit gamma: mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(0.5)" in done.stdout
+    assert "note subjects left out: 'E' (no age)" in done.stdout
+    assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done.stdout
+
+
+def test_files_are_those_of_the_population(done, folder):
+    found = bt.load_population(folder / "group.nc")
+    assert (found.study.names, dict(found.left_out), found.converged) == (tuple("ABCD"), {"E": "no age"}, True)
+    assert found.settings.hyperprior.as_dict()["gamma"]["sd_scale"] == 0.5
+    table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values={name: "" for name in ("bf_below", "bf_error")})
+    assert np.array_equal(table["mean"], found.summary()["mean"])
+    assert (table.level[table.quantity == "effect"].unique() == ["site 2", "age"]).all()
+    assert pd.read_csv(folder / "group_subjects.csv").subject.unique().tolist() == list("ABCD")
+
+
+def test_what_is_there_is_not_replaced(done, folder):
+    before = {name: (folder / name).read_bytes() for name in FILES}
+    again = inside("population", "study.csv", "-o", "group.nc", *OPTIONS, cwd=folder)
+    assert again.returncode == 2
+    assert "overwrite" in again.stderr
+    assert {name: (folder / name).read_bytes() for name in FILES} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("-o", "other.csv"), "other.csv: found the ending '.csv', allowed: .nc"),
+        (("--categorical", "site"), "--categorical site: allowed with --covariates FILE.csv"),
+        (("--population", "cauchy"), "population 'cauchy': allowed: normal, t"),
+        (("--method", "guess"), "method 'guess', allowed: joint"),
+        (("--model", "free frequencies"), "allowed"),
+        (("--hyperprior", "none.toml"), "none.toml: no such file"),
+        (("--covariates", "people.csv", "--categorical", "size"), "categorical: found 'size', allowed: 'site', 'age'"),
+    ],
+)
+def test_what_is_refused(folder, options, said):
+    refused = inside("population", "study.csv", *OPTIONS, *options, cwd=folder)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert said in refused.stderr
+    assert not [*folder.glob("population*"), *folder.glob("other*")]
+
+
+def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypatch):
+    def short(joint, names, members, draws, rng):
+        size, k, r = (16, 40), len(names), joint.x.shape[1]
+        bad = {(kind, -1, j): Convergence(9.0, 8.0, 1.5) for kind in ("mean", "sd") for j in range(k)}
+        drawn = [rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k))]
+        return GroupChains(drawn[0], np.abs(drawn[1]), *drawn[2:], bad, np.ones((len(members), k, 3)), 7, SHORT)
+
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", short)
+    done = inside("population", "study.csv", "-o", "short.nc", *OPTIONS, cwd=folder)
+    assert (done.returncode, done.stderr) == (3, "")
+    assert f"attention the group's chains did not converge: {SHORT}" in done.stdout
+    assert "attention 7 of 640 trajectories diverged" in done.stdout
+    assert not bt.load_population(folder / "short.nc").converged
+
+
+def said_of(found, capsys):
+    say_population(new_console(False), found)
+    return capsys.readouterr().out
+
+
+def test_words_for_what_is_known_and_what_is_not(small_study, capsys):
+    found = made_up(small_study)
+    assert "'equal' is likelier with the stronger stimulus first (P > 0.99)" in said_of(found, capsys)
+    mean = found.chains.mean.copy()
+    mean[..., 0] = 0.2 + np.random.default_rng(2).standard_normal(mean.shape[:2])
+    assert "direction undecided" in said_of(made_up(small_study, mean=mean), capsys)
+    one_way = bt.Study([bt.Subject(name, [0.0, 0.2], [0.3, 0.2], [9, 40], [50] * 2) for name in "ab"])
+    assert "no pair of different stimuli was presented in both orders" in said_of(made_up(one_way), capsys)
+
+
+def test_a_difference_that_is_certain_has_a_bound(capsys):
+    study = few_pairs("ABCDEFGH")
+    who = regressors(Covariates({"[group]": dict(zip(study.names, "xyxyxyxy", strict=True))}), study.names)
+    rng = np.random.default_rng(3)
+    eta = rng.normal(0.0, 0.05, (16, 50, 8, 4)) + 9.0 * who.x
+    said = said_of(made_up(study, who, eta=eta, scatter=0.2, effects=rng.normal(9.0, 0.1, (16, 50, 1, 4))), capsys)
+    assert re.search(r"\[group\] y │ +mu1 │ .* │ +< [\d.e-]+ │ at least strong for a difference", said)
