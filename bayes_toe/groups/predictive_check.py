@@ -112,7 +112,7 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     >>> from bayes_toe.groups.population import population
     >>> made = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
     >>> [one.label for one in predictive_check(made, groups=100).statistics[:2]]
-    ['sd of mean asymmetry', 'sd of accuracy']
+    ['sd of mean asymmetry', 'farthest mean asymmetry, in sd']
     """
     crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
     everyone = np.concatenate([crowd.n_equal[None], _new_groups(found, groups)])

@@ -18,7 +18,7 @@ def probit_of_logit(logit: FloatArray) -> FloatArray:
     Examples
     --------
     >>> probit_of_logit(np.array([1.0, -700.0])).round(4).tolist()
-    [0.6161, -37.2951]
+    [0.616, -37.2951]
     """
     return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
 
