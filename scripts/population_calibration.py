@@ -244,7 +244,7 @@ def figure(table: pd.DataFrame) -> Figure:
         dress(ax)
     for ax in panels[len(quantities) :]:
         ax.axis("off")
-    panels[len(quantities) - 1].legend(fontsize=LETTERS, loc="upper left", bbox_to_anchor=(1.1, 1.0))
+    made.legend(*panels[0].get_legend_handles_labels(), fontsize=LETTERS, loc="lower right", frameon=False)
     made.supxlabel("rank of the true value", fontsize=LETTERS)
     made.supylabel("ECDF difference", fontsize=LETTERS)
     return made
