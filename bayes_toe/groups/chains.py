@@ -15,7 +15,7 @@ from bayes_toe.groups.shared import Shared
 from bayes_toe.groups.starting import scales, starts
 from bayes_toe.inference.diagnostics import Convergence, convergence
 
-CHAINS = 16
+_CHAINS, _FEWER, _LARGE = 16, 8, 32  # chains, and of more members than this
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
 _FIRST, _MORE, _MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
@@ -72,6 +72,19 @@ class GroupChains:
         return (lowest, ess[lowest]), (highest, r_hat[highest])
 
 
+def chain_count(members: int) -> int:
+    """Chains in step: many where one gradient costs much the same as a dozen, fewer where members are many.
+
+    Each costs its warm-up, and its share of the draws from which an R-hat below 1.01 can be told.
+
+    Examples
+    --------
+    >>> chain_count(16), chain_count(200)
+    (16, 8)
+    """
+    return _CHAINS if members <= _LARGE else _FEWER
+
+
 def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], draws: int, rng: np.random.Generator) -> GroupChains:
     """Draw until all that is shared and every member's parameters have so many effective draws and an R-hat below 1.01, or up to a limit.
 
@@ -80,22 +93,23 @@ def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], dra
     Parameters
     ----------
     joint : Joint
-        For :data:`CHAINS` points.
+        For :func:`chain_count` points.
     names, members : sequence of str
         Of parameters and members, for words.
     draws : int
         Bulk and tail effective draws to reach.
     """
-    sampler = Hamiltonian(joint, starts(joint, CHAINS, rng), scales(joint), joint.size, rng)
+    chains = chain_count(len(members))
+    sampler = Hamiltonian(joint, starts(joint, chains, rng), scales(joint), joint.size, rng)
     sampler.warm_up()
-    x, divergent, more = np.empty((0, CHAINS, joint.dimension)), 0, int(np.ceil(_FIRST * draws / CHAINS))
+    x, divergent, more = np.empty((0, chains, joint.dimension)), 0, int(np.ceil(_FIRST * draws / chains))
     while True:
         trace = sampler.advance(more)
         x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
         found = replace(_judged(joint, x), divergent=divergent, gradients=sampler.gradients)
         lowest, highest = found.worst(names, members)
         reason = shortfall(lowest, highest, draws)
-        if not reason or sampler.draws * CHAINS >= max(_LIMIT, _MOST * draws):
+        if not reason or sampler.draws * chains >= max(_LIMIT, _MOST * draws):
             return replace(found, reason=reason)
         if not highest[1] < _NOT_MIXED:
             x, more = x[:0], 2 * len(x)

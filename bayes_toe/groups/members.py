@@ -51,10 +51,11 @@ class MembersLikelihood:
         """Values, (copies, N), and their gradient, (copies, N, k), at eta, (copies, N, k)."""
         points = eta.reshape(-1, eta.shape[-1])
         value, gradient = np.empty(len(points)), np.empty(points.shape)
-        for some, posterior in self._blocks:
-            x, jacobian = posterior.from_group(points[some])
-            value[some], slope = posterior.likelihood_gradient(x)
-            gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
+        with np.errstate(over="ignore", invalid="ignore"):  # a width next to nothing: density 0, where no trajectory goes on
+            for some, posterior in self._blocks:
+                x, jacobian = posterior.from_group(points[some])
+                value[some], slope = posterior.likelihood_gradient(x)
+                gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
         return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
 
     def repeated(self, eta: FloatArray, rng: np.random.Generator) -> IntArray:

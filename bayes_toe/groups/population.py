@@ -17,7 +17,7 @@ from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.alone import Alone, alone, told_by
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
-from bayes_toe.groups.chains import CHAINS, GroupChains, sample_group
+from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.member_table import member_table
@@ -263,7 +263,7 @@ def draw_population(
 def _chains(
     members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
 ) -> GroupChains:
-    likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, CHAINS)
+    likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
     joint = Joint(likelihood, settings.hyperprior.numbers(_names(model)), who.x, told_by(members, model, centre), scatter)
     if settings.method == "joint":
         return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
