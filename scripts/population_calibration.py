@@ -105,7 +105,7 @@ def study_row(size: int, number: int, seed: int, model: Model, scatter: str) -> 
     names = [f"S{i:02d}" for i in range(1, size + 1)]
     people = Covariates({"age": dict(zip(names, rng.standard_normal(size).tolist(), strict=True))})
     hyperprior = Hyperprior().for_study(_study(names, design, np.zeros((size, len(design.s1)), int))).changed(NUMBERS)
-    numbers, x = hyperprior.numbers(_names(model)), regressors(people, names).x
+    numbers, x = hyperprior.numbers(model.group), regressors(people, names).x
     mean, sd, effect = _shared(numbers, rng)
     eta = mean + x * effect + sd * scatter_named(scatter).sample(rng, (size, len(mean)))
     new = mean + sd * scatter_named(scatter).sample(rng, (len(mean),))
@@ -128,7 +128,7 @@ def study_row(size: int, number: int, seed: int, model: Model, scatter: str) -> 
         "seconds": round(time.process_time() - started, 2),
         **{f"{kind} of {name}": rank for (kind, name), rank in _ranks(found, truth, rng).items()},
         "log likelihood": _rank_of_likelihood(found, eta, rng),
-        **{f"true sd of {name}": float(f"{value:.4g}") for name, value in zip(_names(model), sd, strict=True)},
+        **{f"true sd of {name}": float(f"{value:.4g}") for name, value in zip(model.group, sd, strict=True)},
     }
 
 
@@ -137,10 +137,6 @@ def _design() -> Design:
     design = reference_design(batches=TRIALS)
     order = np.lexsort((design.s2, design.s1))
     return Design(design.s1[order], design.s2[order], TRIALS)
-
-
-def _names(model: Model) -> tuple[str, ...]:
-    return tuple(name for block in model.free for name in block.group)
 
 
 def _shared(numbers: HyperpriorNumbers, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,26 +8,16 @@ import numpy as np
 
 import bayes_toe as bt
 from bayes_toe.experiments.simulate import reference_design
-from bayes_toe.groups.chains import GroupChains
+from bayes_toe.groups.chains import GroupChains, judged_shared
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population import GroupSettings, Population
 from bayes_toe.groups.regressors import Regressors
-from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.model.ladder import model_named
 
 NAMES = ("mu1", "gamma", "width", "q0")
 CENTRE = np.array([-0.4, 0.3, -1.2, 1.5])  # of subjects whose prior mean is below the stimuli
 SIZE = 16, 50
-
-
-def diagnosed(mean, scatter, effects):
-    """Diagnostics of what is shared."""
-    shared = {}
-    for j in range(mean.shape[2]):
-        shared |= {("mean", -1, j): convergence(mean[..., j]), ("sd", -1, j): convergence(scatter[..., j])}
-        shared |= {("effect", i, j): convergence(effects[..., i, j]) for i in range(effects.shape[2])}
-    return shared
 
 
 def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
@@ -41,7 +31,7 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "effects": 0.2 * rng.standard_normal((*size, who.x.shape[1], k)),
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
     } | parts
-    shared = diagnosed(drawn["mean"], drawn["scatter"], drawn["effects"])
+    shared = judged_shared(drawn["mean"], drawn["scatter"], drawn["effects"])
     chains = GroupChains(**drawn, shared=shared, members=np.full((n, k, 3), 1.0), gradients=5)
     settings = GroupSettings(seed, "predictive update", bt.Prior(), bt.Hyperprior().for_study(study), scatter=kind)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
@@ -75,9 +65,8 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
-    shared = diagnosed(mean, scatter, effects)
+    shared = judged_shared(mean, scatter, effects)
     chains = GroupChains(mean, scatter, effects, near, shared, np.ones((n, k, 3)), reason=reason)
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
-    names = tuple(name for block in record.free for name in block.group)
-    return Population(study, settings, names, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})
+    return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})

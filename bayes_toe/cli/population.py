@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,10 @@ from bayes_toe.cli.options import DrawCount, StudyFile, writes
 from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS, NUMBERS
+
+if TYPE_CHECKING:
+    from bayes_toe.groups.population import Population
+    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}; see docs/population.md."
@@ -56,11 +60,8 @@ def population(
     from bayes_toe.cli.population_answer import say_population
     from bayes_toe.data.covariates import read_covariates
     from bayes_toe.groups.hyperprior import read_hyperprior
-    from bayes_toe.groups.member_table import member_table
     from bayes_toe.groups.population import population as infer
     from bayes_toe.groups.predictive_check import predictive_check
-    from bayes_toe.plots.figure_files import save_figure
-    from bayes_toe.plots.population import population_figure
 
     files = _beside(output)
     task.require_files(*files)
@@ -79,17 +80,26 @@ def population(
             hyperprior=given, scatter=scatter, method=method, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
-    with task.together(*files) as folder:
-        found.save(folder / files[0].name, overwrite=task.overwrite)
-        found.table.save(folder / files[1].name, **task.saving)
-        member_table(found).save(folder / files[2].name, **task.saving)
-        save_figure(population_figure(found, check), folder / files[3].name)
+    _write(found, check, files, task)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     task.say_taken(keep)
     task.finish(keep, failed)
     say_population(task.console, found, check.warnings)
     task.say_written("written:", *files, seed=found.settings.seed)
     leave_unless_whole(task, failed, {} if found.converged else {"group": found.chains.reason})
+
+
+def _write(found: Population, check: PredictiveCheck, files: tuple[Path, ...], task: PopulationTask) -> None:
+    from bayes_toe.groups.member_table import member_table
+    from bayes_toe.plots.figure_files import save_figure
+    from bayes_toe.plots.population import population_figure
+
+    with task.together(*files) as folder:
+        draws, table, members, figure = (folder / path.name for path in files)
+        found.save(draws, overwrite=task.overwrite)
+        found.table.save(table, **task.saving)
+        member_table(found).save(members, **task.saving)
+        save_figure(population_figure(found, check), figure)
 
 
 def _beside(output: Path) -> tuple[Path, ...]:

@@ -43,7 +43,7 @@ def say_population(console: Console, found: Population, contradicted: Sequence[s
 
 def say_attention(console: Console, found: Population, contradicted: Sequence[str]) -> None:
     """What to know before any of it is believed: what was not reached, and what contradicts a population of this form."""
-    say_notes(console, (*found.problems[len(found.left_out) :], *contradicted), "attention", "red")
+    say_notes(console, (*found.shortfalls, *contradicted), "attention", "red")
 
 
 def answer(found: Population) -> list[str]:

@@ -169,9 +169,9 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
     def _cells(self) -> list[list[object]]:
         prior = None if self.prior is None else self.prior.describe()
-        rows = [{key: getattr(row, key) for key in EVIDENCE_COLUMNS if key != "prior"} for row in self.rows]
-        rows += [{"subject": name} for name in self.failed]
-        return [[{**row, "prior": prior}.get(key) for key in EVIDENCE_COLUMNS] for row in rows]
+        rows = [[prior if key == "prior" else getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows]
+        of_failed = ({"subject": name, "prior": prior} for name in self.failed)
+        return rows + [[row.get(key) for key in EVIDENCE_COLUMNS] for row in of_failed]
 
 
 def subject_evidence(

@@ -35,7 +35,7 @@ class Alone:
     log_prior : array, shape (draws,)
         Log density of the subject's own prior with respect to eta.
     log_precision, place : array, shape (k,)
-        See :class:`bayes_toe.groups.joint.Told`.
+        See :class:`bayes_toe.groups.told.Told`.
     trusted : bool
         Whether the weights are good enough for averages.
     """
@@ -65,11 +65,10 @@ class Alone:
 
 def funnel_of(model: Model, centre: float) -> Funnel | None:
     """Where mu1 and what its pull follows from are among the model's group parameters."""
-    place = 0
     for block in model.free:
         if block.group_pull is not None:
+            place = model.group.index(block.group[0])
             return Funnel(place, place + 1, centre, block.group_pull)
-        place += len(block.group)
     return None
 
 
@@ -85,21 +84,21 @@ def alone(subject: Subject, model: Model, prior: Prior, centre: float, draws: in
     some = np.isfinite(fitted.draws.log_posterior)
     x, weights = fitted.draws.x[some], fitted.draws.shares[some]
     believed = posterior.sample_prior(generator(seed, subject.name, "prior"), _PRIOR_DRAWS)
-    at, first = (_tellable(posterior, points) for points in (x, believed))
+    eta = posterior.to_group(x)
+    at, first = (_tellable(posterior, *points) for points in ((x, eta), (believed, posterior.to_group(believed))))
     place = weights @ at
     gained = 1.0 / (weights @ np.square(at - place)) - 1.0 / first.var(axis=0)
     with np.errstate(divide="ignore"):  # nothing told: a precision of 0
         log_precision = np.log(np.where(gained > 0.0, gained, 0.0))
-    eta = posterior.to_group(x)
     _, jacobian = posterior.from_group(eta)
     log_prior = posterior.log_prior(x) + np.log(np.diagonal(jacobian, axis1=1, axis2=2)).sum(axis=1)
     log_weights = fitted.draws.log_weights[some] + np.log(len(x) / len(fitted.draws.x))  # those of density 0 count as draws
     return Alone(subject.name, eta, log_weights, log_prior, log_precision, place, fitted.trusted)
 
 
-def _tellable(posterior: Posterior, x: FloatArray) -> FloatArray:
+def _tellable(posterior: Posterior, x: FloatArray, eta: FloatArray) -> FloatArray:
     """What answers tell more or less normally: group parameters, but p (mu1 - centre) in the place of mu1, shape (points, k)."""
-    told, funnel = posterior.to_group(x), funnel_of(posterior.model, posterior.sbar)
+    told, funnel = eta.copy(), funnel_of(posterior.model, posterior.sbar)
     if funnel is not None:
         told[:, funnel.mean] = x[:, posterior.coordinates.index("offset")]
     return told

@@ -110,7 +110,7 @@ def _further(found: Population) -> FloatArray:
     """A further subject for each draw, with the covariates of one that there is, shape (chains, draws, k)."""
     rng = generator(found.settings.seed, "population", "covariates of a new subject")
     x = found.regressors.x[rng.integers(len(found.study), size=found.chains.mean.shape[:2])]
-    return np.asarray(found.new_subject() + np.einsum("cdr,cdrk->cdk", x, found.chains.effects))
+    return found.new_subject(x)
 
 
 # --- Comparisons ----------------------------------------------------------------------------------

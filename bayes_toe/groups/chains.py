@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -130,17 +130,17 @@ def judged(shared: Shared, eta: FloatArray) -> GroupChains:
     (*lead, n, k) = eta.shape
     mean, scatter = shared.mean.reshape(*lead, k), np.exp(shared.log_scatter).reshape(*lead, k)
     effects = shared.effects.reshape(*lead, -1, k)
-    of_shared = {key: convergence(values) for key, values in _quantities(mean, scatter, effects)}
     of_members = np.array([[convergence(eta[:, :, i, j]) for j in range(k)] for i in range(n)])
-    return GroupChains(mean, scatter, effects, eta, of_shared, of_members)
+    return GroupChains(mean, scatter, effects, eta, judged_shared(mean, scatter, effects), of_members)
 
 
-def _quantities(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> Iterator[tuple[Key, FloatArray]]:
+def judged_shared(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> dict[Key, Convergence]:
+    """Diagnostics of draws of what is shared, of the shapes that :class:`GroupChains` has."""
+    found = dict[Key, Convergence]()
     for j in range(mean.shape[2]):
-        yield ("mean", -1, j), mean[..., j]
-        yield ("sd", -1, j), scatter[..., j]
-        for i in range(effects.shape[2]):
-            yield ("effect", i, j), effects[..., i, j]
+        found |= {("mean", -1, j): convergence(mean[..., j]), ("sd", -1, j): convergence(scatter[..., j])}
+        found |= {("effect", i, j): convergence(effects[..., i, j]) for i in range(effects.shape[2])}
+    return found
 
 
 def shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:

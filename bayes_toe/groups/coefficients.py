@@ -19,14 +19,16 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
+from bayes_toe.groups.shared import with_ones
 from bayes_toe.groups.told import Told
 
 
 class Units(NamedTuple):
-    """Centre and log of the unit of mean and effects, (points, 1 + r, k), and what the log of the scatter does to both."""
+    """Centre and unit of mean and effects, (points, 1 + r, k), with its log, and what the log of the scatter does to centre and log."""
 
     centre: FloatArray
     log_unit: FloatArray
+    unit: FloatArray
     centre_slope: FloatArray
     log_unit_slope: FloatArray
 
@@ -50,9 +52,8 @@ class CoefficientUnits:
     @cached_property
     def _given(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Squares of 1 and the regressors, (1 + r, N), precision of the hyperprior, (1 + r, k), and its pull on the centre, (k,)."""
-        columns = np.column_stack([np.ones(len(self.x)), self.x])
         sd = np.stack([self.hyperprior.mean_sd, *[self.hyperprior.effect_sd] * self.x.shape[1]])
-        return np.square(columns).T, sd**-2.0, self.hyperprior.mean / np.square(self.hyperprior.mean_sd)
+        return np.square(with_ones(self.x)).T, sd**-2.0, self.hyperprior.mean / np.square(self.hyperprior.mean_sd)
 
     def at(self, log_scatter: FloatArray) -> Units:
         """At logs of scatters, (points, k)."""
@@ -68,4 +69,5 @@ class CoefficientUnits:
         # The slope of sum w e less that of P times the centre: about the centre, so that places far from 0 do not cancel.
         apart = self.told.place - centre[:, :1]
         centre_slope[:, 0] = (slope * apart).sum(axis=1) / precision[:, 0]
-        return Units(centre, -0.5 * np.log(precision), centre_slope, log_unit_slope)
+        log_unit = -0.5 * np.log(precision)
+        return Units(centre, log_unit, np.exp(log_unit), centre_slope, log_unit_slope)

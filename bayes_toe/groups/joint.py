@@ -28,20 +28,21 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.coefficients import CoefficientUnits, Units
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.scatter import Scatter
-from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared
+from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared, with_ones
 from bayes_toe.groups.told import Told, without_funnel
 
 Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class _Place(NamedTuple):
-    """Where members are, shape (points, N, k) or one column of it, the population's share and the rest, and what moves them."""
+    """Where members are, shape (points, N, k) or one column of it, the population's share and the rest, their unit, and what moves them."""
 
     eta: FloatArray
     score: FloatArray
     share: FloatArray
     rest: FloatArray
     log_unit: FloatArray
+    unit: FloatArray
     by_log_scatter: FloatArray
 
 
@@ -94,9 +95,9 @@ class Joint:
         by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
         by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
         by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
-        moved = coefficients * np.exp(units.log_unit)
+        moved = coefficients * units.unit
         by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
-        gradient = self._joined(by_coefficient * np.exp(units.log_unit), by_log_scatter, steep * np.exp(at.log_unit))
+        gradient = self._joined(by_coefficient * units.unit, by_log_scatter, steep * at.unit)
         return of_answers.sum(axis=1) + of_members + prior + units.log_unit.sum(axis=(1, 2)), gradient
 
     def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
@@ -116,13 +117,17 @@ class Joint:
         return self._joined((shared.coefficients - units.centre) * np.exp(-units.log_unit), shared.log_scatter, xi)
 
     @cached_property
+    def plainly(self) -> Told:
+        """What is told without the funnel."""
+        return without_funnel(self.told, self.hyperprior)
+
+    @cached_property
     def _units(self) -> CoefficientUnits:
-        return CoefficientUnits(without_funnel(self.told, self.hyperprior), self.x, self.hyperprior)
+        return CoefficientUnits(self.plainly, self.x, self.hyperprior)
 
     @cached_property
     def _columns(self) -> FloatArray:
-        """1 and the regressors, (N, 1 + r)."""
-        return np.column_stack([np.ones(len(self.x)), self.x])
+        return with_ones(self.x)
 
     def _coefficients(self, theta: FloatArray) -> tuple[Units, FloatArray]:
         """Units of mean and effects, and these in their units, (points, 1 + r, k)."""
@@ -131,7 +136,7 @@ class Joint:
 
     def _shared(self, theta: FloatArray, units: Units, coefficients: FloatArray) -> Shared:
         k = self.told.place.shape[1]
-        return Shared.of(units.centre + coefficients * np.exp(units.log_unit), theta[:, k : 2 * k])
+        return Shared.of(units.centre + coefficients * units.unit, theta[:, k : 2 * k])
 
     def _xi(self, theta: FloatArray) -> FloatArray:
         return theta[:, self.size :].reshape(len(theta), *self.told.place.shape)
@@ -156,7 +161,7 @@ class Joint:
         for whole, part in zip(at, column, strict=True):
             whole[..., i] = part
         weight = np.exp(precision + 2.0 * column.log_unit)
-        by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + np.exp(column.log_unit) * xi[..., i]))
+        by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + column.unit * xi[..., i]))
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
 
 
@@ -167,6 +172,7 @@ def _between(
     log_ratio = log_precision + 2.0 * log_scatter
     log_share = -np.logaddexp(0.0, log_ratio)
     share, log_unit = np.exp(log_share), log_scatter + 0.5 * log_share
-    drawn, own = np.exp(log_lever + 2.0 * log_unit) * short, np.exp(log_unit) * xi
+    unit = np.exp(log_unit)
+    drawn, own = np.exp(log_lever + 2.0 * log_unit) * short, unit * xi
     score = np.exp(log_lever + log_unit + 0.5 * log_share) * short + np.exp(0.5 * log_share) * xi
-    return _Place(expected + drawn + own, score, share, np.exp(log_ratio + log_share), log_unit, share * (2.0 * drawn + own))
+    return _Place(expected + drawn + own, score, share, np.exp(log_ratio + log_share), log_unit, unit, share * (2.0 * drawn + own))

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_toe.data.tables import Table
 from bayes_toe.inference.diagnostics import Quantity
-from bayes_toe.inference.subject_draws import QUANTILES, SUMMARY_COLUMNS, SummaryRow
+from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +43,6 @@ def _rows(found: Population, i: int) -> Iterator[SummaryRow]:
     together, alone = found.quantities(found.chains.eta[:, :, i]), found.quantities(found.alone[:, i])
     for key in found.posterior(name).names.reported:
         values = together[key]
-        judged, moments = Quantity(values), (float(values.mean()), float(values.std(ddof=1)))
-        quantiles = judged.quantiles(list(QUANTILES.values())).tolist()
+        judged = Quantity(values)
         own = np.quantile(alone[key], list(ALONE.values())).tolist()
-        yield (name, key, *moments, *quantiles, *judged.convergence, *judged.errors, *own)
+        yield (name, key, *location(values, judged), *judged.convergence, *judged.errors, *own)

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.shared import with_ones
 from bayes_toe.inference.diagnostics import errors, pareto_k
 from bayes_toe.seeds import generator
 
@@ -50,7 +51,7 @@ class Ratio(NamedTuple):
 def no_difference(found: Population) -> tuple[tuple[Ratio, ...], ...]:
     """For every regressor and parameter."""
     chains, given = found.chains, found.settings.hyperprior.numbers(found.names)
-    a = np.column_stack([np.ones(len(found.study)), found.regressors.x])
+    a = with_ones(found.regressors.x)
     rng, scatter = generator(found.settings.seed, "population", "no difference"), scatter_named(found.settings.scatter)
     ratios = []
     for k in range(len(found.names)):

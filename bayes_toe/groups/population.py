@@ -31,7 +31,7 @@ from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.study_prior import mean_first, prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers
 
@@ -116,8 +116,13 @@ class Population:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What to know before any number is believed, in words: who is left out, what was not reached, what diverged."""
-        found = [f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()]
+        """What to know before any number is believed, in words: who is left out, then :attr:`shortfalls`."""
+        return (*(f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()), *self.shortfalls)
+
+    @property
+    def shortfalls(self) -> tuple[str, ...]:
+        """What was not reached, and what diverged, in words."""
+        found = []
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
         if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
@@ -135,14 +140,17 @@ class Population:
         return {name: values.reshape(eta.shape[:-1]) for name, values in posterior.quantities(x).items()}
 
     def new_subject(self, x: FloatArray | None = None) -> FloatArray:
-        """A draw of a further subject for every draw of what is shared, shape (chains, draws, k); x are its regressors, 0 by default.
+        """A draw of a further subject for every draw of what is shared, shape (chains, draws, k).
 
-        Of categories 0 is the reference, of numbers their mean.
+        Parameters
+        ----------
+        x : array, shape (r,) or (chains, draws, r), optional
+            Its regressors, one for all draws or one for each; 0 by default: of categories the reference, of numbers the mean.
         """
         rng = generator(self.settings.seed, "population", "new subject")
         score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
-        shift = 0.0 if x is None else np.einsum("r,cdrk->cdk", x, self.chains.effects)
-        return np.asarray(self.chains.mean + shift + self.chains.scatter * score)
+        made = self.chains.mean + self.chains.scatter * score
+        return np.asarray(made if x is None else made + np.einsum("...r,...rk->...k", x, self.chains.effects))
 
     @cached_property
     def asymmetries(self) -> Asymmetries | None:
@@ -235,19 +243,18 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     with keeping(keep) as kept:
         settings = GroupSettings(kept.seed(seed), model, prior_for(study, prior), given.for_study(study), scatter, draws, method)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
-        made = draw_population(study, settings, who, workers=shared, progress=progress, kept=kept)
+        made = _drawn(study, settings, who, workers=shared, progress=progress, kept=kept)
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return made
 
 
-def draw_population(
+def _drawn(
     study: Study, settings: GroupSettings, who: Regressors, *, workers: Workers, progress: Progress | None, kept: Kept | Unkept
 ) -> Population:
-    """:func:`population` without its warnings, for callers that say themselves what did not work."""
     model, scatter = _model(settings.model), scatter_named(settings.scatter)
     _require(settings, who)
-    centre = _mean_first(study)
+    centre = mean_first(study)
     jobs = [partial(alone, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
     done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
     failed = {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
@@ -257,18 +264,18 @@ def draw_population(
     group = study.select(who.subjects)
     chains = _chains(members, group, settings, model, scatter, centre, who)
     own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
-    return Population(group, settings, _names(model), centre, who, chains, own, {**who.left_out, **failed})
+    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed})
 
 
 def _chains(
     members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
 ) -> GroupChains:
     likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
-    joint = Joint(likelihood, settings.hyperprior.numbers(_names(model)), who.x, told_by(members, model, centre), scatter)
+    joint = Joint(likelihood, settings.hyperprior.numbers(model.group), who.x, told_by(members, model, centre), scatter)
     if settings.method == "joint":
-        return sample_group(joint, _names(model), group.names, settings.draws, generator(settings.seed, model.name, "population"))
+        return sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
     weighted = Reweighted([one.part(WEIGHTED) for one in members], who.x, joint.hyperprior)
-    return reweight_group(weighted, joint, _names(model), settings.draws, settings.seed)
+    return reweight_group(weighted, joint, model.group, settings.draws, settings.seed)
 
 
 def _model(name: str) -> Model:
@@ -276,10 +283,6 @@ def _model(name: str) -> Model:
     if not isinstance(found, Model):
         raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
     return found
-
-
-def _names(model: Model) -> tuple[str, ...]:
-    return tuple(name for block in model.free for name in block.group)
 
 
 def _require(settings: GroupSettings, who: Regressors) -> None:
@@ -291,9 +294,3 @@ def _require(settings: GroupSettings, who: Regressors) -> None:
         raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
     if not 1 <= settings.draws <= _MOST_DRAWS:
         raise InputError(f"population: draws={settings.draws} must be in 1..{_MOST_DRAWS}")
-
-
-def _mean_first(study: Study) -> float:
-    """Mean first stimulus of all trials, natural-log intensity."""
-    s1, n = (np.concatenate([getattr(one, name) for one in study]) for name in ("s1", "n_trials"))
-    return float(np.average(s1, weights=n))

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
-from bayes_toe.inference.diagnostics import Convergence, convergence
-from bayes_toe.inference.subject_draws import QUANTILES
+from bayes_toe.inference.diagnostics import Convergence, Quantity
+from bayes_toe.inference.subject_draws import location
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,10 +117,10 @@ def _further(found: Population) -> Iterator[PopulationRow]:
 
 
 def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: Convergence | None = None) -> PopulationRow:
-    moments = float(values.mean()), float(values.std(ddof=1))
-    q05, q25, q50, q75, q95 = np.quantile(values, list(QUANTILES.values())).tolist()
-    judged = convergence(values) if known is None else known
-    return PopulationRow(parameter, quantity, level, *moments, q05, q25, q50, q75, q95, *judged)
+    judged = Quantity(values)
+    diagnosed = judged.convergence if known is None else known
+    mean, sd, q05, q25, q50, q75, q95 = location(values, judged)
+    return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *diagnosed)
 
 
 def _directed(row: PopulationRow, values: FloatArray, of_zero: Ratio | None = None) -> PopulationRow:

@@ -1,4 +1,4 @@
-"""The population from the subjects' own posteriors, by weighting their draws anew: fast, and exact only where enough draws count.
+"""The population from the subjects' own posteriors, by weighting their draws anew: exact only where enough draws count.
 
     log L(phi) = sum_i log mean_s [posterior_is / proposal_is  g(eta_is | phi) / pi0(eta_is)],
 
@@ -33,7 +33,7 @@ from bayes_toe.seeds import stream
 WEIGHTED = 5000
 TRUSTED, HOPELESS = 0.1, 1.0  # variances of the log likelihood
 _ENSEMBLES, _WALKERS, _THIN = 4, 32, 8
-_BURN_IN, _STEPS, _MOST_PASSES = 200, 50, 5  # steps before, steps kept of a first pass, and how often these are doubled
+_BURN_IN, _STEPS, _MOST_STEPS = 200, 50, 800  # steps before, steps kept of a first pass, and of a last one
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +103,16 @@ def reweight_group(density: Reweighted, joint: Joint, names: Sequence[str], draw
     """
     ensembles = [_ensemble(density, joint, stream(seed, "population", "reweight", i)) for i in range(_ENSEMBLES)]
     steps, members = _STEPS, [one.name for one in density.members]
-    for last in (*[False] * (_MOST_PASSES - 1), True):
+    while True:
         phi = np.stack([_advanced(one, steps) for one in ensembles])
         flat = phi.reshape(-1, phi.shape[2])
         trust = _trust(density, flat[:: max(1, len(flat) // 256)], members)
         eta = density.eta(flat, np.random.default_rng(stream(seed, "population", "members")))
         found = judged(split_shared(flat, len(names)), eta.reshape(*phi.shape[:2], len(members), len(names)))
         reason = shortfall(*found.worst(names, members), draws)
-        if last or not reason:
+        if steps >= _MOST_STEPS or not reason:
             return replace(found, reason="; ".join(part for part in (trust, reason) if part))
         steps *= 2
-    raise AssertionError
 
 
 def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) -> Any:

@@ -33,6 +33,11 @@ class Shared(NamedTuple):
         return np.asarray(self.mean[..., None, :] + x @ self.effects)
 
 
+def with_ones(x: FloatArray) -> FloatArray:
+    """1, which the mean goes with, and the regressors, (N, r) -> (N, 1 + r)."""
+    return np.column_stack([np.ones(len(x)), x])
+
+
 def split_shared(theta: FloatArray, k: int) -> Shared:
     """From coordinates, (points, k (2 + r)): means, log scatters, then effects by regressor."""
     return Shared(theta[:, :k], theta[:, k : 2 * k], theta[:, 2 * k :].reshape(len(theta), -1, k))

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.joint import Joint
-from bayes_toe.groups.told import moments, without_funnel
+from bayes_toe.groups.told import moments
 
 _APART = 2.0  # how many times farther apart than the posterior would have them
 
@@ -15,7 +15,7 @@ def starts(joint: Joint, chains: int, rng: np.random.Generator) -> FloatArray:
     """Points, what is shared wider apart than the posterior has it, shape (chains, D)."""
     theta, k = rng.standard_normal((chains, joint.dimension)) * scales(joint), joint.told.place.shape[1]
     theta[:, : joint.size] *= _APART
-    theta[:, k : 2 * k] += np.log(moments(without_funnel(joint.told, joint.hyperprior), joint.hyperprior)[1])
+    theta[:, k : 2 * k] += np.log(moments(joint.plainly, joint.hyperprior)[1])
     return theta
 
 

@@ -110,9 +110,14 @@ def summary_rows(target: Answering, values: Mapping[str, FloatArray]) -> tuple[S
 
 def _row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
     found = Quantity(values)
-    quantiles = found.quantiles(list(QUANTILES.values())).tolist()
-    narrowed = contraction(target, parameter, quantiles[0], quantiles[-1])
-    return (float(values.mean()), float(values.std(ddof=1)), *quantiles, *found.convergence, narrowed, *found.errors)
+    located = location(values, found)
+    narrowed = contraction(target, parameter, located[2], located[-1])
+    return (*located, *found.convergence, narrowed, *found.errors)
+
+
+def location(values: FloatArray, found: Quantity) -> tuple[float, ...]:
+    """Mean, sd and :data:`QUANTILES` of draws, shape (chains, draws), of which the order is known."""
+    return (float(values.mean()), float(values.std(ddof=1)), *found.quantiles(list(QUANTILES.values())).tolist())
 
 
 def _unit(name: str, target: Answering) -> str:

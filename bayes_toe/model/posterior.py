@@ -104,6 +104,11 @@ class Model:
         return tuple(name for block in self.free for name in block.coordinates)
 
     @property
+    def group(self) -> tuple[str, ...]:
+        """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
+        return tuple(name for block in self.free for name in block.group)
+
+    @property
     def knows_intervals(self) -> bool:
         """Whether it says how an inter-stimulus interval acts."""
         return self.propagator is not None
@@ -339,13 +344,8 @@ class Posterior:
         """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""
         return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
 
-    @property
-    def group(self) -> tuple[str, ...]:
-        """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
-        return tuple(name for block in self.model.free for name in block.group)
-
     def to_group(self, x: FloatArray) -> FloatArray:
-        """These quantities on their group scales, shape (points, k) -> (points, k)."""
+        """The quantities of :attr:`Model.group` on their group scales, shape (points, k) -> (points, k)."""
         return np.concatenate([block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
 
     def from_group(self, eta: FloatArray) -> Derivatives:

@@ -84,7 +84,13 @@ class Stimuli(NamedTuple):
             )
         mean = float(np.average(0.5 * (s1 + s2), weights=n))
         step = float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal])))
-        return cls(mean, float(np.average(s1, weights=n)), float(np.maximum(s1, s2).max() - np.minimum(s1, s2).min()), step)
+        return cls(mean, mean_first(study), float(np.maximum(s1, s2).max() - np.minimum(s1, s2).min()), step)
+
+
+def mean_first(study: Study) -> float:
+    """Mean first stimulus of all trials, natural-log intensity."""
+    s1, n = (np.concatenate([getattr(subject, name) for subject in study]) for name in ("s1", "n_trials"))
+    return float(np.average(s1, weights=n))
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:

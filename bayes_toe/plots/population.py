@@ -261,10 +261,14 @@ def _forest_height(found: Population) -> float:
     return 0.75 + (0.6 * HIGH if subjects > MOST_NAMED_IN_GROUP else max(0.8, subjects * (0.2 if subjects <= 20 else 0.16)))
 
 
+def _grid(panels: int, most: int) -> tuple[int, int]:
+    """Rows, and panels across."""
+    across = even_columns(panels, most)
+    return -(-panels // across), across
+
+
 def _forest_grid(found: Population) -> tuple[int, int]:
-    names = len(main_quantities(found))
-    across = even_columns(names, _ACROSS)
-    return -(-names // across), across
+    return _grid(len(main_quantities(found)), _ACROSS)
 
 
 def _forests_height(found: Population) -> float:
@@ -424,9 +428,7 @@ def _direction(above: float) -> str:
 
 
 def _effects_grid(found: Population) -> tuple[int, int]:
-    known = len(found.names) + (found.asymmetries is not None)
-    across = even_columns(known, _ACROSS + 1)
-    return -(-known // across), across
+    return _grid(len(found.names) + (found.asymmetries is not None), _ACROSS + 1)
 
 
 def _effects_height(found: Population) -> float:

@@ -44,7 +44,7 @@ def subjects(intervals):
 def test_of_each_what_its_own_posterior_has(model, intervals):
     people, rng = subjects(intervals), np.random.default_rng(7)
     crowd = crowd_posterior(model, PRIOR, people, CENTRE, REFERENCE)
-    assert crowd.group == Posterior(people[0], model, PRIOR).group
+    assert crowd.model.group == model.group
     for spread in (0.7, 4.0):
         eta = rng.normal(0.0, spread, (len(people), len(model.coordinates)))
         x, jacobian = crowd.from_group(eta)

@@ -28,7 +28,7 @@ def on_a_grid(subject, mean, scatter):
     posterior = Posterior(subject, MODEL, Prior(), centre=CENTRE)
     axes = np.linspace(-3.0, 1.0, 500), np.linspace(-1.0, 4.0, 500)
     eta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    assert posterior.group == ("width", "q0")
+    assert posterior.model.group == ("width", "q0")
     x, _ = posterior.from_group(eta)
     values = posterior.log_likelihood(x) + norm.logpdf(eta, mean, scatter).sum(axis=1)
     return logsumexp(values) + sum(np.log(axis[1] - axis[0]) for axis in axes)

@@ -72,13 +72,13 @@ def points(names, far):
 def test_coordinates_and_jacobian_are_those_of_the_definitions(name, far):
     target = posterior(name)
     with mpmath.workdps(260):
-        for eta in points(target.group, far):
+        for eta in points(target.model.group, far):
             x, jacobian = target.from_group(eta[None])
             exact = [mpmath.mpf(float(e)) for e in eta]
             assert x[0] == pytest.approx(
-                [float(v) for v in by_definition(target.group, exact, mpmath.mpf(target.sbar))], rel=2e-13, abs=1e-300
+                [float(v) for v in by_definition(target.model.group, exact, mpmath.mpf(target.sbar))], rel=2e-13, abs=1e-300
             )
-            wanted = jacobian_by_definition(target.group, exact, mpmath.mpf(target.sbar))
+            wanted = jacobian_by_definition(target.model.group, exact, mpmath.mpf(target.sbar))
             assert jacobian[0] == pytest.approx(wanted, rel=2e-12, abs=1e-300)
 
 
@@ -86,9 +86,9 @@ def test_coordinates_and_jacobian_are_those_of_the_definitions(name, far):
 @pytest.mark.parametrize("model", compositions(order=ORDERS, lapses=("misses", "no lapses", "both ways")))
 def test_there_and_back(model, far):
     target = posterior(model.name)
-    assert len(target.group) == len(target.coordinates) == len(set(target.group))
-    assert set(target.group) <= set(GROUP_PARAMETERS)
-    eta = points(target.group, far)
+    assert len(target.model.group) == len(target.coordinates) == len(set(target.model.group))
+    assert set(target.model.group) <= set(GROUP_PARAMETERS)
+    eta = points(target.model.group, far)
     back = target.to_group(target.from_group(eta)[0])
     # A pull near its least, p ~ e^-450, leaves of mu1 what (p mu1)/p has.
     assert back == pytest.approx(eta, rel=1e-11, abs=1e-11)
@@ -98,7 +98,7 @@ def test_there_and_back(model, far):
 def test_the_pull_of_a_block_is_that_of_its_coordinates(name):
     target, probit = posterior(name), np.concatenate([np.linspace(-35.0, 35.0, 141), [-37.0, -0.0]])
     pulled = target.model.free[0].group_pull(probit)
-    eta = np.zeros((len(probit), len(target.group)))
+    eta = np.zeros((len(probit), len(target.model.group)))
     eta[:, 0], eta[:, 1] = target.sbar + 1.0, probit
     x, jacobian = target.from_group(eta)
     assert x[:, 0] == pytest.approx(pulled.pull)
