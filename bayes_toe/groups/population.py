@@ -93,6 +93,8 @@ class Population:
         Draws of each subject's own posterior on the same scales, independent between subjects.
     left_out : mapping of str to str
         Subjects of the study that are not in the group, and why.
+    rough : tuple of str
+        Subjects of which too few of the draws behind `alone` count. What is said of the group does not rest on these.
     """
 
     study: Study
@@ -103,6 +105,7 @@ class Population:
     chains: GroupChains
     alone: FloatArray
     left_out: Mapping[str, str]
+    rough: tuple[str, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -121,8 +124,8 @@ class Population:
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """What was not reached, and what diverged, in words."""
-        found = []
+        """What was not reached, what diverged, and which subjects are known badly alone, in words."""
+        found = [f"subject {name!r} alone: few of the draws count, so that its columns alone_ are rough" for name in self.rough]
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
         if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
@@ -264,7 +267,8 @@ def _drawn(
     group = study.select(who.subjects)
     chains = _chains(members, group, settings, model, scatter, centre, who)
     own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
-    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed})
+    rough = tuple(one.name for one in members if not one.trusted)
+    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
 
 
 def _chains(

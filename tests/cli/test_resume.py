@@ -42,6 +42,23 @@ def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(f
         assert (folder / "out" / name).read_bytes() == (folder / "calm" / name).read_bytes()
 
 
+def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(folder):
+    options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
+    running = start("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
+    until(lambda: len(list(folder.glob("group.nc.partial/*.kept"))) > 1, running)
+    running.kill()
+    running.communicate()
+    until_gone(running.pid)
+    assert not (folder / "group.nc").exists()
+    resumed = call("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
+    assert resumed.returncode == 0
+    assert "of 4 subjects taken from group.nc.partial" in resumed.stdout
+    assert call("population", "study.csv", "-o", "calm.nc", *options, cwd=folder).returncode == 0
+    assert not (folder / "group.nc.partial").exists()
+    for ending in (".nc", ".csv", "_subjects.csv", ".png"):
+        assert (folder / f"group{ending}").read_bytes() == (folder / f"calm{ending}").read_bytes()
+
+
 def test_what_was_kept_is_thrown_away_where_that_is_asked_for(folder):
     (folder / "evidence.csv.partial").mkdir()
     (folder / "evidence.csv.partial" / "0.kept").write_text("of another time")

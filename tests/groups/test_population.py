@@ -1,10 +1,13 @@
 """The verb: what it promises of seeds, workers and the order of subjects."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_pairs
 
 from bayes_toe.groups import chains
+from bayes_toe.groups.alone import alone
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
@@ -63,3 +66,13 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
     assert set(own.shared) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
     assert own.mean.shape[0] == 16
     assert (own.scatter > 0.0).all()
+
+
+def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
+    def doubted(subject, *rest):
+        return replace(alone(subject, *rest), trusted=subject.name != "B")
+
+    monkeypatch.setattr("bayes_toe.groups.population.alone", doubted)
+    found = run()
+    assert found.rough == ("B",)
+    assert found.shortfalls[0] == "subject 'B' alone: few of the draws count, so that its columns alone_ are rough"
