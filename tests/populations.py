@@ -30,6 +30,7 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "scatter": np.full((*size, k), scatter),
         "effects": 0.2 * rng.standard_normal((*size, who.x.shape[1], k)),
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
+        "z": np.empty((*size, 0)),
     } | parts
     shared = judged_shared(drawn["mean"], drawn["scatter"], drawn["effects"])
     chains = GroupChains(**drawn, shared=shared, members=np.full((n, k, 3), 1.0), gradients=5)
@@ -66,7 +67,7 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
     shared = judged_shared(mean, scatter, effects)
-    chains = GroupChains(mean, scatter, effects, near, shared, np.ones((n, k, 3)), reason=reason)
+    chains = GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), shared, np.ones((n, k, 3)), reason=reason)
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
     return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})

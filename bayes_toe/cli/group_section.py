@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_toe.cli.population_answer import answer, effect, naturals, reference, scales
+from bayes_toe.cli.population_answer import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 
@@ -42,6 +42,7 @@ def group_section(group: Group, folder: Path) -> dict[str, Any]:
     found = group.found
     tables: list[tuple[str, Sequence[dict[Any, Any]]]] = [
         ("mean (5 %, 95 %)", scales(found)),
+        (CORRELATED, correlations(found)),
         (f"medians (5 %, 95 %){Text.from_markup(reference(found)).plain}", naturals(found)),
         ("effects of covariates", [effect(row) for row in found.table.some("effect")]),
     ]
@@ -51,7 +52,7 @@ def group_section(group: Group, folder: Path) -> dict[str, Any]:
         "answer": [Text.from_markup(line).plain for line in answer(found)],
         "picture": folder / GROUP_PRODUCTS[2],
         "tables": [(title, rows) for title, rows in tables if rows],
-        "hyperprior": found.settings.hyperprior.describe(found.names),
+        "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
         "scatter": found.settings.scatter,
         "subjects": len(found.study),
     }

@@ -13,14 +13,15 @@ from bayes_toe.cli import terminal
 from bayes_toe.cli.options import DrawCount, StudyFile, writes
 from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
 from bayes_toe.errors import ConvergenceWarning, InputError
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS, NUMBERS
+from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _HYPERPRIOR = (
-    f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}; see docs/population.md."
+    f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
+    f"and [{CORRELATIONS}] of {LKJ.name}; see docs/population.md."
 )
 
 
@@ -31,7 +32,7 @@ class PopulationTask(KeepingTableTask):
     draws: DrawCount = 2000
 
 
-def population(
+def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
     *,
     study: StudyFile,
     output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
@@ -50,6 +51,10 @@ def population(
     method: Annotated[
         str, typer.Option("--method", metavar="joint|reweight", help="Sample all together, or weight draws of subjects alone.")
     ] = "joint",
+    correlations: Annotated[
+        bool | None,
+        typer.Option("--correlations/--no-correlations", help="May parameters be correlated between subjects? By default from 30 on."),
+    ] = None,
     hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
     task: PopulationTask,
 ) -> None:
@@ -77,7 +82,7 @@ def population(
         warnings.simplefilter("ignore", ConvergenceWarning)  # said below
         found = infer(
             read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
-            hyperprior=given, scatter=scatter, method=method, workers=task.workers, progress=tick, keep=keep,
+            hyperprior=given, scatter=scatter, method=method, correlations=correlations, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
     _write(found, check, files, task)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+CORRELATED = "correlations between subjects, mean (5 %, 95 %)"
 _SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
@@ -34,8 +35,10 @@ def say_population(console: Console, found: Population, contradicted: Sequence[s
         say_table(console, f"effects of covariates, mean (5 %, 95 %): {safe(about)}", effects)
         say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
     say_table(console, f"{found.settings.model}: {len(found.study)} subjects, mean (5 %, 95 %)", scales(found))
+    if together := correlations(found):
+        say_table(console, CORRELATED, together)
     say_table(console, f"medians (5 %, 95 %){reference(found)}", naturals(found))
-    for line in found.settings.hyperprior.describe(found.names):
+    for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
         say_footnote(console, f"hyperprior: {line}")
     say_notes(console, found.regressors.notes)
     say_attention(console, found, contradicted)
@@ -114,6 +117,14 @@ def scales(found: Population) -> list[dict[Any, Any]]:
         row = {"scale": sd.parameter, "mean": _interval(mean), what: _interval(sd)}
         rows.append({**row, "min ESS": f"{ess:.0f}", "max R-hat": f"{r_hat:.3f}"})
     return rows
+
+
+def correlations(found: Population) -> list[dict[Any, Any]]:
+    """How parameters go together over subjects, those first of which the sign is most certain; none where these were not asked for."""
+    from bayes_toe.comparison.words import compared
+
+    rows = sorted(found.table.some("correlation"), key=lambda row: -(row.p_direction or 0.0))
+    return [{"scales": row.parameter, "correlation": _interval(row), "P(sign)": compared(row.p_direction or 0.0)} for row in rows]
 
 
 def naturals(found: Population) -> list[dict[Any, Any]]:

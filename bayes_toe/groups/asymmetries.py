@@ -2,9 +2,9 @@
 
     E[q(c, r) - q(r, c)],    r the weaker stimulus, c the stronger one,
 
-over subjects eta = m + x' beta + tau u of the population, for every draw of m, beta and tau. The expectation over u is a sum over a fixed
-set of scores, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is over
-the covariates that the group has. The sign is that of :mod:`bayes_toe.classical.asymmetry`.
+over subjects eta = m + x' beta + tau L u of the population, for every draw of m, beta, tau and L. The expectation over u is a sum over a
+fixed set of scores, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is
+over the covariates that the group has. The sign is that of :mod:`bayes_toe.classical.asymmetry`.
 """
 
 from __future__ import annotations
@@ -77,17 +77,18 @@ def asymmetries(found: Population) -> Asymmetries | None:
     posterior = found.posterior(found.study.names[0]).for_subject(shown)
     levels = list(_levels(found))
     kept = _kept(found, len(pairs) * sum(2 if one.less is not None else 1 for one in levels))
-    mean, scatter, effects = (part[:, kept] for part in (found.chains.mean, found.chains.scatter, found.chains.effects))
+    own = found.chains
+    mean, scatter, effects, root = (part[:, kept] for part in (own.mean, own.scatter, own.effects, own.root))
     lead, k = mean.shape[:2], mean.shape[-1]
     scores, _ = _scores(found)
-    flat = mean.reshape(-1, k), scatter.reshape(-1, k), effects.reshape(len(mean) * len(kept), -1, k)
+    flat = mean.reshape(-1, k), scatter.reshape(-1, k), effects.reshape(len(mean) * len(kept), -1, k), root.reshape(-1, k, k)
 
     def average(x: FloatArray) -> FloatArray:
         rows = max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
         parts = []
         for i in range(0, len(flat[0]), rows):
-            m, tau, beta = (part[i : i + rows] for part in flat)
-            eta = m[:, None] + x @ beta + tau[:, None] * scores
+            m, tau, beta, factor = (part[i : i + rows] for part in flat)
+            eta = m[:, None] + x @ beta + tau[:, None] * (scores @ factor.swapaxes(1, 2))
             parts.append(_asymmetry(posterior, eta, places).mean(axis=1))
         return np.concatenate(parts)
 

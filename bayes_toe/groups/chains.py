@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.correlations import Root, pairs
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.shared import Shared
@@ -20,8 +22,9 @@ MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
 _FIRST, _MORE, _MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
 _LIMIT = 40_000  # draws that may be made in any case
+CORRELATION = "correlation"
 
-#: Quantity ("mean", "sd" or "effect"), place of the regressor (-1 where there is none) and of the parameter.
+#: Quantity ("mean", "sd", "effect", "correlation"), place of the regressor or of the other parameter (-1: none), and of the parameter.
 Key: TypeAlias = tuple[str, int, int]
 
 
@@ -34,6 +37,8 @@ class GroupChains:
     mean, scatter : array, shape (chains, draws, k)
     effects : array, shape (chains, draws, r, k)
     eta : array, shape (chains, draws, N, k)
+    z : array, shape (chains, draws, c)
+        Coordinates of the correlations of a member's parameters, see :mod:`bayes_toe.groups.correlations`; c is 0 without.
     shared : dict of Key to Convergence
         Of what is shared.
     members : array, shape (N, k, 3)
@@ -50,11 +55,23 @@ class GroupChains:
     scatter: FloatArray
     effects: FloatArray
     eta: FloatArray
+    z: FloatArray
     shared: dict[Key, Convergence]
     members: FloatArray
     divergent: int = 0
     reason: str = ""
     gradients: int = 0
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """Cholesky factors of the correlations, of scores within a member, shape (chains, draws, k, k)."""
+        (*lead, k) = self.mean.shape
+        return Root.at(self.z.reshape(int(np.prod(lead)), -1), k).factor.reshape(*lead, k, k)
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlations of parameters between members, shape (chains, draws, k, k)."""
+        return self.root @ self.root.swapaxes(-1, -2)
 
     @property
     def converged(self) -> bool:
@@ -63,13 +80,18 @@ class GroupChains:
 
     def worst(self, names: Sequence[str], members: Sequence[str]) -> tuple[tuple[str, float], tuple[str, float]]:
         """What has the fewest effective draws, bulk or tail, and how many; what has the largest R-hat, and which. NaN is worst."""
-        found = {f"the {key[0]} of {names[key[2]]}": one for key, one in self.shared.items()}
+        found = {_words(key, names): one for key, one in self.shared.items()}
         for member, rows in zip(members, self.members.tolist(), strict=True):
             found |= {f"{name} of {member!r}": Convergence(*row) for name, row in zip(names, rows, strict=True)}
         ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
         r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
         lowest, highest = min(ess, key=ess.__getitem__), max(r_hat, key=r_hat.__getitem__)
         return (lowest, ess[lowest]), (highest, r_hat[highest])
+
+
+def _words(key: Key, names: Sequence[str]) -> str:
+    kind, other, one = key
+    return f"the {kind} of {names[other]} and {names[one]}" if kind == CORRELATION else f"the {kind} of {names[one]}"
 
 
 def chain_count(members: int) -> int:
@@ -129,9 +151,16 @@ def judged(shared: Shared, eta: FloatArray) -> GroupChains:
     """Draws with their diagnostics; eta has shape (chains, draws, N, k), what is shared has all draws on one axis, chain by chain."""
     (*lead, n, k) = eta.shape
     mean, scatter = shared.mean.reshape(*lead, k), np.exp(shared.log_scatter).reshape(*lead, k)
-    effects = shared.effects.reshape(*lead, -1, k)
+    effects, z = shared.effects.reshape(*lead, -1, k), shared.z.reshape(*lead, -1)
     of_members = np.array([[convergence(eta[:, :, i, j]) for j in range(k)] for i in range(n)])
-    return GroupChains(mean, scatter, effects, eta, judged_shared(mean, scatter, effects), of_members)
+    found = GroupChains(mean, scatter, effects, eta, z, judged_shared(mean, scatter, effects), of_members)
+    found.shared.update(_judged_correlations(found))
+    return found
+
+
+def _judged_correlations(found: GroupChains) -> dict[Key, Convergence]:
+    correlation = found.correlation
+    return {(CORRELATION, j, i): convergence(correlation[..., i, j]) for j, i in pairs(found.mean.shape[2])[: found.z.shape[2]]}
 
 
 def judged_shared(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> dict[Key, Convergence]:

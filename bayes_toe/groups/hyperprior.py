@@ -1,7 +1,7 @@
 """The prior of a population: where the means of the group parameters lie, how far subjects lie apart, what covariates may do.
 
     eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2),
-    m_k ~ Normal(mean, mean_sd),  tau_k ~ HalfNormal(sd_scale),  beta_k ~ Normal(0, effect_sd), independent.
+    m_k ~ Normal(mean, mean_sd),  tau_k ~ HalfNormal(sd_scale),  beta_k ~ Normal(0, effect_sd),  R ~ LKJ(lkj), independent.
 
 The parameters eta, their scales and the default numbers are declared in :mod:`bayes_toe.groups.hyperprior_fields`; nothing else names them.
 """
@@ -20,22 +20,23 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS, NUMBERS
+from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, SECTIONS
 from bayes_toe.model.prior_fields import STIMULI
 from bayes_toe.model.prior_file import number_problems, real, shown, toml_table
 from bayes_toe.model.study_prior import Stimuli
 
-_FIELDS = {name: parameter.fields for name, parameter in GROUP_PARAMETERS.items()}
+_FIELDS = {name: section.fields for name, section in SECTIONS.items()}
 _NAMES = tuple(name for name, _, _ in NUMBERS)
 
 
 class HyperpriorNumbers(NamedTuple):
-    """Those of some group parameters on their scales, arrays of shape (parameters,)."""
+    """Those of some group parameters on their scales, arrays of shape (parameters,), and the shape of the prior of correlations."""
 
     mean: FloatArray
     mean_sd: FloatArray
     sd_scale: FloatArray
     effect_sd: FloatArray
+    lkj: float
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Hyperprior:
     Parameters
     ----------
     values : tuple of tuple of float or "stimuli"
-        Mean, mean_sd, sd_scale and effect_sd of every group parameter, in the order of their declaration; "stimuli" becomes a number where
-        the hyperprior meets a study, :meth:`for_study`.
+        Mean, mean_sd, sd_scale and effect_sd of every group parameter, in the order of their declaration, then what holds for all of them;
+        "stimuli" becomes a number where the hyperprior meets a study, :meth:`for_study`.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class Hyperprior:
         """
         _refuse("hyperprior", _problems(sections))
         whole = {name: {**section, **sections.get(name, {})} for name, section in self.as_dict().items()}
-        return Hyperprior(tuple(tuple(_value(section[key]) for key in _NAMES) for section in whole.values()))
+        return Hyperprior(tuple(tuple(map(_value, section.values())) for section in whole.values()))
 
     def for_study(self, study: Study) -> Hyperprior:
         """With numbers in the place of "stimuli", the same for all models of the study.
@@ -119,17 +120,20 @@ class Hyperprior:
             for key, value in section.items():
                 if value == STIMULI:
                     raise InputError(f"hyperprior: {key} of {name} is that of the stimuli; Hyperprior.for_study(study) puts in the number")
-        return HyperpriorNumbers(*(np.array([sections[name][key] for name in names], np.float64) for key in _NAMES))
+        lkj = real(self.as_dict()[CORRELATIONS][LKJ.name])
+        mean, mean_sd, sd_scale, effect_sd = (np.array([sections[name][key] for name in names], np.float64) for key in _NAMES)
+        return HyperpriorNumbers(mean, mean_sd, sd_scale, effect_sd, lkj)
 
-    def describe(self, names: Sequence[str]) -> tuple[str, ...]:
-        """A line for each of some parameters.
+    def describe(self, names: Sequence[str], *, correlations: bool = False) -> tuple[str, ...]:
+        """A line for each of some parameters, and one for their correlations.
 
         Raises
         ------
         InputError
             For an unknown parameter.
         """
-        return tuple(_line(name, section) for name, section in self._sections(names).items())
+        lines = tuple(_line(name, section) for name, section in self._sections(names).items())
+        return (*lines, f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})") if correlations else lines
 
     def scaled(self, sd_scale: float = 1.0, *, mean_sd: float = 1.0) -> Hyperprior:
         """With the scale of every tau, and the sd of every mean, times a factor: to see what depends on them.
@@ -145,13 +149,13 @@ class Hyperprior:
         >>> Hyperprior().for_study(example_study()).scaled(3.0).numbers(["gamma"]).sd_scale.tolist()
         [3.0]
         """
-        own = self.numbers(tuple(_FIELDS))
-        pairs = zip(_FIELDS, (own.sd_scale * sd_scale).tolist(), (own.mean_sd * mean_sd).tolist(), strict=True)
+        own = self.numbers(tuple(GROUP_PARAMETERS))
+        pairs = zip(GROUP_PARAMETERS, (own.sd_scale * sd_scale).tolist(), (own.mean_sd * mean_sd).tolist(), strict=True)
         return self.changed({name: {"sd_scale": of_sd, "mean_sd": of_mean} for name, of_sd, of_mean in pairs})
 
     def as_dict(self) -> dict[str, dict[str, float | str]]:
         """All numbers by parameter and name, as JSON has them."""
-        return {name: dict(zip(_NAMES, values, strict=True)) for name, values in zip(_FIELDS, self.values, strict=True)}
+        return {name: dict(zip(fields, values, strict=True)) for (name, fields), values in zip(_FIELDS.items(), self.values, strict=True)}
 
     @classmethod
     def from_dict(cls, sections: Mapping[str, Mapping[str, float | str]]) -> Hyperprior:
@@ -163,15 +167,15 @@ class Hyperprior:
             If a number is missing, unknown or out of range.
         """
         found = cls().changed(sections)
-        missing = [f"{key} of {name}" for name in _FIELDS for key in _NAMES if key not in sections.get(name, {})]
+        missing = [f"{key} of {name}" for name, fields in _FIELDS.items() for key in fields if key not in sections.get(name, {})]
         _refuse("hyperprior", [f"{one}: missing, allowed: all numbers of all parameters" for one in missing])
         return found
 
     def _sections(self, names: Iterable[str]) -> dict[str, dict[str, float | str]]:
         known = self.as_dict()
         for name in names:
-            if name not in known:
-                raise InputError(f"hyperprior: no parameter {quoted(name)}, allowed: {', '.join(known)}")
+            if name not in GROUP_PARAMETERS:
+                raise InputError(f"hyperprior: no parameter {quoted(name)}, allowed: {', '.join(GROUP_PARAMETERS)}")
         return {name: known[name] for name in names}
 
 
@@ -210,7 +214,7 @@ def example_file() -> str:
     texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}
     width = max(map(len, texts.values()))
     sections = {
-        f"[{name}]  # {GROUP_PARAMETERS[name].words}": [f"{texts[name, key]:<{width}}  # {one.about}" for key, one in fields.items()]
+        f"[{name}]  # {SECTIONS[name].words}": [f"{texts[name, key]:<{width}}  # {one.about}" for key, one in fields.items()]
         for name, fields in _FIELDS.items()
     }
     return "".join(f"{line}\n" for head, lines in sections.items() for line in (head, *lines))
@@ -223,7 +227,7 @@ def _problems(sections: Mapping[str, Any]) -> list[str]:
         if name not in _FIELDS:
             found.append(f"section {quoted(name)}: unknown, allowed: {', '.join(_FIELDS)}")
         elif not isinstance(section, Mapping):
-            found.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_NAMES)}")
+            found.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_FIELDS[name])}")
         else:
             found += [f"[{name}] {line}" for key, value in section.items() for line in number_problems(_FIELDS[name], key, value)]
     return found

@@ -103,3 +103,20 @@ _DECLARED = (
 )
 #: Those that a population can be asked for, by name.
 GROUP_PARAMETERS = {one.name: one for one in _DECLARED}
+#: The section of what holds for all parameters together, and its number.
+CORRELATIONS = "correlations"
+LKJ = PriorField(
+    "lkj", 2.0, CORRELATIONS, "shape", "shape of the LKJ prior of correlations between parameters; 1: uniform", "", SMALLEST, LARGEST
+)
+
+
+class Section(NamedTuple):
+    """A part of a hyperprior file: what it is about, and its numbers by name."""
+
+    words: str
+    fields: dict[str, PriorField]
+
+
+SECTIONS = {one.name: Section(one.words, one.fields) for one in _DECLARED} | {
+    CORRELATIONS: Section("of parameters between subjects, where they are asked for", {LKJ.name: LKJ})
+}

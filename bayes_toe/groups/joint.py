@@ -3,6 +3,8 @@
     eta_ik = mu_ik + tau_k u_ik,    mu_ik = m_k + x_i' beta_k,    u ~ normal, or Student's t,
     m ~ Normal,    tau ~ HalfNormal,    beta ~ Normal(0, .)    (:mod:`bayes_toe.groups.hyperprior`)
 
+Scores u of a member are independent, or u = L v with independent v (:mod:`bayes_toe.groups.correlations`).
+
 Coordinates in which it is easy to sample depend on what each member's answers say. If they say much of eta_ik, it should be a coordinate
 itself (centred); if nothing, its score u_ik (non-centred). With h_ik and e_ik, precision and place of eta_ik by the answers alone, roughly
 normal, and s = 1/(1 + h tau^2), the population's share of what is known of eta_ik,
@@ -26,6 +28,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.coefficients import CoefficientUnits, Units
+from bayes_toe.groups.correlations import Root, pairs
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.scatter import Scatter
 from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared, with_ones
@@ -48,7 +51,7 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Log density and gradient of the joint posterior at several points; a point has D = k (2 + r) + N k coordinates.
+    """Log density and gradient of the joint posterior at several points; a point has D = k (2 + r) + c + N k coordinates.
 
     Parameters
     ----------
@@ -59,6 +62,8 @@ class Joint:
         Regressors.
     told : Told
     scatter : Scatter
+    correlated : bool
+        Whether scores of a member may be correlated: c = k (k - 1)/2 further coordinates.
     """
 
     likelihood: Likelihood
@@ -66,6 +71,7 @@ class Joint:
     x: FloatArray
     told: Told
     scatter: Scatter
+    correlated: bool = False
 
     @property
     def dimension(self) -> int:
@@ -74,8 +80,9 @@ class Joint:
 
     @property
     def size(self) -> int:
-        """Number of coordinates that belong to all members: they come first, means, log scatters, then effects by regressor."""
-        return int(self.told.place.shape[1] * (2 + self.x.shape[1]))
+        """Number of coordinates that belong to all members: they come first, see :func:`~bayes_toe.groups.shared.split_shared`."""
+        k = self.told.place.shape[1]
+        return int(k * (2 + self.x.shape[1]) + self.correlated * len(pairs(k)))
 
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
@@ -83,21 +90,21 @@ class Joint:
         shared, xi = self._shared(theta, units, coefficients), self._xi(theta)
         at, by_pull = self._place(shared, xi)
         of_answers, of_eta = self.likelihood(at.eta)
-        by_score = self.scatter.slope(at.score)
+        of_scores, by_score, by_z = self._scores(at.score, shared.z)
         drawn = by_score * np.exp(-shared.log_scatter)[:, None]
         steep = of_eta + drawn
         if self.told.funnel is not None and by_pull is not None:
             funnelled = steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
             for whole in (of_eta, steep):
                 whole[..., self.told.funnel.pull] += funnelled
-        of_members = (self.scatter.log_density(at.score) - shared.log_scatter[:, None] + at.log_unit).sum(axis=(1, 2))
+        of_members = of_scores + (at.log_unit - shared.log_scatter[:, None]).sum(axis=(1, 2))
         prior, of_prior = log_hyperprior(shared, self.hyperprior)
         by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
         by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
         by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
         moved = coefficients * units.unit
         by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
-        gradient = self._joined(by_coefficient * units.unit, by_log_scatter, steep * at.unit)
+        gradient = self._joined(by_coefficient * units.unit, by_log_scatter, of_prior.z + by_z, steep * at.unit)
         return of_answers.sum(axis=1) + of_members + prior + units.log_unit.sum(axis=(1, 2)), gradient
 
     def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
@@ -114,7 +121,7 @@ class Joint:
         for _ in range(2):  # the prior mean's place and unit depend on the pull
             at = self._place(shared, xi)[0]
             xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
-        return self._joined((shared.coefficients - units.centre) * np.exp(-units.log_unit), shared.log_scatter, xi)
+        return self._joined((shared.coefficients - units.centre) * np.exp(-units.log_unit), shared.log_scatter, shared.z, xi)
 
     @cached_property
     def plainly(self) -> Told:
@@ -131,19 +138,35 @@ class Joint:
 
     def _coefficients(self, theta: FloatArray) -> tuple[Units, FloatArray]:
         """Units of mean and effects, and these in their units, (points, 1 + r, k)."""
-        given = split_shared(theta[:, : self.size], self.told.place.shape[1])
+        given = self._given(theta)
         return self._units.at(given.log_scatter), given.coefficients
 
     def _shared(self, theta: FloatArray, units: Units, coefficients: FloatArray) -> Shared:
-        k = self.told.place.shape[1]
-        return Shared.of(units.centre + coefficients * units.unit, theta[:, k : 2 * k])
+        given = self._given(theta)
+        return Shared.of(units.centre + coefficients * units.unit, given.log_scatter, given.z)
+
+    def _given(self, theta: FloatArray) -> Shared:
+        """What is shared, means and effects in their units."""
+        return split_shared(theta[:, : self.size], self.told.place.shape[1], self.x.shape[1])
 
     def _xi(self, theta: FloatArray) -> FloatArray:
         return theta[:, self.size :].reshape(len(theta), *self.told.place.shape)
 
-    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, xi: FloatArray) -> FloatArray:
+    def _scores(self, score: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log density of scores, (points, N, k), by point, its slopes in each of them, and in the coordinates of correlations."""
+        if not self.correlated:
+            return self.scatter.log_density(score).sum(axis=(1, 2)), self.scatter.slope(score), z
+        root = Root.at(z, score.shape[2])
+        inverse = np.linalg.inv(root.factor)
+        plain = score @ inverse.swapaxes(1, 2)
+        slope = self.scatter.slope(plain)
+        of_factor = -inverse.swapaxes(1, 2) @ (slope.swapaxes(1, 2) @ plain)
+        density = self.scatter.log_density(plain).sum(axis=(1, 2)) - score.shape[1] * root.log_diagonal.sum(axis=1)
+        return density, slope @ inverse, root.slopes(of_factor) - score.shape[1] * root.log_diagonal_slopes
+
+    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, z: FloatArray, xi: FloatArray) -> FloatArray:
         """Coordinates, or a gradient, of these parts, (points, D)."""
-        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], xi)
+        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], z, xi)
         return np.concatenate([part.reshape(len(xi), -1) for part in parts], axis=1)
 
     def _place(self, shared: Shared, xi: FloatArray) -> tuple[_Place, FloatArray | None]:

@@ -51,27 +51,34 @@ class Ratio(NamedTuple):
 def no_difference(found: Population) -> tuple[tuple[Ratio, ...], ...]:
     """For every regressor and parameter."""
     chains, given = found.chains, found.settings.hyperprior.numbers(found.names)
-    a = with_ones(found.regressors.x)
     rng, scatter = generator(found.settings.seed, "population", "no difference"), scatter_named(found.settings.scatter)
-    ratios = []
-    for k in range(len(found.names)):
-        eta, tau = chains.eta[..., k], chains.scatter[..., k, None]
-        expected = chains.mean[..., k, None] + chains.effects[..., k] @ found.regressors.x.T
-        weights = scatter.precisions(rng, (eta - expected) / tau) / np.square(tau)
-        centre, sd = _regression(a, eta - given.mean[k], weights, np.array([given.mean_sd[k], *[given.effect_sd[k]] * (a.shape[1] - 1)]))
-        per_sd = given.effect_sd[k] / sd
-        log_ratios = np.log(per_sd) - 0.5 * np.square(centre / sd)
-        sizes = [chains.shared["effect", i, k].ess_bulk for i in range(len(log_ratios))]
-        ratios.append([ratio(*one) for one in zip(log_ratios, per_sd, sizes, strict=True)])
-    return tuple(zip(*ratios, strict=True))
+    whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a member less its mean to independent scores
+    expected = chains.mean[..., None, :] + found.regressors.x @ chains.effects
+    weights = scatter.precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
+    sds = np.stack([given.mean_sd, *[given.effect_sd] * found.regressors.x.shape[1]])
+    centre, sd = _regression(with_ones(found.regressors.x), chains.eta - given.mean, weights, whiten, sds)
+    per_sd = given.effect_sd / sd
+    log_ratios = np.log(per_sd) - 0.5 * np.square(centre / sd)
+    sizes = [[chains.shared["effect", i, k].ess_bulk for k in range(sd.shape[3])] for i in range(sd.shape[2])]
+    return tuple(
+        tuple(ratio(log_ratios[:, :, i, k], per_sd[:, :, i, k], size) for k, size in enumerate(row)) for i, row in enumerate(sizes)
+    )
 
 
-def _regression(a: FloatArray, y: FloatArray, weights: FloatArray, prior_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means and sds of effects given y, (chains, draws, N), with weights, on the columns of a, (N, 1 + r): (r, chains, draws) each."""
-    precision = np.einsum("cdn,np,nq->cdpq", weights, a, a, optimize=True) + np.diag(prior_sd**-2.0)
-    inverse = np.linalg.inv(precision)
-    centre, variance = (inverse @ ((weights * y) @ a)[..., None])[..., 0], np.diagonal(inverse, axis1=-2, axis2=-1)
-    return np.moveaxis(centre, -1, 0)[1:], np.sqrt(np.moveaxis(variance, -1, 0)[1:])
+def _regression(
+    a: FloatArray, y: FloatArray, weights: FloatArray, whiten: FloatArray, prior_sd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means and sds of effects given y, (chains, draws, N, k), on the columns of a, (N, 1 + r): (chains, draws, r, k) each.
+
+    Weights, (chains, draws, N, k), are those of whitened scores, by (chains, draws, k, k).
+    """
+    (*lead, k), q = y[:, :, 0].shape, a.shape[1]
+    of_scores = np.einsum("cdnl,np,nq->cdlpq", weights, a, a, optimize=True)
+    precision = np.einsum("cdlpq,cdlj,cdlm->cdpjqm", of_scores, whiten, whiten, optimize=True).reshape(*lead, q * k, q * k)
+    inverse = np.linalg.inv(precision + np.diag(prior_sd.ravel() ** -2.0))
+    pulled = a.T @ (weights * (y @ whiten.swapaxes(-1, -2))) @ whiten
+    centre, variance = (inverse @ pulled.reshape(*lead, -1, 1))[..., 0], np.diagonal(inverse, axis1=-2, axis2=-1)
+    return centre.reshape(*lead, q, k)[:, :, 1:], np.sqrt(variance).reshape(*lead, q, k)[:, :, 1:]
 
 
 def ratio(log_ratios: FloatArray, highest: FloatArray, effective: float) -> Ratio:

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 METHODS = ("joint", "reweight")
+#: Subjects of which correlations between parameters are worth asking for.
+MANY = 30
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
@@ -62,6 +64,8 @@ class GroupSettings:
     draws : int
         Bulk and tail effective draws of everything that is shared and of every subject's parameters.
     method : {"joint", "reweight"}
+    correlations : bool
+        Whether parameters may be correlated between subjects.
     """
 
     seed: int
@@ -71,6 +75,7 @@ class GroupSettings:
     scatter: str = "normal"
     draws: int = 2000
     method: str = "joint"
+    correlations: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +157,7 @@ class Population:
         """
         rng = generator(self.settings.seed, "population", "new subject")
         score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
-        made = self.chains.mean + self.chains.scatter * score
+        made = self.chains.mean + self.chains.scatter * (self.chains.root @ score[..., None])[..., 0]
         return np.asarray(made if x is None else made + np.einsum("...r,...rk->...k", x, self.chains.effects))
 
     @cached_property
@@ -196,6 +201,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     hyperprior: Hyperprior | None = None,
     scatter: str = "normal",
     method: str = "joint",
+    correlations: bool | None = None,
     workers: Workers = None,
     engine: Cluster | None = None,
     progress: Progress | None = None,
@@ -223,6 +229,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
     method : {"joint", "reweight"}
         Sample the joint posterior, or weight draws of the subjects' own posteriors.
+    correlations : bool, optional
+        Whether parameters may be correlated between subjects; by default with 30 subjects or more, by the method "joint".
 
     Raises
     ------
@@ -244,8 +252,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     given = Hyperprior() if hyperprior is None else hyperprior
     shared = workers if engine is None else engine
     with keeping(keep) as kept:
-        settings = GroupSettings(kept.seed(seed), model, prior_for(study, prior), given.for_study(study), scatter, draws, method)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
+        correlated = _correlated(len(who.subjects), method) if correlations is None else correlations
+        numbers = prior_for(study, prior), given.for_study(study)
+        settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, method, correlated)
         made = _drawn(study, settings, who, workers=shared, progress=progress, kept=kept)
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
@@ -275,7 +285,8 @@ def _chains(
     members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
 ) -> GroupChains:
     likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
-    joint = Joint(likelihood, settings.hyperprior.numbers(model.group), who.x, told_by(members, model, centre), scatter)
+    told, numbers = told_by(members, model, centre), settings.hyperprior.numbers(model.group)
+    joint = Joint(likelihood, numbers, who.x, told, scatter, settings.correlations)
     if settings.method == "joint":
         return sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
     weighted = Reweighted([one.part(WEIGHTED) for one in members], who.x, joint.hyperprior)
@@ -289,11 +300,17 @@ def _model(name: str) -> Model:
     return found
 
 
+def _correlated(subjects: int, method: str) -> bool:
+    return subjects >= MANY and method == "joint"
+
+
 def _require(settings: GroupSettings, who: Regressors) -> None:
     if settings.method not in METHODS:
         raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
     if settings.method == "reweight" and settings.scatter != "normal":
         raise InputError(f"population: method 'reweight' with scatter {settings.scatter!r}, allowed: 'normal', or method 'joint'")
+    if settings.method == "reweight" and settings.correlations:
+        raise InputError("population: method 'reweight' with correlations, allowed: without them, or method 'joint'")
     if len(who.subjects) < _FEWEST:
         raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
     if not 1 <= settings.draws <= _MOST_DRAWS:

@@ -1,8 +1,8 @@
 """population.nc: the posterior of a group as ArviZ opens it, and everything that makes it a :class:`Population` again, to the bit.
 
-Groups: posterior (means, scatters, effects, members' parameters on the group scales; quantities of members, of a subject at the mean and of
-a further one); posterior_predictive (asymmetries, of fewer draws); constant_data (regressors, draws of each subject alone, and the record
-that the file is read back from). It is written, and sealed, as posterior.nc is.
+Groups: posterior (means, scatters, effects, correlations, members' parameters on the group scales; quantities of members, of a subject at
+the mean and of a further one); posterior_predictive (asymmetries, of fewer draws); constant_data (regressors, draws of each subject alone,
+and the record that the file is read back from). It is written, and sealed, as posterior.nc is.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
-_CHAINS = {"mean": "mean", "sd": "scatter", "effect": "effects", "eta": "eta"}  # variables, and what the record calls them
+_CHAINS = {"mean": "mean", "sd": "scatter", "effect": "effects", "eta": "eta", "z": "z"}  # variables, and what the record calls them
 _AFFORDABLE = 1 << 26  # values: half a gigabyte
 _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four times as many
 
@@ -80,6 +80,7 @@ def _made(tree: xr.DataTree) -> Population:
     if parts["eta"].shape != (*lead, n, k) or constant["alone"].shape[1:] != (n, k):
         raise InputError("its draws are of other subjects")
     parts.setdefault("effects", np.empty((*lead, 0, k)))
+    parts.setdefault("z", np.empty((*lead, 0)))
     return replace(found, chains=replace(found.chains, **parts), alone=np.asarray(constant["alone"].values))
 
 
@@ -123,6 +124,9 @@ def _small(found: Population, where: str) -> xr.DataTree:
     if columns := [column.label for column in found.regressors.columns]:
         drawn["effect"] = ((*shared, "regressor", "parameter"), found.chains.effects)
         coords["regressor"] = columns
+    if found.chains.z.shape[2]:
+        drawn |= {"correlation": ((*shared, "parameter", "other"), found.chains.correlation), "z": ((*shared, "pair"), found.chains.z)}
+        coords["other"] = names["parameter"]
     groups = {"/posterior": xr.Dataset(drawn, coords), "/constant_data": _constant(found, names, columns)}
     if every is not None or where != "posterior":
         data: dict[str, Any] = {}
@@ -175,8 +179,9 @@ def _attributes(found: Population, where: str) -> dict[str, Any]:
         "seed": settings.seed,
         "scatter": settings.scatter,
         "method": settings.method,
+        "correlations": int(settings.correlations),
         "prior": found.model.describe(settings.prior),
-        "hyperprior": "\n".join(settings.hyperprior.describe(found.names)),
+        "hyperprior": "\n".join(settings.hyperprior.describe(found.names, correlations=settings.correlations)),
         "settings": json.dumps({"draws": settings.draws, "prior": asdict(settings.prior), "hyperprior": settings.hyperprior.as_dict()}),
         "scales": json.dumps({name: GROUP_PARAMETERS[name].label for name in found.names}),
         "centre": found.centre,

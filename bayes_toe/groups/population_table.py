@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
+from bayes_toe.groups.chains import CORRELATION
+from bayes_toe.groups.correlations import pairs
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
 from bayes_toe.inference.diagnostics import Convergence, Quantity
@@ -26,13 +28,13 @@ class PopulationRow(NamedTuple):
     Attributes
     ----------
     parameter : str
-        A group parameter on its scale ('probit gamma'), a quantity of a subject ('gamma'), or a comparison.
-    quantity : {"mean", "sd", "effect", "asymmetry", "new_subject"}
+        A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, or a comparison.
+    quantity : {"mean", "sd", "correlation", "effect", "asymmetry", "new_subject"}
     level : str
         The regressor of an effect, the part of the population of an asymmetry; empty for what has none.
     mean, sd, q05, q25, q50, q75, q95, ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
-        Probability that it has the sign that it probably has; of effects and asymmetries.
+        Probability that it has the sign that it probably has; of correlations, effects and asymmetries.
     bf_no_difference, bf_error, bf_below : float or None
         Of effects, see :class:`bayes_toe.groups.no_difference.Ratio`.
     """
@@ -73,7 +75,8 @@ class PopulationTable(Table[PopulationRow]):
 
 def population_table(found: Population) -> PopulationTable:
     """All rows of a population."""
-    return PopulationTable((*_means(found), *_scatters(found), *_effects(found), *_asymmetries(found), *_further(found)))
+    kinds = (_means, _scatters, _correlations, _effects, _asymmetries, _further)
+    return PopulationTable(tuple(row for rows in kinds for row in rows(found)))
 
 
 def _means(found: Population) -> Iterator[PopulationRow]:
@@ -89,6 +92,14 @@ def _means(found: Population) -> Iterator[PopulationRow]:
 def _scatters(found: Population) -> Iterator[PopulationRow]:
     for k, label in enumerate(_labels(found)):
         yield _row(label, "sd", "", found.chains.scatter[..., k], found.chains.shared["sd", -1, k])
+
+
+def _correlations(found: Population) -> Iterator[PopulationRow]:
+    """Between parameters of a subject, over subjects."""
+    labels, correlation = _labels(found), found.chains.correlation
+    for j, i in pairs(len(labels))[: found.chains.z.shape[2]]:
+        values, judged = correlation[..., i, j], found.chains.shared[CORRELATION, j, i]
+        yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
 
 
 def _effects(found: Population) -> Iterator[PopulationRow]:

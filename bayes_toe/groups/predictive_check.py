@@ -125,9 +125,9 @@ def _new_groups(found: Population, groups: int) -> IntArray:
     rng, chains = generator(found.settings.seed, "population", "predictive check"), found.chains
     k, draws, parts = len(found.names), chains.mean[..., 0].size, -(-groups // _TOGETHER)
     some = np.linspace(0, draws - 1, parts * _TOGETHER).astype(int)
-    mean, tau, effects = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects))
+    mean, tau, effects, root = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects, chains.root))
     expected = mean + found.regressors.x @ effects
-    eta = expected + tau * scatter_named(found.settings.scatter).sample(rng, expected.shape)
+    eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
     members = MembersLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
     return np.concatenate([members.repeated(part, rng) for part in np.split(eta, parts)])[:groups]
 

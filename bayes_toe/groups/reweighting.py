@@ -54,22 +54,26 @@ class Reweighted:
 
     def log_density(self, phi: FloatArray) -> FloatArray:
         """At points, (points, k (2 + r)) -> (points,)."""
-        shared = split_shared(phi, len(self.hyperprior.mean))
+        shared = self.shared(phi)
         found = log_hyperprior(shared, self.hyperprior)[0]
         for i, one in enumerate(self.members):
             weights, top = self._weights(i, shared)
             found += top + np.log(weights.sum(axis=0) / len(one.eta))
         return found
 
+    def shared(self, phi: FloatArray) -> Shared:
+        """What is shared, of points, (points, k (2 + r))."""
+        return split_shared(phi, len(self.hyperprior.mean), self.x.shape[1])
+
     def variance(self, phi: FloatArray) -> FloatArray:
         """V of the log likelihood, member by member, (points, k (2 + r)) -> (points, N)."""
-        shared = split_shared(phi, len(self.hyperprior.mean))
+        shared = self.shared(phi)
         weights = (self._weights(i, shared)[0] for i in range(len(self.members)))
         return np.stack([np.square(one).sum(axis=0) / np.square(one.sum(axis=0)) - 1.0 / len(one) for one in weights], axis=1)
 
     def eta(self, phi: FloatArray, rng: np.random.Generator) -> FloatArray:
         """A draw of every member given what is shared, (points, k (2 + r)) -> (points, N, k)."""
-        shared, found = split_shared(phi, len(self.hyperprior.mean)), []
+        shared, found = self.shared(phi), []
         for i, one in enumerate(self.members):
             sums = np.cumsum(self._weights(i, shared)[0], axis=0)
             at = (sums < rng.uniform(size=len(phi)) * sums[-1]).sum(axis=0)
@@ -108,7 +112,7 @@ def reweight_group(density: Reweighted, joint: Joint, names: Sequence[str], draw
         flat = phi.reshape(-1, phi.shape[2])
         trust = _trust(density, flat[:: max(1, len(flat) // 256)], members)
         eta = density.eta(flat, np.random.default_rng(stream(seed, "population", "members")))
-        found = judged(split_shared(flat, len(names)), eta.reshape(*phi.shape[:2], len(members), len(names)))
+        found = judged(density.shared(flat), eta.reshape(*phi.shape[:2], len(members), len(names)))
         reason = shortfall(*found.worst(names, members), draws)
         if steps >= _MOST_STEPS or not reason:
             return replace(found, reason="; ".join(part for part in (trust, reason) if part))

@@ -20,7 +20,8 @@ def starts(joint: Joint, chains: int, rng: np.random.Generator) -> FloatArray:
 
 
 def scales(joint: Joint) -> FloatArray:
-    """About the standard deviation of every coordinate, shape (D,): of logs of scatters it goes with the number of members."""
+    """About the standard deviation of every coordinate, shape (D,): of what tells of scatters it goes with the number of members."""
     found, (n, k) = np.ones(joint.dimension), joint.told.place.shape
     found[k : 2 * k] = (2.0 * n) ** -0.5
+    found[k * (2 + joint.x.shape[1]) : joint.size] = n**-0.5
     return found

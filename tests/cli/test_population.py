@@ -93,7 +93,7 @@ def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypa
         size, k, r = (16, 40), len(names), joint.x.shape[1]
         bad = {(kind, -1, j): Convergence(9.0, 8.0, 1.5) for kind in ("mean", "sd") for j in range(k)}
         drawn = [rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k))]
-        return GroupChains(drawn[0], np.abs(drawn[1]), *drawn[2:], bad, np.ones((len(members), k, 3)), 7, SHORT)
+        return GroupChains(drawn[0], np.abs(drawn[1]), *drawn[2:], np.empty((*size, 0)), bad, np.ones((len(members), k, 3)), 7, SHORT)
 
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", short)
     done = inside("population", "study.csv", "-o", "short.nc", *OPTIONS, cwd=folder)

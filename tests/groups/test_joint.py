@@ -1,5 +1,7 @@
 """The joint density of a group against its definition in many digits, and the map to its coordinates against differences."""
 
+import itertools
+
 import mpmath
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 
 N, K, CENTRE = 3, 4, 0.3
-HYPERPRIOR = HyperpriorNumbers(*np.array([[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]))
+HYPERPRIOR = HyperpriorNumbers(*np.array([[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]), 1.7)
 PULL = PREDICTIVE_UPDATE.free[0].group_pull
 #: Funnel or not, kind of scatter, regressors, what is told.
 CASES = {
@@ -29,6 +31,11 @@ CASES = {
     "funnel, t, two regressors": (True, "t", 2, "some"),
     "funnel, nothing told": (True, "normal", 1, "nothing"),
     "funnel, very much told": (True, "t", 1, "much"),
+}
+CORRELATED = {
+    "correlated": (False, "normal", 0, "some"),
+    "correlated, funnel, regressor": (True, "normal", 1, "some"),
+    "correlated, t": (True, "t", 0, "nothing"),
 }
 
 
@@ -42,7 +49,7 @@ def bump(eta):
     return -sum(w * (e**2 / 4 + mpmath.cos(e)) for w, e in zip(map(mpmath.mpf, (0.3, 1.1, 0.7, 2.0)), eta, strict=True))
 
 
-def made(funnel, scatter, regressors, told, likelihood=bumps):
+def made(funnel, scatter, regressors, told, likelihood=bumps, correlated=False):
     rng = np.random.default_rng(11)
     log_precision = {"nothing": np.full((N, K), -np.inf), "some": rng.normal(1.0, 2.0, (N, K)), "much": rng.uniform(8.0, 20.0, (N, K))}[
         told
@@ -51,9 +58,8 @@ def made(funnel, scatter, regressors, told, likelihood=bumps):
         log_precision[1, 2] = -np.inf
     place = rng.normal(0.0, 1.0, (N, K))
     x = rng.standard_normal((N, regressors))
-    return Joint(
-        likelihood, HYPERPRIOR, x, Told(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None), scatter_named(scatter)
-    )
+    known = Told(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None)
+    return Joint(likelihood, HYPERPRIOR, x, known, scatter_named(scatter), correlated)
 
 
 def points(joint, far):
@@ -87,7 +93,7 @@ def coefficients_by_definition(joint, theta, tau):
 def eta_by_definition(joint, theta):
     """Members and their means, scatters and units, from what the module says of them."""
     told, r = joint.told, joint.x.shape[1]
-    tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[(2 + r) * K :], []
+    tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[joint.size :], []
     (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
     for i in range(N):
         eta, expected = (
@@ -115,13 +121,46 @@ def log_normal(value, mean, sd):
     )
 
 
+def correlations_by_definition(z):
+    """From partial correlations, each given all parameters before both: by the recursion that takes one of these away after the other."""
+    partial = dict(zip(itertools.combinations(range(K), 2), map(mpmath.tanh, z), strict=True))
+    whole = mpmath.eye(K)
+    for (j, i), found in partial.items():
+        for step in reversed(range(j)):
+            a, b = partial[step, j], partial[step, i]
+            found = a * b + found * mpmath.sqrt((1 - a**2) * (1 - b**2))
+        whole[i, j] = whole[j, i] = found
+    return whole
+
+
+def lkj_by_definition(z, shape):
+    """Log of det(R)^(shape - 1) over its integral (Lewandowski et al. 2009, eq. 16), and of what the coordinates do to volumes."""
+    h, pairs = mpmath.mpf(10) ** -40, list(itertools.combinations(range(K), 2))
+    jacobian = mpmath.zeros(len(pairs))
+    for column in range(len(pairs)):
+        up, down = (correlations_by_definition([v + sign * h * (i == column) for i, v in enumerate(z)]) for sign in (1, -1))
+        for row, (j, i) in enumerate(pairs):
+            jacobian[row, column] = (up[i, j] - down[i, j]) / (2 * h)
+    integral = mpmath.mpf(0)
+    for k in range(1, K):
+        integral += (2 * (shape - 1) + K - k) * (K - k) * mpmath.log(2)
+        b = shape + mpmath.mpf(K - k - 1) / 2
+        integral += (K - k) * mpmath.log(mpmath.beta(b, b))
+    determinant = mpmath.det(correlations_by_definition(z))
+    return (shape - 1) * mpmath.log(determinant) - integral + mpmath.log(abs(mpmath.det(jacobian)))
+
+
 def by_definition(joint, theta):
     members, mean, tau, effects, total = eta_by_definition(joint, theta)
-    given = joint.hyperprior
+    given, root = joint.hyperprior, mpmath.eye(K)
+    if joint.correlated:
+        z = theta[joint.size - K * (K - 1) // 2 : joint.size]
+        root = mpmath.cholesky(correlations_by_definition(z))
+        total += lkj_by_definition(z, mpmath.mpf(given.lkj)) - N * sum(mpmath.log(root[j, j]) for j in range(K))
     for eta, expected, unit in members:
         total += bump(eta)
-        for j in range(K):
-            u = (eta[j] - expected[j]) / tau[j]
+        scores = mpmath.inverse(root) * mpmath.matrix([(eta[j] - expected[j]) / tau[j] for j in range(K)])
+        for j, u in enumerate(scores):
             of_score = (
                 mpmath.log(mpmath.mpf(3) / 8 * (1 + u**2 / 4) ** mpmath.mpf(-2.5)) if joint.scatter.name == "t" else log_normal(u, 0, 1)
             )
@@ -150,6 +189,11 @@ def require_right(joint, far):
 @pytest.mark.parametrize(("case", "far"), [("told", False), ("funnel, t, two regressors", False), *((case, True) for case in CASES)])
 def test_value_and_gradient_are_those_of_the_definition(case, far):
     require_right(made(*CASES[case]), far)
+
+
+@pytest.mark.parametrize(("case", "far"), [("correlated", False), ("correlated, t", False), ("correlated, funnel, regressor", True)])
+def test_correlated_parameters(case, far):
+    require_right(made(*CORRELATED[case], correlated=True), far)
 
 
 @pytest.mark.parametrize("wrong", ["unit", "share", "slope"])
@@ -216,9 +260,9 @@ def test_with_real_answers_and_a_jacobian_by_differences(case):
         assert gradients[:, j] == pytest.approx((a - 8 * b + 8 * c - d) / 12e-4, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, *CORRELATED])
 def test_there_and_back(case):
-    joint = made(*CASES[case])
+    joint = made(*(CASES | CORRELATED)[case], correlated=case in CORRELATED)
     theta = points(joint, far=False)
     shared, _ = joint.split(theta)
     assert joint.point(shared, joint.eta(theta)) == pytest.approx(theta, rel=1e-9, abs=1e-9)

@@ -1,0 +1,82 @@
+"""How a member's scores hang together: u = L v with independent v, L the Cholesky factor of their correlations R, and its prior.
+
+    L_ij = t_ij prod_(l < j) (1 - t_il^2)^(1/2),    t_ij = tanh z_ij for j < i, t_ii = 1,
+
+where t_ij is the partial correlation of i and j given those before j, and z_ij has no bounds. Under R ~ LKJ(eta), density det(R)^(eta - 1),
+the z_ij are independent with densities sech(z)^(2 b) / B(b, 1/2), b = eta + (k - 2 - j)/2, j from 0. Without coordinates R is 1.
+
+Source: Lewandowski, Kurowicka and Joe 2009, Journal of Multivariate Analysis 100, 1989-2001.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import betaln
+
+from bayes_toe.arrays import FloatArray
+
+
+def pairs(k: int) -> tuple[tuple[int, int], ...]:
+    """The pairs (j, i), j < i, of k parameters: the order of the coordinates.
+
+    Examples
+    --------
+    >>> pairs(3)
+    ((0, 1), (0, 2), (1, 2))
+    """
+    return tuple(combinations(range(k), 2))
+
+
+class Root(NamedTuple):
+    """L, (points, k, k), log of its diagonal, (points, k), and of what it is made: t and the product, both (points, k, k)."""
+
+    factor: FloatArray
+    log_diagonal: FloatArray
+    partial: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def at(cls, z: FloatArray, k: int) -> Root:
+        """At coordinates, (points, k (k - 1)/2), or (points, 0).
+
+        Examples
+        --------
+        >>> factor = Root.at(np.array([[np.arctanh(0.6)]]), 2).factor[0]
+        >>> (factor @ factor.T).round(12).tolist()
+        [[1.0, 0.6], [0.6, 1.0]]
+        """
+        square = np.zeros((len(z), k, k))
+        for place, (j, i) in enumerate(pairs(k)[: z.shape[1]]):
+            square[:, i, j] = z[:, place]
+        log_rest = np.log(2.0) - np.logaddexp(square, -square)  # ln sech
+        log_left = np.cumsum(log_rest, axis=2) - log_rest
+        partial, left = np.tanh(square) + np.eye(k), np.exp(log_left)
+        return cls(np.tril(partial * left), np.diagonal(log_left, axis1=1, axis2=2), partial, left)
+
+    def slopes(self, of_factor: FloatArray) -> FloatArray:
+        """What slopes in L, (points, k, k), are in the coordinates, (points, k (k - 1)/2)."""
+        through = of_factor * self.factor
+        later = np.cumsum(through[:, :, ::-1], axis=2)[:, :, ::-1] - through
+        found = of_factor * (1.0 - np.square(self.partial)) * self.left - self.partial * later
+        return _below(found)
+
+    @property
+    def log_diagonal_slopes(self) -> FloatArray:
+        """Those of the sum of the logs of the diagonal of L."""
+        return _below(-self.partial)
+
+
+def log_lkj(z: FloatArray, k: int, shape: float) -> tuple[FloatArray, FloatArray]:
+    """Log density of the coordinates under LKJ(shape), (points,), and its slopes; 0 and none where there are no coordinates."""
+    b = np.array([shape + 0.5 * (k - 2 - j) for j, _ in pairs(k)[: z.shape[1]]])
+    log_cosh = np.logaddexp(z, -z) - np.log(2.0)
+    return np.asarray((-2.0 * b * log_cosh - betaln(b, 0.5)).sum(axis=1)), np.asarray(-2.0 * b * np.tanh(z))
+
+
+def _below(square: FloatArray) -> FloatArray:
+    """The entries below the diagonal in the order of the coordinates."""
+    k = square.shape[-1]
+    return np.stack([square[:, i, j] for j, i in pairs(k)], axis=1) if k > 1 else np.empty((len(square), 0))
