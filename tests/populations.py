@@ -4,6 +4,8 @@ Either draws are made up, so that what is said of them has an answer known befor
 are scattered about what these say of mean and spread.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 import bayes_toe as bt
@@ -32,9 +34,10 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
         "z": np.empty((*size, 0)),
     } | parts
-    shared = judged_shared(drawn["mean"], drawn["scatter"], drawn["effects"])
-    chains = GroupChains(**drawn, shared=shared, members=np.full((n, k, 3), 1.0), gradients=5)
-    settings = GroupSettings(seed, "predictive update", bt.Prior(), bt.Hyperprior().for_study(study), scatter=kind)
+    chains = GroupChains(**drawn, shared={}, members=np.full((n, k, 3), 1.0), gradients=5)
+    chains = replace(chains, shared=judged_shared(chains))
+    hyperprior = bt.Hyperprior().for_study(study)
+    settings = GroupSettings(seed, "predictive update", bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
     return Population(study, settings, NAMES, 0.2, who, chains, alone, dict(who.left_out))
 
@@ -66,8 +69,8 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
-    shared = judged_shared(mean, scatter, effects)
-    chains = GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), shared, np.ones((n, k, 3)), reason=reason)
+    chains = GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), {}, np.ones((n, k, 3)), reason=reason)
+    chains = replace(chains, shared=judged_shared(chains))
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
     return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})

@@ -74,6 +74,11 @@ class GroupChains:
         return self.root @ self.root.swapaxes(-1, -2)
 
     @property
+    def correlated(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of parameters that may be."""
+        return pairs(self.mean.shape[2])[: self.z.shape[2]]
+
+    @property
     def converged(self) -> bool:
         """Whether everything was reached."""
         return not self.reason
@@ -153,23 +158,18 @@ def judged(shared: Shared, eta: FloatArray) -> GroupChains:
     mean, scatter = shared.mean.reshape(*lead, k), np.exp(shared.log_scatter).reshape(*lead, k)
     effects, z = shared.effects.reshape(*lead, -1, k), shared.z.reshape(*lead, -1)
     of_members = np.array([[convergence(eta[:, :, i, j]) for j in range(k)] for i in range(n)])
-    found = GroupChains(mean, scatter, effects, eta, z, judged_shared(mean, scatter, effects), of_members)
-    found.shared.update(_judged_correlations(found))
-    return found
+    found = GroupChains(mean, scatter, effects, eta, z, {}, of_members)
+    return replace(found, shared=judged_shared(found))
 
 
-def _judged_correlations(found: GroupChains) -> dict[Key, Convergence]:
-    correlation = found.correlation
-    return {(CORRELATION, j, i): convergence(correlation[..., i, j]) for j, i in pairs(found.mean.shape[2])[: found.z.shape[2]]}
-
-
-def judged_shared(mean: FloatArray, scatter: FloatArray, effects: FloatArray) -> dict[Key, Convergence]:
-    """Diagnostics of draws of what is shared, of the shapes that :class:`GroupChains` has."""
-    found = dict[Key, Convergence]()
-    for j in range(mean.shape[2]):
-        found |= {("mean", -1, j): convergence(mean[..., j]), ("sd", -1, j): convergence(scatter[..., j])}
-        found |= {("effect", i, j): convergence(effects[..., i, j]) for i in range(effects.shape[2])}
-    return found
+def judged_shared(found: GroupChains) -> dict[Key, Convergence]:
+    """Diagnostics of what is shared."""
+    draws = dict[Key, FloatArray]()
+    for j in range(found.mean.shape[2]):
+        draws |= {("mean", -1, j): found.mean[..., j], ("sd", -1, j): found.scatter[..., j]}
+        draws |= {("effect", i, j): found.effects[..., i, j] for i in range(found.effects.shape[2])}
+    draws |= {(CORRELATION, j, i): found.correlation[..., i, j] for j, i in found.correlated}
+    return {key: convergence(values) for key, values in draws.items()}
 
 
 def shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:

@@ -56,6 +56,21 @@ class Root(NamedTuple):
         partial, left = np.tanh(square) + np.eye(k), np.exp(log_left)
         return cls(np.tril(partial * left), np.diagonal(log_left, axis1=1, axis2=2), partial, left)
 
+    def plain(self, u: FloatArray) -> FloatArray:
+        """Independent scores v of scores u = L v, (points, N, k)."""
+        v, diagonal = np.empty(u.shape), np.exp(self.log_diagonal)
+        for i in range(u.shape[2]):
+            v[..., i] = (u[..., i] - (v[..., :i] @ self.factor[:, i, :i, None])[..., 0]) / diagonal[:, i, None]
+        return v
+
+    def back(self, slopes: FloatArray) -> FloatArray:
+        """What slopes in v are in u, (points, N, k)."""
+        found, diagonal = np.empty(slopes.shape), np.exp(self.log_diagonal)
+        for i in reversed(range(slopes.shape[2])):
+            later = (found[..., i + 1 :] @ self.factor[:, i + 1 :, i, None])[..., 0]
+            found[..., i] = (slopes[..., i] - later) / diagonal[:, i, None]
+        return found
+
     def slopes(self, of_factor: FloatArray) -> FloatArray:
         """What slopes in L, (points, k, k), are in the coordinates, (points, k (k - 1)/2)."""
         through = of_factor * self.factor

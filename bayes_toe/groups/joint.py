@@ -156,13 +156,13 @@ class Joint:
         """Log density of scores, (points, N, k), by point, its slopes in each of them, and in the coordinates of correlations."""
         if not self.correlated:
             return self.scatter.log_density(score).sum(axis=(1, 2)), self.scatter.slope(score), z
-        root = Root.at(z, score.shape[2])
-        inverse = np.linalg.inv(root.factor)
-        plain = score @ inverse.swapaxes(1, 2)
-        slope = self.scatter.slope(plain)
-        of_factor = -inverse.swapaxes(1, 2) @ (slope.swapaxes(1, 2) @ plain)
-        density = self.scatter.log_density(plain).sum(axis=(1, 2)) - score.shape[1] * root.log_diagonal.sum(axis=1)
-        return density, slope @ inverse, root.slopes(of_factor) - score.shape[1] * root.log_diagonal_slopes
+        root, n = Root.at(z, score.shape[2]), score.shape[1]
+        with np.errstate(all="ignore"):  # a correlation next to 1: density 0, where no trajectory goes on
+            plain = root.plain(score)
+            density = self.scatter.log_density(plain).sum(axis=(1, 2)) - n * root.log_diagonal.sum(axis=1)
+            by_score = root.back(self.scatter.slope(plain))
+            by_z = root.slopes(-by_score.swapaxes(1, 2) @ plain) - n * root.log_diagonal_slopes
+        return density, by_score, by_z
 
     def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, z: FloatArray, xi: FloatArray) -> FloatArray:
         """Coordinates, or a gradient, of these parts, (points, D)."""

@@ -124,7 +124,7 @@ def _small(found: Population, where: str) -> xr.DataTree:
     if columns := [column.label for column in found.regressors.columns]:
         drawn["effect"] = ((*shared, "regressor", "parameter"), found.chains.effects)
         coords["regressor"] = columns
-    if found.chains.z.shape[2]:
+    if found.chains.correlated:
         drawn |= {"correlation": ((*shared, "parameter", "other"), found.chains.correlation), "z": ((*shared, "pair"), found.chains.z)}
         coords["other"] = names["parameter"]
     groups = {"/posterior": xr.Dataset(drawn, coords), "/constant_data": _constant(found, names, columns)}

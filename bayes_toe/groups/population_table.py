@@ -10,7 +10,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
-from bayes_toe.groups.correlations import pairs
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
 from bayes_toe.inference.diagnostics import Convergence, Quantity
@@ -97,7 +96,7 @@ def _scatters(found: Population) -> Iterator[PopulationRow]:
 def _correlations(found: Population) -> Iterator[PopulationRow]:
     """Between parameters of a subject, over subjects."""
     labels, correlation = _labels(found), found.chains.correlation
-    for j, i in pairs(len(labels))[: found.chains.z.shape[2]]:
+    for j, i in found.chains.correlated:
         values, judged = correlation[..., i, j], found.chains.shared[CORRELATION, j, i]
         yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
 

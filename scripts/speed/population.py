@@ -113,12 +113,17 @@ def _clock() -> tuple[float, float]:
 
 
 def _statistics(counts: Counts, found: Sampled) -> dict[str, dict[str, float]]:
-    """By name of parameter: m[mu1], tau[mu1], ..., eta[S01,mu1]."""
+    """By name of parameter: m[mu1], tau[mu1], ..., eta[S01,mu1], r[mu1 with probit_gamma]."""
     import arviz as az
 
     dims = {"m": ["parameter"], "tau": ["parameter"], "eta": ["subject", "parameter"]}
     values = {key: getattr(found, key) for key in dims}
-    data = az.from_dict(posterior=values, dims=dims, coords={"parameter": list(NAMES), "subject": list(counts.names)}).posterior
+    coords = {"parameter": list(NAMES), "subject": list(counts.names)}
+    if found.correlation is not None:
+        j, i = np.triu_indices(len(NAMES), 1)
+        dims["r"], values["r"] = ["pair"], found.correlation[..., j, i]
+        coords["pair"] = [f"{NAMES[a]} with {NAMES[b]}" for a, b in zip(j, i, strict=True)]
+    data = az.from_dict(posterior=values, dims=dims, coords=coords).posterior
     quantiles = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
     mean, sd = data.mean(("chain", "draw")), data.std(("chain", "draw"))
     tables = {"mean": mean, "sd": sd, "mcse_sd": az.mcse((data - mean) ** 2) / (2.0 * sd)}  # ArviZ 0.23 has none with NumPy 2.4
@@ -133,6 +138,8 @@ def _statistics(counts: Counts, found: Sampled) -> dict[str, dict[str, float]]:
 def _named(table: xr.Dataset) -> dict[str, float]:
     found = {f"{key}[{name}]": float(table[key].sel(parameter=name)) for key in ("m", "tau") for name in NAMES}
     eta = table["eta"]
+    if "r" in table:
+        found |= {f"r[{pair}]": float(table["r"].sel(pair=pair)) for pair in table["pair"].to_numpy()}
     return found | {f"eta[{i},{k}]": float(eta.sel(subject=i, parameter=k)) for i in eta.subject.to_numpy() for k in NAMES}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,10 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """m, tau (chains, draws, 4), eta (chains, draws, subjects, 4); gradients of the draws, and of the warm-up where the library tells."""
+    """m, tau (chains, draws, 4), eta (chains, draws, subjects, 4); gradients of the draws, and of the warm-up where the library tells.
+
+    With correlations these too, (chains, draws, 4, 4).
+    """
 
     m: np.ndarray
     tau: np.ndarray
@@ -37,6 +41,7 @@ class Sampled:
     divergences: int
     gradients: int
     warm_up_gradients: int | None = None
+    correlation: np.ndarray | None = None
 
 
 _ENOUGH = 1900  # effective draws
@@ -44,10 +49,11 @@ Run = Callable[[int], Sampled]
 Method = Callable[[Counts, Settings], Run]
 
 
-def numpyro_method(centred: Sequence[int] = (0, 0, 0, 0), *, vectorised: bool = False) -> Method:
+def numpyro_method(centred: Sequence[int] = (0, 0, 0, 0), *, vectorised: bool = False, correlated: bool = False) -> Method:
     """NumPyro in double precision; one `jax.jit` holds a whole chain, of which every core runs one at a time, or all chains in one array.
 
-    Centred says of each parameter whether its coordinates are eta (1) or (eta - m)/tau (0).
+    Centred says of each parameter whether its coordinates are eta (1) or (eta - m)/tau (0); where correlated,
+    (eta - m)/tau are L times independent scores, L of LKJ(2).
     """
 
     def prepare(counts: Counts, settings: Settings) -> Run:
@@ -56,7 +62,7 @@ def numpyro_method(centred: Sequence[int] = (0, 0, 0, 0), *, vectorised: bool = 
         from numpyro.infer import MCMC, NUTS, init_to_median
 
         numpyro.enable_x64()
-        model = _numpyro_model(counts, np.array(centred, float))
+        model = _numpyro_correlated(counts) if correlated else _numpyro_model(counts, np.array(centred, float))
         at_a_time = settings.chains if vectorised else 1
         many = {"num_chains": at_a_time, "chain_method": "vectorized", "progress_bar": False}
 
@@ -77,11 +83,27 @@ def numpyro_method(centred: Sequence[int] = (0, 0, 0, 0), *, vectorised: bool = 
                 draws, fields = zip(*threads.map(one, keys), strict=True)
             values = (np.concatenate([chain[name] for chain in draws]) for name in ("m", "tau", "eta"))
             lost, steps = (sum(int(chain[name].sum()) for chain in fields) for name in ("diverging", "num_steps"))
-            return Sampled(*values, lost, steps)
+            root = np.concatenate([chain["root"] for chain in draws]) if correlated else None
+            return Sampled(*values, lost, steps, correlation=None if root is None else root @ root.swapaxes(-1, -2))
 
         return run
 
     return prepare
+
+
+def _numpyro_correlated(counts: Counts) -> Callable[[], None]:
+    import numpyro
+    from numpyro import distributions as dist
+
+    def model() -> None:
+        m = numpyro.sample("m", dist.Normal(counts.prior_mean, PRIOR_SD).to_event(1))
+        tau = numpyro.sample("tau", dist.HalfNormal(TAU_SCALE).to_event(1))
+        root = numpyro.sample("root", dist.LKJCholesky(4, 2.0))
+        x = numpyro.sample("x", dist.Normal().expand((len(counts.names), 4)).to_event(2))
+        eta = numpyro.deterministic("eta", m + tau * (x @ root.T))
+        numpyro.factor("answers", jax_log_likelihood(counts, eta))
+
+    return model
 
 
 def _numpyro_model(counts: Counts, centred: np.ndarray) -> Callable[[], None]:
@@ -190,7 +212,7 @@ def _nutpie_run(compiled: Any, settings: Settings, subjects: int) -> Run:
     return run
 
 
-def bayes_toe_method(counts: Counts, settings: Settings) -> Run:
+def bayes_toe_method(counts: Counts, settings: Settings, *, correlated: bool = False) -> Run:
     """The package's own, subjects' own posteriors included. It stops by itself: here at 1,900 effective draws of everything."""
     numbers = {"mu1": (2.0, 2.0), "gamma": (1.0, 1.0), "width": (1.0, 0.7), "q0": (1.0, 1.0)}
     sections = {
@@ -200,18 +222,22 @@ def bayes_toe_method(counts: Counts, settings: Settings) -> Run:
     hyperprior = bt.Hyperprior().for_study(counts.study).changed(sections)
 
     def run(seed: int) -> Sampled:
-        found = bt.population(counts.study, seed=seed, hyperprior=hyperprior, workers=settings.cores, draws=_ENOUGH).chains
-        return Sampled(found.mean, found.scatter, found.eta, found.divergent, found.gradients)
+        made = bt.population(counts.study, seed=seed, hyperprior=hyperprior, workers=settings.cores, draws=_ENOUGH, correlations=correlated)
+        found = made.chains
+        correlation = found.correlation if correlated else None
+        return Sampled(found.mean, found.scatter, found.eta, found.divergent, found.gradients, correlation=correlation)
 
     return run
 
 
 METHODS: dict[str, Method] = {
     "bayes_toe": bayes_toe_method,
+    "bayes_toe-correlated": partial(bayes_toe_method, correlated=True),
     "numpyro": numpyro_method(),
     "numpyro-vectorised": numpyro_method(vectorised=True),
     "numpyro-centred": numpyro_method((1, 1, 1, 1)),
     "numpyro-mixed": numpyro_method((0, 0, 1, 0)),
+    "numpyro-correlated": numpyro_method(correlated=True),
     "nutpie": nutpie_pymc,
     "nutpie-numpy": nutpie_numpy,
 }

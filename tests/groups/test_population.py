@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import few_pairs
 
+from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
 from bayes_toe.groups.alone import alone
 from bayes_toe.groups.hamiltonian import Hamiltonian
@@ -66,6 +67,19 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
     assert set(own.shared) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
     assert own.mean.shape[0] == 16
     assert (own.scatter > 0.0).all()
+
+
+def test_parameters_may_be_correlated_in_large_groups(run, monkeypatch):
+    assert not run().settings.correlations
+    monkeypatch.setattr("bayes_toe.groups.population.MANY", 3)
+    own = run()
+    assert own.settings.correlations
+    assert {key for key in own.chains.shared if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
+    assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
+    assert own.chains.z.std() > 0.1
+    assert not run(correlations=False).settings.correlations
+    with pytest.raises(InputError, match="'reweight' with correlations, allowed: without them, or method 'joint'"):
+        run(model="symmetric", method="reweight", correlations=True)
 
 
 def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):

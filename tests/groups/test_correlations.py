@@ -1,0 +1,107 @@
+"""Correlations of parameters between subjects: what follows from known ones. Their density stands in test_joint."""
+
+import numpy as np
+import pytest
+from populations import CENTRE, SIZE, made_up
+from scipy import stats
+
+import bayes_toe as bt
+from bayes_toe.cli.population_answer import correlations
+from bayes_toe.groups.correlations import Root, log_lkj
+from bayes_toe.groups.no_difference import no_difference
+from bayes_toe.groups.predictive_check import predictive_check
+from bayes_toe.groups.regressors import Regressor, Regressors
+from bayes_toe.records import packed
+
+#: Strong ones: of mu1 and probit gamma, and of log width and probit q0.
+Z = np.arctanh([0.8, 0.0, 0.0, 0.0, 0.0, -0.6])
+R = np.array([[1.0, 0.8, 0.0, 0.0], [0.8, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -0.6], [0.0, 0.0, -0.6, 1.0]])
+
+
+def known(study, **more):
+    """A population with these correlations in every draw."""
+    return made_up(study, z=np.broadcast_to(Z, (*SIZE, 6)), **more)
+
+
+def test_far_out_and_without_coordinates():
+    far = Root.at(np.full((1, 6), 300.0), 4)
+    assert far.log_diagonal[0] == pytest.approx(np.arange(4) * (np.log(2.0) - 300.0))
+    assert np.isfinite(far.slopes(np.ones((1, 4, 4)))).all()
+    none = Root.at(np.empty((2, 0)), 4)
+    assert (none.factor == np.eye(4)).all()
+    assert [part.tolist() for part in log_lkj(np.empty((2, 0)), 4, 2.0)] == [[0.0, 0.0], [[], []]]
+    assert Root.at(np.empty((2, 0)), 1).slopes(np.ones((2, 1, 1))).shape == (2, 0)
+
+
+def test_under_the_prior_each_correlation_has_its_marginal():
+    """Beta on (-1, 1) with shape - 1 + k/2 on both sides; six Kolmogorov-Smirnov tests, a false alarm in 10^4 runs."""
+    rng, k, shape = np.random.default_rng(1), 4, 2.0
+    b = [shape + 0.5 * (k - 2 - j) for j in (0, 0, 0, 1, 1, 2)]
+    factor = Root.at(np.arctanh(2.0 * rng.beta(b, b, (4000, 6)) - 1.0), k).factor
+    found, side = factor @ factor.swapaxes(1, 2), shape - 1.0 + k / 2.0
+    for i, j in zip(*np.tril_indices(k, -1), strict=True):
+        assert stats.kstest(found[:, i, j], stats.beta(side, side, -1.0, 2.0).cdf).pvalue > 2e-5
+
+
+def test_a_further_subject_has_them(small_study):
+    """800 scores: within five standard errors of each correlation."""
+    found = known(small_study, mean=np.broadcast_to(CENTRE, (*SIZE, 4)))
+    assert found.chains.correlation == pytest.approx(np.broadcast_to(R, (*SIZE, 4, 4)), abs=1e-12)
+    seen = np.corrcoef(found.new_subject().reshape(-1, 4).T)
+    assert np.abs(seen - R).max() < 5 / np.sqrt(800)
+
+
+def test_asymmetries_and_new_groups_have_them(small_study):
+    """Against 40,000 subjects for one draw, and against independent parameters: pulled less where the pull is toward further below."""
+    same = np.broadcast_to(CENTRE, (*SIZE, 4))
+    found, apart = known(small_study, mean=same, scatter=0.6), made_up(small_study, mean=same, scatter=0.6)
+    u = np.random.default_rng(4).standard_normal((40_000, 4)) @ np.linalg.cholesky(R).T
+    at = found.quantities(CENTRE + 0.6 * u)
+    label = found.asymmetries.comparisons[1]
+    strong, weak = (float(word) for word in label.removeprefix("P(equal) ").split(" less ")[0].split(" then "))
+    there, back = (
+        bt.model.equal_probability(*pair, at["mu1"], at["sigma_p"], at["sigma_l"], at["q0"]) for pair in ((strong, weak), (weak, strong))
+    )
+    many = np.ravel(there - back)
+    mean, independent = (one.asymmetries.draws[0, 0, 0, 1] for one in (found, apart))
+    assert mean == pytest.approx(many.mean(), abs=4 * many.std() / 200 + 0.03 * many.std())
+    assert abs(mean - independent) > 0.05 * many.std()
+    spreads = [predictive_check(one, groups=200).statistics[0].q50 for one in (found, apart)]
+    assert spreads[0] != spreads[1]
+
+
+def test_no_difference_of_known_members_is_the_exact_ratio(small_study):
+    """With members all but known, and their scatter, means and effects are one normal regression."""
+    rng, tau = np.random.default_rng(2), np.array([0.5, 0.3, 0.2, 0.4])
+    who = Regressors(small_study.names, np.array([[-1.0], [0.0], [1.0]]), (Regressor("c", "", "c"),))
+    eta = CENTRE + rng.standard_normal((3, 4)) * tau
+    found = known(small_study, who=who, scatter=tau, eta=eta + 1e-5 * rng.standard_normal((*SIZE, 3, 4)))
+    given = found.settings.hyperprior.numbers(found.names)
+    precision = np.linalg.inv(R * np.outer(tau, tau))
+    a = np.column_stack([np.ones(3), who.x])
+    whole = np.kron(a.T @ a, precision) + np.diag(np.concatenate([given.mean_sd, given.effect_sd]) ** -2.0)
+    covariance = np.linalg.inv(whole)
+    centre = covariance @ (a.T @ (eta - given.mean) @ precision).ravel()
+    for k, one in enumerate(no_difference(found)[0]):
+        sd = np.sqrt(covariance[4 + k, 4 + k])
+        exact = stats.norm.pdf(0.0, centre[4 + k], sd) / stats.norm.pdf(0.0, 0.0, given.effect_sd[k])
+        assert one.value == pytest.approx(exact, rel=1e-4)
+
+
+def test_table_words_and_file(small_study, tmp_path):
+    z = Z + 0.1 * np.random.default_rng(3).standard_normal((*SIZE, 6))
+    found = made_up(small_study, z=z)
+    rows = found.table.some("correlation")
+    assert [row.parameter for row in rows][:4] == ["mu1, probit gamma", "mu1, log width", "mu1, probit q0", "probit gamma, log width"]
+    assert rows[0].q50 == pytest.approx(np.median(found.chains.correlation[..., 0, 1]))
+    assert rows[0].p_direction == 1.0
+    assert [row["scales"] for row in correlations(found)][:2] == ["mu1, probit gamma", "log width, probit q0"]
+    assert not correlations(made_up(small_study))
+    assert found.settings.hyperprior.describe(found.names, correlations=True)[-1] == "correlations ~ LKJ(2)"
+    file = found.save(tmp_path / "p.nc")
+    assert packed(bt.load_population(file)) == packed(found)
+    import xarray as xr
+
+    with xr.open_datatree(file, engine="h5netcdf") as tree:
+        stored = tree["posterior"]["correlation"].sel(parameter="mu1", other="gamma").values
+    assert np.array_equal(stored, found.chains.correlation[..., 0, 1])
