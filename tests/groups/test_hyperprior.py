@@ -136,5 +136,7 @@ def test_what_else_is_refused(tmp_path, written):
 def test_the_page_shows_the_defaults():
     page = (Path(bt.__file__).parents[1] / "docs" / "population.md").read_text(encoding="utf-8")
     shown = page.partition("```toml\n")[2].partition("```")[0]
-    assert example_file().startswith(shown)
-    assert shown.count("[") == len(("mu1", "gamma", "width", "q0"))
+    of_h1, mark, of_all = shown.partition("[correlations]")
+    assert example_file().startswith(of_h1)
+    assert example_file().endswith(mark + of_all)
+    assert of_h1.count("[") == len(("mu1", "gamma", "width", "q0"))
