@@ -53,7 +53,9 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     ] = "joint",
     correlations: Annotated[
         bool | None,
-        typer.Option("--correlations/--no-correlations", help="May parameters be correlated between subjects? By default from 30 on."),
+        typer.Option(
+            "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 100 trials each."
+        ),
     ] = None,
     hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
     task: PopulationTask,

@@ -17,7 +17,8 @@ from bayes_toe.groups.shared import Shared
 from bayes_toe.groups.starting import scales, starts
 from bayes_toe.inference.diagnostics import Convergence, convergence
 
-_CHAINS, _FEWER, _LARGE = 16, 8, 32  # chains, and of more members than this
+_CHAINS = ((32, 16), (128, 8))  # up to so many members, so many chains
+_FEWEST = 4
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
 _FIRST, _MORE, _MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
@@ -106,10 +107,10 @@ def chain_count(members: int) -> int:
 
     Examples
     --------
-    >>> chain_count(16), chain_count(200)
-    (16, 8)
+    >>> chain_count(16), chain_count(60), chain_count(200)
+    (16, 8, 4)
     """
-    return _CHAINS if members <= _LARGE else _FEWER
+    return next((chains for most, chains in _CHAINS if members <= most), _FEWEST)
 
 
 def sample_group(joint: Joint, names: Sequence[str], members: Sequence[str], draws: int, rng: np.random.Generator) -> GroupChains:

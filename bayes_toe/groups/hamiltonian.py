@@ -3,7 +3,8 @@
 A gradient in NumPy costs much the same for one point as for dozens, so chains are many and short. In coordinates in which the posterior is
 nearly standard normal a trajectory of a quarter period makes the next draw nearly independent, and all trajectories may have one length. It
 is drawn anew for each, from half a quarter to two and a half, so that slower coordinates move too and no frequency is ever in step with it.
-The length is known beforehand, so chains need not wait for each other as they would where each finds its own turning point.
+The length is known beforehand, so chains need not wait for each other as they would where each finds its own turning point; where draws are
+much alike all the same, it is doubled before the last round of warming up.
 
 While chains settle, the step is that of the slowest, because it may have started where the posterior is narrow. Step size, and the scale of
 every coordinate, are learnt while warming up, from all chains together; then both are fixed, and each trajectory is an exact Metropolis
@@ -21,7 +22,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 _ACCEPTED = 0.85
-_LENGTH = 0.75 * np.pi
+_LENGTH, _ALIKE = 0.75 * np.pi, 0.6  # of a trajectory on average; autocorrelation of draws from which on it is doubled
 _LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
 _MOST_STEPS = 256
 _SETTLING, _SHORT = 40, 8  # draws, of so many steps at most, with the step that the slowest chain needs
@@ -61,13 +62,16 @@ class Hamiltonian:
         self._value, self._gradient = density(start)
         self._root, self._scale = np.diag(scale[:together]), scale[together:]
         self.step, self.gradients, self.draws = 0.5 * start.shape[1] ** -0.25, len(start), 0
+        self._length = _LENGTH
 
     def warm_up(self, rounds: tuple[int, ...] = (40, 40, 60, 80)) -> None:
         """Let the chains settle, then learn step and scales over rounds of so many draws, each with the scales of the one before."""
         self._adapt_step(_SETTLING, lambda accepted: float(accepted.min()), most=_SHORT)
-        for size in rounds:
-            draws = self._adapt_step(size)
-            self._learn(draws[len(draws) // 4 :])
+        for left, size in zip(reversed(range(len(rounds))), rounds, strict=True):
+            draws = self._adapt_step(size)[size // 4 :]
+            self._learn(draws)
+            if left == 1 and self._alike(draws) > _ALIKE:
+                self._length *= 2.0
         self._adapt_step(rounds[0])
 
     def advance(self, draws: int) -> Trace:
@@ -104,9 +108,15 @@ class Hamiltonian:
         self._root = np.linalg.cholesky(weight * covariance + (1.0 - weight) * self._root @ self._root.T)
         self._scale = np.sqrt(weight * np.square(flat[:, together:]).mean(axis=0) + (1.0 - weight) * np.square(self._scale))
 
+    def _alike(self, draws: FloatArray) -> float:
+        """The largest autocorrelation of one draw and the next, (draws, chains, D), of the coordinates that may be correlated."""
+        some = draws[..., : len(self._root)]
+        some = some - some.mean(axis=(0, 1))
+        return float(((some[1:] * some[:-1]).mean(axis=(0, 1)) / np.square(some).mean(axis=(0, 1))).max(initial=0.0))
+
     def _trajectory(self, factor: float = 1.0, most: int = _MOST_STEPS) -> tuple[FloatArray, FloatArray, BoolArray]:
         """One trajectory of every chain: where they are then, chance to be accepted, lost or not."""
-        length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
+        length = self._length * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         steps = min(most, max(1, round(length / self.step)))
         step = factor * min(length / steps, self.step)
         momentum = self._rng.standard_normal(self._x.shape)

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 METHODS = ("joint", "reweight")
-#: Subjects of which correlations between parameters are worth asking for.
-MANY = 30
+#: Subjects, and trials of each, from which on correlations between parameters are asked for.
+MANY, LONG = 30, 100
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
@@ -230,7 +230,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     method : {"joint", "reweight"}
         Sample the joint posterior, or weight draws of the subjects' own posteriors.
     correlations : bool, optional
-        Whether parameters may be correlated between subjects; by default with 30 subjects or more, by the method "joint".
+        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 100 trials or more each, by the
+        method "joint".
 
     Raises
     ------
@@ -253,7 +254,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     shared = workers if engine is None else engine
     with keeping(keep) as kept:
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
-        correlated = _correlated(len(who.subjects), method) if correlations is None else correlations
+        correlated = _tells_correlations(study.select(who.subjects), method) if correlations is None else correlations
         numbers = prior_for(study, prior), given.for_study(study)
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, method, correlated)
         made = _drawn(study, settings, who, workers=shared, progress=progress, kept=kept)
@@ -300,8 +301,9 @@ def _model(name: str) -> Model:
     return found
 
 
-def _correlated(subjects: int, method: str) -> bool:
-    return subjects >= MANY and method == "joint"
+def _tells_correlations(group: Study, method: str) -> bool:
+    """Of fewer subjects, or of fewer trials, answers tell next to nothing of correlations, and sampling costs several times as much."""
+    return method == "joint" and sum(one.total_trials >= LONG for one in group) >= MANY
 
 
 def _require(settings: GroupSettings, who: Regressors) -> None:

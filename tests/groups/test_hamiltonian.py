@@ -146,3 +146,20 @@ def test_gradients_are_counted():
     chains.advance(7)
     assert chains.gradients == sum(calls)
     assert chains.draws == 7
+
+
+def test_trajectories_are_longer_where_draws_are_alike():
+    """A coordinate that twenty others follow closely, each alone: no scale of single coordinates helps."""
+
+    def followed(x):
+        first, apart = x[:, :1], (x[:, 1:] - x[:, :1]) / 0.1
+        slope = np.concatenate([-first + apart.sum(axis=1, keepdims=True) / 0.1, -apart / 0.1], axis=1)
+        return -0.5 * (np.square(first[:, 0]) + np.square(apart).sum(axis=1)), slope
+
+    slow = sampler(followed, np.random.default_rng(1).normal(0.0, 1.0, (16, 21)), 15, together=1)
+    quick = sampler(normal, np.zeros((16, 4)) + MEAN, 15, together=2)
+    for chains in (slow, quick):
+        chains.warm_up((40, 40, 40))
+    assert slow._length == pytest.approx(2.0 * quick._length)
+    x = slow.advance(300).x[..., 0]
+    assert (x.mean(), x.std()) == pytest.approx((0.0, 1.0), abs=0.3)

@@ -72,6 +72,10 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
 def test_parameters_may_be_correlated_in_large_groups(run, monkeypatch):
     assert not run().settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.MANY", 3)
+    fewest = min(one.total_trials for one in STUDY)
+    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
+    assert not run().settings.correlations
+    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest)
     own = run()
     assert own.settings.correlations
     assert {key for key in own.chains.shared if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
