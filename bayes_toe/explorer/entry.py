@@ -42,7 +42,7 @@ class Entry:
     badges : tuple of (str, str)
         Kind - unconverged, misfit - and words.
     truth : mapping of str to float
-        Known values, as given.
+        Known values, as given; those that the model does not have are those of another model.
     prior : bool
         Whether the target's prior is that of these draws; not so in a group.
     synthetic : bool
@@ -71,7 +71,7 @@ class Entry:
     def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
         """What the page holds of it: about so many draws, and curves of so many weaker stimuli at most."""
         x = self.x.reshape(-1, self.x.shape[-1])
-        kept = thinned(len(x), rows)
+        kept = thinned(len(x), rows)  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
         samples = np.column_stack([quantities[name] for name in self.names])
         found = np.quantile(samples, [*SPANNED, *MARKED], axis=0)
@@ -107,7 +107,8 @@ class Entry:
         return [("dominated", name) for name, low, high in ends if self.prior and contraction(self.target, name, low, high) < DOMINATED]
 
     def _truth(self) -> dict[str, float]:
-        known = {} if self.truth is None else known_from(self.truth, self.target)
+        given = {} if self.truth is None else {name: value for name, value in self.truth.items() if name in self.target.names.all}
+        known = known_from(given, self.target) if given else {}
         return {name: float(value) for name, value in known.items() if name in self.names}
 
     def _answers(self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int) -> dict[str, Any]:

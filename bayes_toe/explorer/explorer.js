@@ -9,7 +9,8 @@ window.explorer = (() => {
   const index = island("index");
   const state = { a: 0, b: null, names: [], slice: 0, brush: null };
   const decoded = new Map();
-  let doc = null, waiting = false;
+  const models = new Map();
+  let doc = null, waiting = false, fainted = null;
 
   // --- Numbers -------------------------------------------------------------------------------------------------------------------
 
@@ -65,7 +66,11 @@ window.explorer = (() => {
 
   // --- What the sources of the figures hold ------------------------------------------------------------------------------------------
 
-  const model = name => doc.get_model_by_name(name);
+  function model(name) {
+    if (!models.has(name)) models.set(name, doc.get_model_by_name(name));
+    return models.get(name);
+  }
+
   const fill = (name, data) => { model(name).data = data; };
   const slots = make => Object.assign({}, ...range(index.slots).map(slot => make(state.names[slot], slot)));
   const has = (found, name) => found !== null && name !== undefined && found.samples.has(name);
@@ -78,13 +83,24 @@ window.explorer = (() => {
     }
   }
 
-  function drawDraws(letter, found, kept) {
-    const column = (name, chosen) => has(found, name) ? (chosen === null ? found.samples.get(name) : Float32Array.from(chosen, row => found.samples.get(name)[row])) : null;
-    for (const [which, chosen] of [["all", state.brush === null ? [] : null], ["kept", kept]]) {
-      const length = found === null ? 0 : chosen === null ? found.rows : chosen.length;
-      const columns = slots((name, slot) => ({ [slot]: column(name, chosen) ?? new Float32Array(length).fill(NaN) }));
-      fill(`draws-${letter}-${which}`, { ...columns, row: chosen ?? range(length) });
-    }
+  // Draws in every panel that is shown: all rows or some, without a number where a model lacks the quantity.
+  function drawDraws(which, letter, found, chosen) {
+    const length = found === null ? 0 : chosen === null ? found.rows : chosen.length, none = new Float32Array(length).fill(NaN);
+    const row = chosen ?? range(length), values = state.names.map(name => {
+      if (!has(found, name)) return none;
+      const every = found.samples.get(name);
+      return chosen === null ? every : Float32Array.from(chosen, one => every[one]);
+    });
+    for (const y of values.keys()) for (let x = 0; x < y; x++) fill(`${which}-${letter}-${y}-${x}`, { x: values[x], y: values[y], row });
+  }
+
+  function drawFaint() {  // all draws, behind those that are selected
+    if (fainted === (state.brush !== null)) return;
+    fainted = state.brush !== null;
+    for (const letter of LETTERS) drawDraws("all", letter, fainted ? entry(letter) : null, null);
+  }
+
+  function drawTruth(letter, found) {
     fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
   }
 
@@ -136,36 +152,40 @@ window.explorer = (() => {
 
   const steps = bars => Array.from(bars).flatMap(value => [value, value]);
 
-  function drawDiagonals(kept) {
-    const none = new Float64Array(2 * BINS).fill(NaN), edges = [], tops = [];
-    for (const slot of range(index.slots)) {
-      const { start, end } = model(`range-${slot}`);
-      edges.push(range(BINS).flatMap(k => [start + k * (end - start) / BINS, start + (k + 1) * (end - start) / BINS]));
-      tops.push(0);
-    }
-    const limits = slot => [model(`range-${slot}`).start, model(`range-${slot}`).end];
+  const limits = slot => [model(`range-${slot}`).start, model(`range-${slot}`).end];
+  const edges = slot => { const [low, high] = limits(slot); return range(2 * BINS).map(k => low + Math.ceil(k / 2) * (high - low) / BINS); };
+  const none = new Float64Array(2 * BINS).fill(NaN);
+
+  function drawBelieved() {  // prior and group on the diagonals
     const density = (holder, name, slot) => {
       const place = holder === null || name === undefined ? -1 : holder.names.indexOf(name);
       if (place < 0) return none;
       const all = floats(holder.quantiles), length = all.length / holder.names.length;
       return steps(believed(all.subarray(place * length, (place + 1) * length), ...limits(slot)));
     };
+    const same = prior("b") !== null && prior("a") === prior("b");
+    for (const [name, holder] of [["prior-a", prior("a")], ["prior-b", same ? null : prior("b")], ["density-group", grouped()]]) {
+      fill(name, slots((quantity, slot) => ({ [`x${slot}`]: edges(slot), [`y${slot}`]: density(holder, quantity, slot) })));
+    }
+  }
+
+  function drawDiagonals(kept) {
+    const tops = range(index.slots).map(() => 0);
     for (const letter of LETTERS) {
       const found = entry(letter);
       fill(`bars-${letter}`, slots((name, slot) => {
-        if (!has(found, name)) return { [`x${slot}`]: edges[slot], [`all${slot}`]: none, [`kept${slot}`]: none };
+        if (!has(found, name)) return { [`x${slot}`]: edges(slot), [`all${slot}`]: none, [`kept${slot}`]: none };
         const values = found.samples.get(name), all = steps(heights(values, null, ...limits(slot)));
         tops[slot] = Math.max(tops[slot], ...all);
-        return { [`x${slot}`]: edges[slot], [`all${slot}`]: all, [`kept${slot}`]: steps(heights(values, kept[letter], ...limits(slot))) };
+        return { [`x${slot}`]: edges(slot), [`all${slot}`]: all, [`kept${slot}`]: kept[letter] === null ? all : steps(heights(values, kept[letter], ...limits(slot))) };
       }));
-      const same = letter === "b" && state.b !== null && index.entries[state.a].prior === index.entries[state.b].prior;
-      fill(`prior-${letter}`, slots((name, slot) => ({ [`x${slot}`]: edges[slot], [`y${slot}`]: density(same ? null : prior(letter), name, slot) })));
     }
-    fill("density-group", slots((name, slot) => ({ [`x${slot}`]: edges[slot], [`y${slot}`]: density(grouped(), name, slot) })));
     for (const slot of range(index.slots)) model(`height-${slot}`).setv({ start: 0, end: 1.15 * tops[slot] || 1 });
   }
 
   // --- Answers -------------------------------------------------------------------------------------------------------------------------
+
+  const EMPTY = { x: [], all: [], kept: [], low: [], high: [] };
 
   // Mean and band over rows of values that stand row after row of one point, points after each other.
   function band(values, length, points, kept) {
@@ -177,13 +197,11 @@ window.explorer = (() => {
       low: some ? ascending.map(one => quantile(one, BAND[0])) : nothing, high: some ? ascending.map(one => quantile(one, BAND[1])) : nothing };
   }
 
-  function drawAnswers(letter, found, kept) {
-    const slice = found === null ? null : found.slices[Math.min(state.slice, found.slices.length - 1)];
+  const sliced = found => found === null ? null : found.slices[Math.min(state.slice, found.slices.length - 1)];
+
+  function drawAnswers(letter, found) {  // counts, in both figures
+    const slice = sliced(found);
     for (const [order, kind] of Object.entries(KINDS)) {
-      const place = slice === null ? -1 : slice.orders.indexOf(Number(order)), none = { x: [], all: [], kept: [], low: [], high: [] };
-      const size = found === null ? 0 : found.rows * (slice.x.length);
-      const curve = place < 0 || slice.values === null ? none : { x: slice.x, ...band(slice.values.subarray(place * size, (place + 1) * size), found.rows, slice.x.length, kept) };
-      fill(`curve-${letter}-${kind}`, curve);
       const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
       const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length));
       const take = (key, list) => list.map(pair => p[key][pair]);
@@ -192,7 +210,6 @@ window.explorer = (() => {
       fill(`pairs-${letter}-${kind}`, { s1: take("s1", every), s2: take("s2", every), k: take("k", every), n: take("n", every),
         fill: every.map(pair => { const grey = Math.round(255 - 215 * p.k[pair] / p.n[pair]); return `rgb(${grey},${grey},${grey})`; }) });
     }
-    drawAxis(letter, found, kept);
     if (slice === null) return;
     const pad = 0.04 * (slice.x.at(-1) - slice.x[0]);
     model(`stronger-${letter}`).setv({ start: slice.x[0] - pad, end: slice.x.at(-1) });
@@ -200,8 +217,19 @@ window.explorer = (() => {
     model(`plane-${letter}-range`).setv({ start: found.ends[0], end: found.ends[1] });
   }
 
+  function drawCurves(letter, found, kept) {
+    const slice = sliced(found);
+    if (slice === null) { for (const kind of Object.values(KINDS)) fill(`curve-${letter}-${kind}`, EMPTY); return; }
+    const points = slice.x.length, size = found.rows * points;
+    for (const [order, kind] of Object.entries(KINDS)) {
+      const place = slice.orders.indexOf(Number(order));
+      fill(`curve-${letter}-${kind}`, place < 0 || slice.values === null ? EMPTY
+        : { x: slice.x, ...band(slice.values.subarray(place * size, (place + 1) * size), found.rows, points, kept) });
+    }
+  }
+
   function drawAxis(letter, found, kept) {
-    if (found === null || found.ends2 === null) { fill(`axis-${letter}`, { x: [], all: [], kept: [], low: [], high: [] }); return; }
+    if (found === null || found.ends2 === null) { fill(`axis-${letter}`, EMPTY); return; }
     const points = 21, [low, high] = found.ends, values = new Float64Array(points * found.rows), x = [];
     for (const k of range(points)) {
       const along = k / (points - 1);
@@ -288,11 +316,13 @@ window.explorer = (() => {
     for (const letter of LETTERS) {
       const found = entry(letter);
       kept[letter] = found === null ? null : rows(found);
-      drawDraws(letter, found, kept[letter]);
-      drawAnswers(letter, found, kept[letter]);
+      drawDraws("kept", letter, found, kept[letter]);
+      drawCurves(letter, found, kept[letter]);
+      drawAxis(letter, found, kept[letter]);
       drawTable(letter, found, kept[letter]);
       if (found !== null) told.push(sayShare(letter, found, kept[letter]));
     }
+    drawFaint();
     drawDiagonals(kept);
     at("share").replaceChildren(...told);
     drawBoxes();
@@ -318,13 +348,17 @@ window.explorer = (() => {
       column.hidden = found === null;
       column.classList.toggle("alone", state.b === null);
       drawBadges(letter, found);
+      drawTruth(letter, found);
+      drawAnswers(letter, found);
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
       const free = found.ends2 === null;
       at(`words-${letter}`).textContent = free ? "This model connects no pairs: it has no curve and no axis." : "";
     }
     spans();
+    fainted = null;
     drawContours();
+    drawBelieved();
     drawKey();
     drawFooter();
     follow();
@@ -347,8 +381,8 @@ window.explorer = (() => {
       panel.left[0].setv({ visible: left && row > 0, axis_label: index.symbols[state.names[row]] });
       panel.below[0].ticker.desired_num_ticks = panel.left[0].ticker.desired_num_ticks = side < 90 ? 2 : 3;
       if (row > column) {
-        const value = slot => [index.symbols[state.names[slot]], `@${slot}{0.000}`];
-        model(`hover-panel-${row}-${column}`).tooltips = [["", "$name"], value(column), value(row)];
+        const value = (slot, axis) => [index.symbols[state.names[slot]], `@${axis}{0.000}`];
+        model(`hover-panel-${row}-${column}`).tooltips = [["", "$name"], value(column, "x"), value(row, "y")];
       }
     }
     at("key").style.gridArea = many > 2 && !narrow ? `1 / 2 / 2 / ${many + 1}` : `${many + 1} / 1 / auto / ${many + 1}`;
@@ -473,7 +507,7 @@ window.explorer = (() => {
       at(`label-${letter}`).value = index.entries[state[letter]].label;
     }
     for (const kind of ["natural", "identified"]) at(kind).addEventListener("click", () => { state.names = first(kind); offer(); redraw(); });
-    at("slice").addEventListener("change", () => { state.slice = Number(at("slice").value); follow(); });
+    at("slice").addEventListener("change", () => { state.slice = Number(at("slice").value); redraw(); });
     at("reset").addEventListener("click", reset);
     at("save").addEventListener("click", save);
     at("range").addEventListener("submit", typed);

@@ -119,6 +119,7 @@ def entries(
     made: list[Entry] = []
     for label, one in named.items():
         made += entries_of(one, label, chosen[label], _truths(one, truths))
+    _require_known(made, {} if truths is None else truths)
     if population is not None:
         _require_model(population, named)
         everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
@@ -178,6 +179,15 @@ def _require_few(chosen: Mapping[str, tuple[str, ...]]) -> None:
         raise InputError(
             f"explore: found {of}, allowed: at most {MOST_ENTRIES} in one page; name some with --subject (in Python subjects=)"
         )
+
+
+def _require_known(found: Sequence[Entry], truths: Truths) -> None:
+    """Refuse true values of what no model has."""
+    allowed = list(dict.fromkeys(name for entry in found for name in entry.target.names.all))
+    for subject, known in truths.items():
+        for name in known:
+            if name not in allowed:
+                raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
 
 
 def _require_model(group: Population, named: Mapping[str, Draws]) -> None:

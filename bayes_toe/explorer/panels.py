@@ -1,6 +1,7 @@
 """Panels of the page: empty Bokeh figures under names by which explorer.js finds and fills them.
 
-The corner has :data:`SLOTS` places for quantities, whatever these are: sources call their columns by place, and a range belongs to a place.
+The corner has :data:`SLOTS` places for quantities, whatever these are: sources and columns are called by place, and a range belongs to a
+place. Draws have a source for every panel, so that those of panels which are not shown cost nothing.
 """
 
 from __future__ import annotations
@@ -136,13 +137,14 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     group = sources.named(f"contour-group-{i}-{j}", "xs", "ys")
     made.add_glyph(group, Patches(xs="xs", ys="ys", fill_color=GROUP, fill_alpha=0.18, line_color=None))
     for letter, (colour, marker, _) in LETTERS.items():
-        faint = Scatter(x=x, y=y, marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None)
-        made.add_glyph(sources.named(f"draws-{letter}-all", x, y), faint)
+        faint = Scatter(x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None)
+        made.add_glyph(sources.named(f"all-{letter}-{i}-{j}", "x", "y"), faint)
     kept = []
     for letter, (colour, marker, dash) in LETTERS.items():
-        strong = Scatter(x=x, y=y, marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None)
-        kept.append(made.add_glyph(sources.named(f"draws-{letter}-kept", x, y, "row"), strong, name=letter.upper()))
+        strong = Scatter(x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None)
+        kept.append(made.add_glyph(sources.named(f"kept-{letter}-{i}-{j}", "x", "y", "row"), strong, name=letter.upper()))
         lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
+        made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7))
         made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash))
         truth = sources.named(f"truth-{letter}", x, y)
         for edge, width in (("white", 6), (colour, 3)):

@@ -5,9 +5,9 @@ from __future__ import annotations
 _QUANTITIES = {
     "mu1": ("μ₁", "where the first stimulus is pulled to: the prior's mean"),
     "sigma_p": ("σₚ", "noise that is added between the stimuli"),
-    "sigma_l": ("σₗ", "noise of the measurement"),
+    "sigma_l": ("σℓ", "noise of the measurement"),
     "q0": ("q₀", "P(equal) at the peak"),
-    "gamma": ("γ", "σₗ²/σₚ²"),
+    "gamma": ("γ", "σℓ²/σₚ²"),
     "sigma1": ("σ₁", "spread of the prior"),
     "gain": ("gain K", "weight of the first stimulus; 1: no pull"),
     "width": ("width w", "distance at which P(equal) has halved"),
