@@ -40,7 +40,7 @@ class Entry:
     x : array, shape (chains, draws, k)
         Draws in unconstrained coordinates.
     badges : tuple of (str, str)
-        Kind - unconverged, misfit - and words.
+        Kind - unconverged, misfit, fine - and words.
     truth : mapping of str to float
         Known values, as given; those that the model does not have are those of another model.
     prior : bool
@@ -135,6 +135,7 @@ class Entry:
             "slices": [
                 {
                     "title": one.title(len(shown) > 1),
+                    "isi": one.isi,
                     "pairs": one.pairs.tolist(),
                     "x": one.x.tolist(),
                     "orders": one.orders,
@@ -142,6 +143,7 @@ class Entry:
                 }
                 for one in shown
             ],
+            "reference": None if fitted is None or counts.isi is None else fitted.target.reference,
             "ends": ends,
             "axis": floats(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,
         }
@@ -191,11 +193,20 @@ def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapp
 
 
 def _badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    found = [("unconverged", missed[name])] if name in missed else []
     fit = draws.fit(name)
-    if fit.misfit:
-        found.append(("misfit", f"predictive p = {fit.p_overall:.2g}, p of the deviance {fit.p_deviance:.2g}"))
-    return tuple(found)
+    sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
+    if np.isnan(fit.p_overall):
+        return (sampled,)
+    described = (
+        ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")
+        if fit.misfit
+        else ("fine", f"no misfit seen, predictive p {_said(fit.p_overall)}")
+    )
+    return sampled, described
+
+
+def _said(p: float) -> str:
+    return f"{p:.2g}" if p >= 0.001 else "below 0.001"
 
 
 def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
@@ -206,7 +217,7 @@ def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, 
         eta = found.chains.eta[:, :, names.index(name)]
         target = found.posterior(name)
         x, _ = target.from_group(eta.reshape(-1, eta.shape[-1]))
-        badges = () if found.converged else (("unconverged", found.chains.reason),)
+        badges = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
         made.append(
             Entry(f"{found.model.name}, in the group", target, x.reshape(eta.shape), badges, truths.get(name), False, found.study.synthetic)
         )

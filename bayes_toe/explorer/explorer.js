@@ -3,7 +3,7 @@
 "use strict";
 window.explorer = (() => {
   const LETTERS = ["a", "b"], KINDS = { "-1": "weaker", "1": "stronger", "0": "equal" };
-  const BINS = 30, BAND = [0.05, 0.95], MARKED = [0.05, 0.5, 0.95], FEW = 20, WORDS_LEFT = 58, WORDS_BELOW = 44, AROUND = 3;
+  const BINS = 30, BAND = [0.05, 0.95], MARKED = [0.05, 0.5, 0.95], FEW = 20, WORDS_LEFT = 64, WORDS_BELOW = 44, AROUND = 3;
   const at = id => document.getElementById(id);
   const island = id => JSON.parse(at(id).textContent);
   const index = island("index");
@@ -98,6 +98,15 @@ window.explorer = (() => {
     if (fainted === (state.brush !== null)) return;
     fainted = state.brush !== null;
     for (const letter of LETTERS) drawDraws("all", letter, fainted ? entry(letter) : null, null);
+  }
+
+  function ticks(low, high, most) {  // round numbers, none so near an end that its label could touch the next panel's
+    const margin = 0.09 * (high - low), inside = step => {
+      const from = Math.ceil((low + margin) / step), to = Math.floor((high - margin) / step);
+      return range(Math.max(0, to - from + 1)).map(k => (from + k) * step);
+    };
+    const unit = 10 ** Math.ceil(Math.log10(high - low)), steps = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].map(share => inside(share * unit));
+    return steps.find(found => found.length <= most) ?? [];
   }
 
   function drawTruth(letter, found) {
@@ -203,7 +212,7 @@ window.explorer = (() => {
     const slice = sliced(found);
     for (const [order, kind] of Object.entries(KINDS)) {
       const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
-      const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length));
+      const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length)).filter(pair => slice.isi === null || p.isi[pair] === slice.isi);
       const take = (key, list) => list.map(pair => p[key][pair]);
       fill(`answers-${letter}-${kind}`, { x: take("higher", drawn), estimate: take("estimate", drawn), s1: take("s1", drawn), s2: take("s2", drawn),
         low: drawn.map(pair => p.estimate[pair] - p.error[pair]), high: drawn.map(pair => p.estimate[pair] + p.error[pair]), k: take("k", drawn), n: take("n", drawn) });
@@ -245,7 +254,7 @@ window.explorer = (() => {
   const titled = (letter, found) => `${letter.toUpperCase()} ${found.subject}` + (index.labels.length > 1 ? ` · ${found.label}` : "");
 
   function sayShare(letter, found, kept) {
-    const mark = element("span", "", letter), name = element("b", titled(letter, found), letter);
+    const mark = element("div", "", letter), name = element("b", `${letter.toUpperCase()} ${found.subject}`);
     const words = state.brush === null ? `all ${count(found.rows)} draws` : kept === null ? "lacks the quantity that is brushed: all draws"
       : kept.length === 0 ? `none of ${count(found.rows)} draws` : `${count(kept.length)} of ${count(found.rows)} draws (${share(kept.length / found.rows)})`;
     mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ", too few to trust" : ""));
@@ -271,17 +280,20 @@ window.explorer = (() => {
       first.scope = "row";
       first.title = index.meanings[name];
       if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
+      if (found.ends2 === null) first.append(element("small", " " + ["s1", "s2"].map(key => written(found.pairs[key][Number(name.slice(2)) - 1])).join(", ")));
       if (name in found.truth) first.append(element("small", ` true ${written(found.truth[name])}`));
       line.append(first, ...cells(found, name, kept));
       return line;
     });
     head.append(...["quantity", "all draws: median, 5 to 95 %", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
-    table.replaceChildren(element("caption", titled(letter, found)), head, ...body);
+    const nothing = element("tr");
+    nothing.append(Object.assign(element("td", "none of the quantities that are shown"), { colSpan: 3 }));
+    table.replaceChildren(element("caption", titled(letter, found)), head, ...(body.length > 0 ? body : [nothing]));
   }
 
   function drawBadges(letter, found) {
-    const words = { unconverged: "not converged", misfit: "the model does not describe these answers" };
-    const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", `${words[kind]}: ${what}`, `badge ${kind}`));
+    const words = { unconverged: "not converged: ", misfit: "the model does not describe these answers: ", fine: "" };
+    const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
     const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => index.symbols[name]);
     if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
     if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
@@ -346,14 +358,15 @@ window.explorer = (() => {
     for (const letter of LETTERS) {
       const found = entry(letter), column = at(`column-${letter}`);
       column.hidden = found === null;
+      document.querySelector(`fieldset.${letter} .posterior`).hidden = found === null || index.labels.length < 2;
       column.classList.toggle("alone", state.b === null);
       drawBadges(letter, found);
       drawTruth(letter, found);
       drawAnswers(letter, found);
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
-      const free = found.ends2 === null;
-      at(`words-${letter}`).textContent = free ? "This model connects no pairs: it has no curve and no axis." : "";
+      at(`words-${letter}`).textContent = found.ends2 === null ? "This model connects no pairs: it has no curve and no axis."
+        : found.reference === null ? "" : `Quantities and axis are those at ${written(found.reference)} s.`;
     }
     spans();
     fainted = null;
@@ -379,10 +392,11 @@ window.explorer = (() => {
       panel.setv({ min_border_left: left ? WORDS_LEFT : AROUND, min_border_bottom: bottom ? WORDS_BELOW : AROUND });
       panel.below[0].setv({ visible: bottom, axis_label: index.symbols[state.names[column]] });
       panel.left[0].setv({ visible: left && row > 0, axis_label: index.symbols[state.names[row]] });
-      panel.below[0].ticker.desired_num_ticks = panel.left[0].ticker.desired_num_ticks = side < 90 ? 2 : 3;
+      for (const [axis, slot] of [[panel.below[0], column], [panel.left[0], row]]) axis.ticker.ticks = ticks(...limits(slot), side < 85 ? 2 : 3);
       if (row > column) {
         const value = (slot, axis) => [index.symbols[state.names[slot]], `@${axis}{0.000}`];
-        model(`hover-panel-${row}-${column}`).tooltips = [["", "$name"], value(column, "x"), value(row, "y")];
+        const toward = (column + 0.5) * side + WORDS_LEFT < corner.clientWidth / 2 ? "right" : "left";  // so that the page does not grow
+        model(`hover-panel-${row}-${column}`).setv({ attachment: toward, tooltips: [["", "$name"], value(column, "x"), value(row, "y")] });
       }
     }
     at("key").style.gridArea = many > 2 && !narrow ? `1 / 2 / 2 / ${many + 1}` : `${many + 1} / 1 / auto / ${many + 1}`;
@@ -475,7 +489,7 @@ window.explorer = (() => {
 
   function first(kind) {
     const most = at("corner").clientWidth < 420 ? 3 : index.slots;
-    return entry("a")[kind].slice(0, most);
+    return [...new Set(shown().flatMap(letter => entry(letter)[kind]))].slice(0, most);
   }
 
   function toggle(name, box) {
@@ -497,7 +511,6 @@ window.explorer = (() => {
     options(at("subject-b"), ["", ...subjects], ["none", ...subjects]);
     for (const letter of LETTERS) {
       options(at(`label-${letter}`), index.labels, index.labels);
-      document.querySelector(`fieldset.${letter} .posterior`).hidden = index.labels.length < 2;
       for (const one of ["subject", "label"]) at(`${one}-${letter}`).addEventListener("change", () => choose(letter));
     }
     state.a = index.first[0];

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
-_BYTES, _OWN = 24e6, 200e3  # of draws and curves in all, and of one entry, before they become text, which takes a third more
+_BYTES, _OWN = 20e6, 200e3  # of draws and curves in all, and of one entry, before they become text, which takes a third more
 _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows fewer weaker stimuli
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"

@@ -15,6 +15,7 @@ from bokeh.models import (
     BoxSelectTool,
     ColumnDataSource,
     CustomJS,
+    FixedTicker,
     HoverTool,
     Line,
     MultiLine,
@@ -40,8 +41,8 @@ KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diam
 #: How the truth of either is marked.
 CROSSES = {"a": "x", "b": "cross"}
 GROUP, PRIOR = "#C9A227", "#8A8A8A"
-#: Pixels left of and below panels with numbers; around the others.
-WORDS_LEFT, WORDS_BELOW, AROUND = 58, 44, 3
+#: Pixels around panels; more where explorer.js puts numbers beside them.
+AROUND = 3
 _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
 _ANSWERS = [("", "$name"), ("first, second", "@s1{0.000}, @s2{0.000}"), ("'equal'", "@k of @n")]
 _BAND = ("x", "all", "kept", "low", "high")
@@ -109,8 +110,8 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any])
     made.toolbar.active_drag = select
     made.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
     for axis in made.axis:
-        axis.update(visible=False, ticker=BasicTicker(desired_num_ticks=3))
-    style = {"fill_color": "#000000", "fill_alpha": 0.06, "line_color": "#000000", "line_width": 1.5, "line_dash": "dotted"}
+        axis.update(visible=False, ticker=FixedTicker(ticks=[]))
+    style = {"fill_color": "#000000", "fill_alpha": 0.08, "line_color": "#000000", "line_alpha": 0.9, "line_width": 1.5}
     made.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
     return made
 

@@ -1,8 +1,10 @@
 """One page of the small study for all tests, and the browser that opens it."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
+from populations import made_population, ordinary
 
 import bayes_toe as bt
 
@@ -16,6 +18,12 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 def symmetric(small_study):
     """Draws of two subjects under a model with fewer quantities."""
     return bt.sample(small_study.select(["A", "B"]), model="symmetric", draws=500, seed=3, workers=1)
+
+
+@pytest.fixture(scope="session")
+def group(small_study):
+    """A population in which the small study's subjects might be."""
+    return replace(made_population(ordinary(3), draws=40), study=small_study)
 
 
 @pytest.fixture(scope="session")
