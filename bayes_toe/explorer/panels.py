@@ -147,6 +147,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
         lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
         made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7))
         made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash))
+    for letter, (colour, *_) in LETTERS.items():
         truth = sources.named(f"truth-{letter}", x, y)
         for edge, width in (("white", 6), (colour, 3)):
             made.add_glyph(truth, Scatter(x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width))
