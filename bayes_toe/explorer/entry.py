@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.contraction import DOMINATED, contraction
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior, prior_draws
+from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
+from bayes_toe.model.prior import Prior
 from bayes_toe.plots.corner_content import MARKED, SPANNED, known_from, span, support
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ class Entry:
     truth: Mapping[str, float] | None = None
     prior: bool = True
     synthetic: bool = False
+    about: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,6 +85,7 @@ class Entry:
             "label": self.label,
             "model": self.target.model.name,
             "synthetic": self.synthetic,
+            "about": self.about,
             "badges": [*self.badges, *self._dominated(found)],
             "rows": len(kept),
             "of": len(x),
@@ -172,10 +176,16 @@ def prior_of(entry: Entry) -> dict[str, Any] | None:
         return None
     target = entry.target
     if isinstance(target, Posterior):
-        drawn = prior_draws(target.model, target.prior, target.sbar)
-    else:
-        drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
+        return _prior_of_design(target.model, target.prior, target.sbar, entry.names)
+    drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
     return quantiles({name: drawn[name] for name in entry.names})
+
+
+@lru_cache(maxsize=1)
+def _prior_of_design(model: Model, prior: Prior, sbar: float, names: tuple[str, ...]) -> dict[str, Any]:
+    """The same for all subjects of a design, one after the other."""
+    drawn = prior_draws(model, prior, sbar)
+    return quantiles({name: drawn[name] for name in names})
 
 
 def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
@@ -186,13 +196,23 @@ def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
 def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
     """Subjects of a posterior file."""
     missed = draws.not_converged
+    about = f"{label}: {draws.attrs.get('source', '')}, seed {draws.seed}, prior {draws.described_prior()}."
     return [
-        Entry(label, draws.posterior(name), draws.points(name), _badges(draws, name, missed), truths.get(name), synthetic=draws.synthetic)
+        Entry(
+            label,
+            draws.posterior(name),
+            draws.points(name),
+            badges(draws, name, missed),
+            truths.get(name),
+            synthetic=draws.synthetic,
+            about=about,
+        )
         for name in subjects
     ]
 
 
-def _badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+    """Whether draws converged and the model describes the answers, as far as that was checked; `missed` is what did not converge."""
     fit = draws.fit(name)
     sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
     if np.isnan(fit.p_overall):
@@ -211,14 +231,11 @@ def _said(p: float) -> str:
 
 def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
     """The same subjects in the light of the others."""
-    names = list(found.study.names)
-    made = []
+    label, names, made = f"{found.model.name}, in the group", list(found.study.names), []
+    told = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
+    about = f"{label}: {len(names)} subjects, seed {found.settings.seed}."
     for name in (one for one in subjects if one in names):
-        eta = found.chains.eta[:, :, names.index(name)]
-        target = found.posterior(name)
+        eta, target = found.chains.eta[:, :, names.index(name)], found.posterior(name)
         x, _ = target.from_group(eta.reshape(-1, eta.shape[-1]))
-        badges = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
-        made.append(
-            Entry(f"{found.model.name}, in the group", target, x.reshape(eta.shape), badges, truths.get(name), False, found.study.synthetic)
-        )
+        made.append(Entry(label, target, x.reshape(eta.shape), told, truths.get(name), False, found.study.synthetic, about))
     return made

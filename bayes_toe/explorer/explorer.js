@@ -257,7 +257,7 @@ window.explorer = (() => {
     const mark = element("div", "", letter), name = element("b", `${letter.toUpperCase()} ${found.subject}`);
     const words = state.brush === null ? `all ${count(found.rows)} draws` : kept === null ? "lacks the quantity that is brushed: all draws"
       : kept.length === 0 ? `none of ${count(found.rows)} draws` : `${count(kept.length)} of ${count(found.rows)} draws (${share(kept.length / found.rows)})`;
-    mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ", too few to trust" : ""));
+    mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ": too few" : ""));
     return mark;
   }
 
@@ -318,7 +318,8 @@ window.explorer = (() => {
   function drawFooter() {
     const thin = shown().map(entry).filter(found => found.rows < found.of);
     const some = thin.map(found => `${count(found.rows)} of ${count(found.of)}`);
-    at("footer").textContent = index.footer + (some.length > 0 ? ` Shown are evenly spaced draws (${[...new Set(some)].join("; ")}); contours and quantiles of all draws are of all of them.` : "");
+    const sources = [...new Set(shown().map(letter => entry(letter).about))].join(" ");
+    at("footer").textContent = `${sources} ${index.footer}` + (some.length > 0 ? ` Shown are evenly spaced draws (${[...new Set(some)].join("; ")}); contours and quantiles of all draws are of all of them.` : "");
   }
 
   // --- The whole page ------------------------------------------------------------------------------------------------------------------
@@ -337,6 +338,9 @@ window.explorer = (() => {
     drawFaint();
     drawDiagonals(kept);
     at("share").replaceChildren(...told);
+    const ends = ([low, high]) => (low === -Infinity ? `up to ${written(high)}` : high === Infinity ? `from ${written(low)}` : `${written(low)} to ${written(high)}`);
+    at("where").textContent = state.brush === null ? "nothing is selected"
+      : "selected: " + Object.entries(state.brush.limits).map(([name, limits]) => `${index.symbols[name]} ${ends(limits)}`).join(", ");
     drawBoxes();
   }
 

@@ -144,6 +144,7 @@ def test_the_keyboard_alone_selects(opened, analysis):
     opened.settle()
     theta = thinned(analysis.draws, "A", len(opened.data("all-a-1-0")["x"]))
     assert opened.data("kept-a-1-0")["row"].tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
+    assert opened.page.inner_text("#where") == "selected: q₀ from 0.9"
     quantiles = np.quantile(theta["q0"][theta["q0"] >= 0.9], 0.5)
     shown = opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
     assert float(shown) == pytest.approx(quantiles, abs=6e-4)
@@ -182,6 +183,22 @@ def test_the_selection_becomes_a_table(opened, analysis):
     theta = analysis.draws.natural("A")
     for line in mine[:5]:
         assert float(line["mu1"]) == pytest.approx(theta.mu1[int(line["chain"]), int(line["draw"])], rel=1e-6)
+
+
+def test_hovering_reads_a_draw(opened):
+    drawn = opened.data("kept-a-2-1")
+    limits = [opened.page.evaluate(f"(r => [r.start, r.end])(Bokeh.documents[0].get_model_by_name('range-{slot}'))") for slot in (1, 2)]
+    middle = np.argmin(sum((drawn[key] - np.median(drawn[key])) ** 2 / np.var(drawn[key]) for key in ("x", "y")))
+    along, up = ((drawn[key][middle] - low) / (high - low) for key, (low, high) in zip(("x", "y"), limits, strict=True))
+    opened.page.locator("#cell-2-1").scroll_into_view_if_needed()
+    frame = opened.page.locator("#cell-2-1").bounding_box()
+    border = 3
+    x, y = (border + share * (frame[side] - 2 * border) for share, side in ((along, "width"), (1 - up, "height")))
+    opened.page.mouse.move(frame["x"] + x, frame["y"] + y, steps=3)
+    told = opened.page.locator(".bk-tooltip-row-value:visible")
+    told.first.wait_for()
+    assert told.nth(0).inner_text() == "A"
+    assert float(told.nth(1).inner_text().replace("−", "-")) == pytest.approx(drawn["x"][middle], abs=0.02)
 
 
 def test_what_is_known_and_badged(opened):

@@ -14,9 +14,10 @@ import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.contours import contours, frame
 from bayes_toe.explorer.curves import slices
-from bayes_toe.explorer.entry import Entry
+from bayes_toe.explorer.entry import Entry, badges
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.explorer.truth import read_truth
+from bayes_toe.inference.predictive_checks import FitSummary
 
 
 def islands(html):
@@ -101,6 +102,16 @@ def test_free_frequencies_have_no_curve_and_no_axis(small_study):
     assert made["axis"] is None
     assert {one["equal"] for one in made["slices"]} == {None}
     assert made["rows"] == 40
+
+
+def test_badges_say_what_is_wrong_before_what_is_right():
+    def told(missed, p_overall, p_deviance):
+        fit = FitSummary(9.0, 3.0, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+        return badges(SimpleNamespace(fit=lambda name: fit), "A", missed)
+
+    assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (("unconverged", "R-hat of q0 1.2"), ("fine", "no misfit seen, predictive p 0.4"))
+    assert told({}, 0.0, 0.02) == (("fine", "converged"), ("misfit", "predictive p below 0.001, p of the deviance 0.02"))
+    assert told({}, np.nan, np.nan) == (("fine", "converged"),)
 
 
 def test_a_name_cannot_end_the_page(small_study):
