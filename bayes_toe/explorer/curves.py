@@ -57,13 +57,24 @@ class Slice:
 
 def slices(counts: Subject, most: int) -> list[Slice]:
     """The slices with the most trials of different stimuli, at most so many, in the order of weaker stimulus and interval."""
-    weaker, order = np.minimum(counts.s1, counts.s2), presentation_order(counts)
-    seconds = [None] * counts.n_pairs if counts.isi is None else [float(value) for value in counts.isi]
-    trials: Counter[tuple[float, float | None]] = Counter()
-    for low, isi, kind, count in zip(weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True):
-        trials[low, isi] += count if kind else 0
-    chosen = sorted((key for key, count in trials.most_common(most) if count), key=str) or [(float(weaker.min()), seconds[0])]
+    chosen = [key for key, _ in _trials(counts).most_common(most)]
     return [_slice(counts, low, isi) for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))]
+
+
+def slice_count(counts: Subject) -> int:
+    """How many slices there are."""
+    return len(_trials(counts))
+
+
+def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
+    """Trials of different stimuli by weaker stimulus and interval; without any, of all stimuli at once."""
+    weaker, order = np.minimum(counts.s1, counts.s2), presentation_order(counts)
+    seconds = [None] * counts.n_pairs if counts.isi is None else counts.isi.tolist()
+    found: Counter[tuple[float, float | None]] = Counter()
+    for low, isi, kind, count in zip(weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True):
+        if kind:
+            found[low, isi] += count
+    return found or Counter({(float(weaker.min()), seconds[0]): 1})
 
 
 def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:

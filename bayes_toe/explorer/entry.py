@@ -12,7 +12,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.explorer.contours import Span, contours, frame
-from bayes_toe.explorer.curves import POINTS, axis, slices
+from bayes_toe.explorer.curves import POINTS, axis, slice_count, slices
 from bayes_toe.explorer.packing import floats
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
@@ -147,6 +147,7 @@ class Entry:
                 }
                 for one in shown
             ],
+            "undrawn": slice_count(counts) - len(shown),
             "reference": None if fitted is None or counts.isi is None else fitted.target.reference,
             "ends": ends,
             "axis": floats(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,

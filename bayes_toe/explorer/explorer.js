@@ -369,8 +369,10 @@ window.explorer = (() => {
       drawAnswers(letter, found);
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
-      at(`words-${letter}`).textContent = found.ends2 === null ? "This model connects no pairs: it has no curve and no axis."
-        : found.reference === null ? "" : `Quantities and axis are those at ${written(found.reference)} s.`;
+      const words = found.ends2 === null ? ["This model connects no pairs: it has no curve and no axis."] : [];
+      if (found.reference !== null) words.push(`Quantities and axis are those at ${written(found.reference)} s.`);
+      if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} weaker stimuli with the most trials.`);
+      at(`words-${letter}`).textContent = words.join(" ");
     }
     spans();
     fainted = null;

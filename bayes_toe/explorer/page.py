@@ -209,7 +209,7 @@ def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
         rows = int(room / (4 * max(entry.values_a_draw(most_slices) for entry in found)))
         if rows >= _FEWEST:
             break
-    return min(max(rows, _FEWEST), _ROWS), most_slices
+    return min(rows, _ROWS), most_slices
 
 
 class _Priors:
