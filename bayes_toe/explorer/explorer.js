@@ -105,7 +105,7 @@ window.explorer = (() => {
       const from = Math.ceil((low + margin) / step), to = Math.floor((high - margin) / step);
       return range(Math.max(0, to - from + 1)).map(k => (from + k) * step);
     };
-    const unit = 10 ** Math.ceil(Math.log10(high - low)), steps = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].map(share => inside(share * unit));
+    const unit = 10 ** Math.ceil(Math.log10(high - low)), steps = [0.01, 0.02, 0.025, 0.05, 0.1, 0.2, 0.25, 0.5, 1].map(share => inside(share * unit));
     return steps.find(found => found.length <= most) ?? [];
   }
 

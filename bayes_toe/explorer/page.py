@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
-_BYTES, _OWN = 20e6, 200e3  # of draws and curves in all, and of one entry, before they become text, which takes a third more
+#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
+_BYTES, _FEW, _OWN = 20e6, 2e6, 200e3
 _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows fewer weaker stimuli
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"
@@ -204,7 +205,7 @@ def _truths(draws: Draws, given: Truths | None) -> Truths:
 
 def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
     """Draws of every entry and weaker stimuli of its curves, so that the page stays one that a browser opens."""
-    room = min(_BYTES / len(found), _OWN)
+    room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
     for most_slices in _SLICES:
         rows = int(room / (4 * max(entry.values_a_draw(most_slices) for entry in found)))
         if rows >= _FEWEST:

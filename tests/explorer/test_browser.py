@@ -101,7 +101,7 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
         )
         assert kept["row"].tolist() == np.flatnonzero(inside).tolist()
         np.testing.assert_allclose(kept["y"], theta["q0"][inside], rtol=1e-6)
-        assert f"{inside.sum()} of {len(inside)} draws" in opened.page.inner_text("#share")
+        assert f"{inside.sum():,} of {len(inside):,} draws" in opened.page.inner_text("#share")
     assert 5 < len(opened.data("kept-a-1-0")["row"]) < 0.9 * len(opened.data("all-a-1-0")["x"])
     theta = thinned(analysis.draws, "A", len(opened.data("all-a-1-0")["x"]))
     rows = opened.data("kept-a-1-0")["row"].astype(int)

@@ -160,6 +160,13 @@ def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
         bt.explore(analysis.draws)
 
 
+def test_a_lone_subject_has_all_its_curves():
+    s1, s2 = (side.ravel() for side in np.meshgrid(np.arange(5) / 5, np.arange(5) / 5))
+    target = bt.posterior_of(bt.Subject("S", s1, s2, 0 * s1.astype(int) + 3, 0 * s1.astype(int) + 9), model="symmetric")
+    made = islands(page([Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])]).html)["entry-0"]
+    assert (len(made["slices"]), made["undrawn"], made["rows"]) == (4, 0, 1000)
+
+
 def test_many_posteriors_have_fewer_draws_and_the_page_stays_small(small_study, monkeypatch):
     monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
     target = bt.posterior_of(small_study["A"], model="symmetric")
