@@ -122,8 +122,8 @@ def entries(
         made += entries_of(one, label, chosen[label], _truths(one, truths))
     _require_known(made, {} if truths is None else truths)
     if population is not None:
-        _require_model(population, named)
         everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
+        _require_group(population, named, everyone)
         made += in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
     return made
 
@@ -175,11 +175,11 @@ def _chosen(named: Mapping[str, Draws], subjects: Sequence[str] | None) -> dict[
 
 def _require_few(chosen: Mapping[str, tuple[str, ...]]) -> None:
     found = sum(map(len, chosen.values()))
+    if found == 0:
+        raise InputError("explore: found no subjects, allowed: at least one")
     if found > MOST_ENTRIES:
-        of = f"{len(chosen)} posteriors of subjects, {found} in all" if len(chosen) > 1 else f"{found} subjects"
-        raise InputError(
-            f"explore: found {of}, allowed: at most {MOST_ENTRIES} in one page; name some with --subject (in Python subjects=)"
-        )
+        what = "subjects" if len(chosen) == 1 else "posteriors of subjects"
+        raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
 
 
 def _require_known(found: Sequence[Entry], truths: Truths) -> None:
@@ -191,10 +191,13 @@ def _require_known(found: Sequence[Entry], truths: Truths) -> None:
                 raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
 
 
-def _require_model(group: Population, named: Mapping[str, Draws]) -> None:
+def _require_group(group: Population, named: Mapping[str, Draws], subjects: tuple[str, ...]) -> None:
+    """Refuse a population of another model or of others."""
     models = list(dict.fromkeys(draws.model for draws in named.values()))
     if group.settings.model not in models:
         raise InputError(f"the population is of model {group.settings.model!r}, the draws are of {', '.join(map(repr, models))}")
+    if not set(subjects) & set(group.study.names):
+        raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, group.study.names)], 20)}")
 
 
 def _truths(draws: Draws, given: Truths | None) -> Truths:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commands import inside
+from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
@@ -139,7 +140,7 @@ def test_the_group_stands_behind_its_subjects(group, analysis):
 
 def test_more_posteriors_than_a_page_has_room_for_are_refused_with_the_way_out(analysis):
     names = tuple(f"S{i}" for i in range(MOST_ENTRIES + 1))
-    with pytest.raises(bt.InputError, match=r"found 201 subjects, allowed: at most 200 in one page; name some with --subject"):
+    with pytest.raises(bt.InputError, match=r"found 201 subjects, allowed: at most 200 in a page; name some with --subject"):
         entries({"H1": SimpleNamespace(names=names)})
 
 
@@ -150,6 +151,10 @@ def test_what_cannot_be_shown_is_refused(analysis, symmetric, group):
         bt.explore(analysis.draws, truths={"A": {"mu": 1.0}})
     with pytest.raises(bt.InputError, match="population is of model 'predictive update', the draws are of 'symmetric'"):
         bt.explore(symmetric, population=group)
+    with pytest.raises(bt.InputError, match="population has none of these subjects; it has: 'P000', 'P001'"):
+        bt.explore(analysis.draws, population=made_population(ordinary(2), draws=5))
+    with pytest.raises(bt.InputError, match="found no subjects"):
+        bt.explore(analysis.draws, subjects=[])
     with pytest.raises(bt.InputError, match="found no draws"):
         bt.explore([])
 
