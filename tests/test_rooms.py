@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
 version errors arrays seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
-< analysis < experiments < plots < cli
+< analysis < experiments < plots < explorer < cli
 """
 
 import ast
@@ -31,6 +31,7 @@ ORDER = (
     "analysis",
     "experiments",
     "plots",
+    "explorer",
     "cli",
 )
 OWNERS = {
@@ -45,6 +46,7 @@ OWNERS = {
     "zarr": {"inference.draws_store"},
     "matplotlib": {"plots"},
     "corner": {"plots"},
+    "bokeh": {"explorer"},
     "loky": {"workers"},
     "cloudpickle": {"workers"},
     "distributed": {"cluster", "workers"},

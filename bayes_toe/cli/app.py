@@ -27,6 +27,7 @@ COMMANDS = (
     infer.fit,
     draw.figures,
     draw.corner,
+    draw.explore,
     describe.predict,
     synthetic.simulate,
     synthetic.calibrate,

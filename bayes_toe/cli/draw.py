@@ -1,4 +1,4 @@
-"""Commands that draw: figures, corner."""
+"""Commands that draw: figures, corner, explore."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from bayes_toe.cli import summaries
 from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFileOrExample, writes
-from bayes_toe.cli.task import SamplingTask, SharedTask, leave_unless_whole
+from bayes_toe.cli.task import SamplingTask, SharedTask, WritingTask, leave_unless_whole
 
 
 def figures(
@@ -71,3 +71,41 @@ def corner(
     with made as target, task.progress("drawing", len(chosen)) as tick:
         draw_corners(posterior, files, target, coordinates=coordinates, workers=task.workers, progress=tick)
     task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)
+
+
+def explore(
+    *,
+    posteriors: Annotated[
+        list[Path], typer.Argument(metavar="posterior.nc...", help="Draws written by run or sample; of several models, several files.")
+    ],
+    output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
+    subject: Annotated[list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="True parameters of synthetic subjects, as simulate writes them.")
+    ] = None,
+    population: Annotated[
+        Path | None, typer.Option("--population", metavar="population.nc", help="The group's posterior, to stand behind its subjects.")
+    ] = None,
+    task: WritingTask,
+) -> None:
+    """One page to explore posteriors in a browser: drag over points, and draws, curves and quantiles follow.
+
+    A file for itself: no server, no network. Two subjects, or two models of one, stand against each other.
+
+    [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
+    """
+    from bayes_toe.explorer.page import entries, page, require_bokeh
+    from bayes_toe.explorer.truth import read_truth
+    from bayes_toe.groups.population_file import load_population
+    from bayes_toe.inference.draws import load
+
+    require_bokeh()
+    task.require_files(output)
+    known = None if truth is None else read_truth(truth)
+    loaded = [load(path) for path in posteriors]
+    group = None if population is None else load_population(population)
+    found = entries(loaded, subjects=subject, truths=known, population=group)
+    with task.progress("packing", len(found)) as tick:
+        made = page(found, group, tick)
+    made.save(output, overwrite=task.overwrite)
+    task.say_written("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")

@@ -46,7 +46,7 @@ COORDINATES = ("natural", "identified")
 BINS = 40
 #: Shares of the posterior inside the contours; quantiles that lines mark.
 LEVELS, MARKED = (0.5, 0.9), (0.05, 0.5, 0.95)
-_SPANNED = (0.005, 0.995)
+SPANNED = (0.005, 0.995)
 
 #: Margins with room for tick and axis labels, the gap between panels, a panel, the widest line of the key.
 LEFT, BOTTOM, RIGHT, TOP, GAP = 0.95, 0.9, 0.15, 0.15, 0.1
@@ -116,9 +116,9 @@ def content(draws: Draws, subject: str, coordinates: str | Sequence[str], truths
     target = draws.posterior(subject)
     names = _names(coordinates, target)
     samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-    known = {} if truths is None else _known(truths, target)
-    found = np.quantile(samples, [*_SPANNED, *MARKED], axis=0)
-    spans = [_span(low, high, support(target, name)) for name, low, high in zip(names, *found[:2].tolist(), strict=True)]
+    known = {} if truths is None else known_from(truths, target)
+    found = np.quantile(samples, [*SPANNED, *MARKED], axis=0)
+    spans = [span(low, high, support(target, name)) for name, low, high in zip(names, *found[:2].tolist(), strict=True)]
     believed = [] if prior is None else _believed(posterior_of(target.subject, prior, model=draws.model), names, spans, len(samples))
     lines = _title(draws, subject) + _key(len(names), prior is not None, _truth_key(names, spans, known))
     return Content(names, samples, spans, found[2:], known, believed, lines)
@@ -150,7 +150,7 @@ def support(target: Answering, name: str) -> tuple[float, float]:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
 
 
-def _span(low: float, high: float, support: tuple[float, float]) -> tuple[float, float]:
+def span(low: float, high: float, support: tuple[float, float]) -> tuple[float, float]:
     """Axis limits from quantiles, within the support: a few draws far out in a funnel do not squeeze the rest into one bin."""
     pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
     return max(low - pad, support[0]), min(high + pad, support[1])
@@ -179,7 +179,7 @@ def _ascending(values: Mapping[str, FloatArray], names: tuple[str, ...]) -> dict
 # --- true values --------------------------------------------------------------------------------------------------------------------
 
 
-def _known(truths: Values, target: Answering) -> dict[str, float]:
+def known_from(truths: Values, target: Answering) -> dict[str, float]:
     """The true values given and all that follow from them."""
     allowed = target.names.all
     for name, value in truths.items():

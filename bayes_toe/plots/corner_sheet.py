@@ -112,7 +112,7 @@ def _draw_contours(figure: Figure, panel: Panel, x: FloatArray, y: FloatArray) -
     areas.set_clip_box(TransformedBbox(inside, figure.dpi_scale_trans))  # the figure has set its own
 
 
-def _levels(density: FloatArray) -> list[float]:
+def levels(density: FloatArray) -> list[float]:
     """The density above which each of the shares lies."""
     ordered = np.sort(density, axis=None)[::-1]
     held = np.cumsum(ordered)
@@ -127,7 +127,7 @@ def _areas(panel: Panel, density: FloatArray) -> list[Path]:
     around = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=density.min())
     x, y = (panel.side * _CENTRES + start for start in (panel.left, panel.bottom))
     contours: Any = contour_generator(x, y, around, fill_type=FillType.OuterCode)
-    found = (contours.filled(level, 2.0 * density.max()) for level in reversed(_levels(density)))
+    found = (contours.filled(level, 2.0 * density.max()) for level in reversed(levels(density)))
     return [Path(np.concatenate(points), np.concatenate(codes)) for points, codes in found]
 
 

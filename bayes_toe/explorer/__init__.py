@@ -1,0 +1,1 @@
+"""Posteriors to touch: one page that answers back, with Bokeh inside; the only room that imports it."""

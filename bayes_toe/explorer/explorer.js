@@ -1,0 +1,548 @@
+// What the page does: fill the figures that panels.py made, and follow what is chosen and brushed. Nothing of the model is computed
+// here: curves are means and quantiles over rows of values that Python wrote.
+"use strict";
+window.explorer = (() => {
+  const LETTERS = ["a", "b"], KINDS = { "-1": "weaker", "1": "stronger", "0": "equal" };
+  const BINS = 30, BAND = [0.05, 0.95], MARKED = [0.05, 0.5, 0.95], FEW = 20, WORDS_LEFT = 64, WORDS_BELOW = 44, AROUND = 3;
+  const at = id => document.getElementById(id);
+  const island = id => JSON.parse(at(id).textContent);
+  const index = island("index");
+  const state = { a: 0, b: null, names: [], slice: 0, brush: null };
+  const decoded = new Map();
+  const models = new Map();
+  let doc = null, waiting = false, fainted = null;
+
+  // --- Numbers -------------------------------------------------------------------------------------------------------------------
+
+  const bytes = text => Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer;
+  const floats = text => new Float32Array(bytes(text));
+  const range = count => Array.from({ length: count }, (_, i) => i);
+  const mean = values => values.reduce((sum, value) => sum + value, 0) / values.length;
+
+  function quantile(ascending, share) {  // linear between draws, as NumPy has it
+    const place = share * (ascending.length - 1), low = Math.floor(place);
+    const high = Math.min(low + 1, ascending.length - 1);
+    return ascending[low] + (place - low) * (ascending[high] - ascending[low]);
+  }
+
+  function written(value) {  // three digits, and a minus sign that is one
+    const size = Math.abs(value);
+    return (size !== 0 && (size < 1e-3 || size >= 1e5) ? value.toExponential(2) : String(Number(value.toPrecision(3)))).replace("-", "−");
+  }
+
+  const count = value => value.toLocaleString("en");
+  const share = value => value === 0 ? "0 %" : value < 0.01 ? "under 1 %" : value < 1 && value > 0.99 ? "over 99 %" : `${Math.round(100 * value)} %`;
+
+  // --- Entries: one posterior of one subject -----------------------------------------------------------------------------------------
+
+  function entry(letter) {
+    const place = state[letter];
+    if (place === null) return null;
+    if (!decoded.has(place)) {
+      const found = island(`entry-${place}`), values = floats(found.values);
+      found.samples = new Map(found.names.map((name, i) => [name, values.subarray(i * found.rows, (i + 1) * found.rows)]));
+      for (const slice of found.slices) slice.values = slice.equal && floats(slice.equal);
+      found.ends2 = found.axis && floats(found.axis);
+      decoded.set(place, found);
+    }
+    return decoded.get(place);
+  }
+
+  const shown = () => LETTERS.filter(letter => state[letter] !== null);
+  const prior = letter => state[letter] === null ? null : index.priors[index.entries[state[letter]].prior] ?? null;
+  const grouped = () => shown().some(letter => index.entries[state[letter]].grouped) ? index.group : null;
+
+  // Rows of an entry that lie in the brush; null: nothing is brushed, or the entry lacks a quantity of the brush.
+  function rows(found) {
+    if (state.brush === null || Object.keys(state.brush.limits).some(name => !found.samples.has(name))) return null;
+    const tests = Object.entries(state.brush.limits).map(([name, limits]) => [found.samples.get(name), ...limits]);
+    return range(found.rows).filter(row => tests.every(([values, low, high]) => values[row] >= low && values[row] <= high));
+  }
+
+  function summary(values, kept) {
+    const ascending = Float64Array.from(kept === null ? values : kept.map(row => values[row])).sort();
+    return MARKED.map(one => quantile(ascending, one));
+  }
+
+  // --- What the sources of the figures hold ------------------------------------------------------------------------------------------
+
+  function model(name) {
+    if (!models.has(name)) models.set(name, doc.get_model_by_name(name));
+    return models.get(name);
+  }
+
+  const fill = (name, data) => { model(name).data = data; };
+  const slots = make => Object.assign({}, ...range(index.slots).map(slot => make(state.names[slot], slot)));
+  const has = (found, name) => found !== null && name !== undefined && found.samples.has(name);
+
+  function spans() {
+    for (const [slot, name] of state.names.entries()) {
+      const found = shown().map(entry).filter(one => has(one, name)).map(one => one.spans[one.names.indexOf(name)]);
+      const limits = model(`range-${slot}`);
+      limits.setv({ start: Math.min(...found.map(one => one[0])), end: Math.max(...found.map(one => one[1])) });
+    }
+  }
+
+  // Draws in every panel that is shown: all rows or some, without a number where a model lacks the quantity.
+  function drawDraws(which, letter, found, chosen) {
+    const length = found === null ? 0 : chosen === null ? found.rows : chosen.length, none = new Float32Array(length).fill(NaN);
+    const row = chosen ?? range(length), values = state.names.map(name => {
+      if (!has(found, name)) return none;
+      const every = found.samples.get(name);
+      return chosen === null ? every : Float32Array.from(chosen, one => every[one]);
+    });
+    for (const y of values.keys()) for (let x = 0; x < y; x++) fill(`${which}-${letter}-${y}-${x}`, { x: values[x], y: values[y], row });
+  }
+
+  function drawFaint() {  // all draws, behind those that are selected
+    if (fainted === (state.brush !== null)) return;
+    fainted = state.brush !== null;
+    for (const letter of LETTERS) drawDraws("all", letter, fainted ? entry(letter) : null, null);
+  }
+
+  function ticks(low, high, most) {  // round numbers, none so near an end that its label could touch the next panel's
+    const margin = 0.09 * (high - low), inside = step => {
+      const from = Math.ceil((low + margin) / step), to = Math.floor((high - margin) / step);
+      return range(Math.max(0, to - from + 1)).map(k => (from + k) * step);
+    };
+    const unit = 10 ** Math.ceil(Math.log10(high - low)), steps = [0.01, 0.02, 0.025, 0.05, 0.1, 0.2, 0.25, 0.5, 1].map(share => inside(share * unit));
+    return steps.find(found => found.length <= most) ?? [];
+  }
+
+  function drawTruth(letter, found) {
+    fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
+  }
+
+  function contours(packed, place, names, frames) {  // lines of the two named quantities
+    const [i, j] = names.map(name => place.indexOf(name)), lines = { xs: [], ys: [], width: [] };
+    if (i < 0 || j < 0) return lines;
+    const [left, right] = [Math.min(i, j), Math.max(i, j)], count = place.length;
+    const numbers = new Uint16Array(bytes(packed[left * count - left * (left + 1) / 2 + right - left - 1]));
+    const scale = (value, [low, high]) => low + value / 65535 * (high - low);
+    for (let start = 0; start < numbers.length; start += 2 + 2 * numbers[start + 1]) {
+      const points = range(numbers[start + 1]).map(k => [numbers[start + 2 + 2 * k], numbers[start + 3 + 2 * k]]);
+      const first = points.map(point => scale(point[0], frames[left])), second = points.map(point => scale(point[1], frames[right]));
+      lines.xs.push(i < j ? first : second);
+      lines.ys.push(i < j ? second : first);
+      lines.width.push(numbers[start] === 0 ? 2.5 : 1.3);
+    }
+    return lines;
+  }
+
+  function drawContours() {
+    for (const [row, y] of state.names.entries()) for (const [column, x] of state.names.slice(0, row).entries()) {
+      for (const letter of LETTERS) {
+        const found = entry(letter);
+        fill(`contour-${letter}-${row}-${column}`, found === null ? { xs: [], ys: [], width: [] } : contours(found.contours, found.names, [x, y], found.frames));
+      }
+      const group = grouped(), { xs, ys } = group === null ? { xs: [], ys: [] } : contours(group.contours, group.names, [x, y], group.frames);
+      fill(`contour-group-${row}-${column}`, { xs, ys });
+    }
+  }
+
+  function heights(values, chosen, low, high) {  // density in bins, as a share of all draws
+    const bars = new Float64Array(BINS), scale = BINS / (high - low);
+    const add = value => { if (value >= low && value <= high) bars[Math.min(BINS - 1, Math.floor((value - low) * scale))] += scale / values.length; };
+    if (chosen === null) values.forEach(add); else chosen.forEach(row => add(values[row]));
+    return bars;
+  }
+
+  function believed(quantiles, low, high) {  // density in bins from evenly spaced quantiles
+    const last = quantiles.length - 1, below = value => {
+      if (value <= quantiles[0]) return 0;
+      if (value >= quantiles[last]) return 1;
+      let left = 0, right = last;
+      while (right - left > 1) { const middle = (left + right) >> 1; if (quantiles[middle] <= value) left = middle; else right = middle; }
+      return (left + (value - quantiles[left]) / (quantiles[right] - quantiles[left])) / last;
+    };
+    const edges = range(BINS + 1).map(k => below(low + k * (high - low) / BINS));
+    return edges.slice(1).map((value, k) => (value - edges[k]) * BINS / (high - low));
+  }
+
+  const steps = bars => Array.from(bars).flatMap(value => [value, value]);
+
+  const limits = slot => [model(`range-${slot}`).start, model(`range-${slot}`).end];
+  const edges = slot => { const [low, high] = limits(slot); return range(2 * BINS).map(k => low + Math.ceil(k / 2) * (high - low) / BINS); };
+  const none = new Float64Array(2 * BINS).fill(NaN);
+
+  function drawBelieved() {  // prior and group on the diagonals
+    const density = (holder, name, slot) => {
+      const place = holder === null || name === undefined ? -1 : holder.names.indexOf(name);
+      if (place < 0) return none;
+      const all = floats(holder.quantiles), length = all.length / holder.names.length;
+      return steps(believed(all.subarray(place * length, (place + 1) * length), ...limits(slot)));
+    };
+    const same = prior("b") !== null && prior("a") === prior("b");
+    for (const [name, holder] of [["prior-a", prior("a")], ["prior-b", same ? null : prior("b")], ["density-group", grouped()]]) {
+      fill(name, slots((quantity, slot) => ({ [`x${slot}`]: edges(slot), [`y${slot}`]: density(holder, quantity, slot) })));
+    }
+  }
+
+  function drawDiagonals(kept) {
+    const tops = range(index.slots).map(() => 0);
+    for (const letter of LETTERS) {
+      const found = entry(letter);
+      fill(`bars-${letter}`, slots((name, slot) => {
+        if (!has(found, name)) return { [`x${slot}`]: edges(slot), [`all${slot}`]: none, [`kept${slot}`]: none };
+        const values = found.samples.get(name), all = steps(heights(values, null, ...limits(slot)));
+        tops[slot] = Math.max(tops[slot], ...all);
+        return { [`x${slot}`]: edges(slot), [`all${slot}`]: all, [`kept${slot}`]: kept[letter] === null ? all : steps(heights(values, kept[letter], ...limits(slot))) };
+      }));
+    }
+    for (const slot of range(index.slots)) model(`height-${slot}`).setv({ start: 0, end: 1.15 * tops[slot] || 1 });
+  }
+
+  // --- Answers -------------------------------------------------------------------------------------------------------------------------
+
+  const EMPTY = { x: [], all: [], kept: [], low: [], high: [] };
+
+  // Mean and band over rows of values that stand row after row of one point, points after each other.
+  function band(values, length, points, kept) {
+    const whole = range(points).map(k => values.subarray(k * length, (k + 1) * length));
+    const chosen = kept === null ? whole : whole.map(one => kept.map(row => one[row]));
+    const ascending = chosen.map(one => Float64Array.from(one).sort()), nothing = range(points).map(() => NaN);
+    const some = kept === null || kept.length > 0;
+    return { all: whole.map(one => mean(one)), kept: some ? chosen.map(one => mean(one)) : nothing,
+      low: some ? ascending.map(one => quantile(one, BAND[0])) : nothing, high: some ? ascending.map(one => quantile(one, BAND[1])) : nothing };
+  }
+
+  const sliced = found => found === null ? null : found.slices[Math.min(state.slice, found.slices.length - 1)];
+
+  function drawAnswers(letter, found) {  // counts, in both figures
+    const slice = sliced(found);
+    for (const [order, kind] of Object.entries(KINDS)) {
+      const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
+      const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length)).filter(pair => slice.isi === null || p.isi[pair] === slice.isi);
+      const take = (key, list) => list.map(pair => p[key][pair]);
+      fill(`answers-${letter}-${kind}`, { x: take("higher", drawn), estimate: take("estimate", drawn), s1: take("s1", drawn), s2: take("s2", drawn),
+        low: drawn.map(pair => p.estimate[pair] - p.error[pair]), high: drawn.map(pair => p.estimate[pair] + p.error[pair]), k: take("k", drawn), n: take("n", drawn) });
+      fill(`pairs-${letter}-${kind}`, { s1: take("s1", every), s2: take("s2", every), k: take("k", every), n: take("n", every),
+        fill: every.map(pair => { const grey = Math.round(255 - 215 * p.k[pair] / p.n[pair]); return `rgb(${grey},${grey},${grey})`; }) });
+    }
+    if (slice === null) return;
+    const pad = 0.04 * (slice.x.at(-1) - slice.x[0]);
+    model(`stronger-${letter}`).setv({ start: slice.x[0] - pad, end: slice.x.at(-1) });
+    model(`curves-title-${letter}`).text = slice.title;
+    model(`plane-${letter}-range`).setv({ start: found.ends[0], end: found.ends[1] });
+  }
+
+  function drawCurves(letter, found, kept) {
+    const slice = sliced(found);
+    if (slice === null) { for (const kind of Object.values(KINDS)) fill(`curve-${letter}-${kind}`, EMPTY); return; }
+    const points = slice.x.length, size = found.rows * points;
+    for (const [order, kind] of Object.entries(KINDS)) {
+      const place = slice.orders.indexOf(Number(order));
+      fill(`curve-${letter}-${kind}`, place < 0 || slice.values === null ? EMPTY
+        : { x: slice.x, ...band(slice.values.subarray(place * size, (place + 1) * size), found.rows, points, kept) });
+    }
+  }
+
+  function drawAxis(letter, found, kept) {
+    if (found === null || found.ends2 === null) { fill(`axis-${letter}`, EMPTY); return; }
+    const points = 21, [low, high] = found.ends, values = new Float64Array(points * found.rows), x = [];
+    for (const k of range(points)) {
+      const along = k / (points - 1);
+      x.push(low + along * (high - low));
+      for (let row = 0; row < found.rows; row++) values[k * found.rows + row] = (1 - along) * found.ends2[row] + along * found.ends2[found.rows + row];
+    }
+    fill(`axis-${letter}`, { x, ...band(values, found.rows, points, kept) });
+  }
+
+  // --- Words ---------------------------------------------------------------------------------------------------------------------------
+
+  const element = (tag, text = "", kind = "") => Object.assign(document.createElement(tag), { textContent: text, className: kind });
+  const titled = (letter, found) => `${letter.toUpperCase()} ${found.subject}` + (index.labels.length > 1 ? ` · ${found.label}` : "");
+
+  function sayShare(letter, found, kept) {
+    const mark = element("div", "", letter), name = element("b", `${letter.toUpperCase()} ${found.subject}`);
+    const words = state.brush === null ? `all ${count(found.rows)} draws` : kept === null ? "lacks the quantity that is brushed: all draws"
+      : kept.length === 0 ? `none of ${count(found.rows)} draws` : `${count(kept.length)} of ${count(found.rows)} draws (${share(kept.length / found.rows)})`;
+    mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ": too few" : ""));
+    return mark;
+  }
+
+  function cells(found, name, kept) {
+    const text = ([low, middle, high]) => [element("b", written(middle)), element("small", ` ${written(low)} to ${written(high)}`)];
+    const all = element("td"), some = element("td");
+    all.append(...text(found.marked[found.names.indexOf(name)]));
+    if (kept === null) some.textContent = "–";
+    else if (kept.length === 0) some.textContent = "no draws";
+    else some.append(...text(summary(found.samples.get(name), kept)));
+    return [all, some];
+  }
+
+  function drawTable(letter, found, kept) {
+    const table = at(`table-${letter}`);
+    table.hidden = found === null;
+    if (found === null) return;
+    const head = element("tr"), body = state.names.filter(name => has(found, name)).map(name => {
+      const line = element("tr"), first = element("th", index.symbols[name]);
+      first.scope = "row";
+      first.title = index.meanings[name];
+      if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
+      if (found.ends2 === null) first.append(element("small", " " + ["s1", "s2"].map(key => written(found.pairs[key][Number(name.slice(2)) - 1])).join(", ")));
+      if (name in found.truth) first.append(element("small", ` true ${written(found.truth[name])}`));
+      line.append(first, ...cells(found, name, kept));
+      return line;
+    });
+    head.append(...["quantity", "all draws: median, 5 to 95 %", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
+    const nothing = element("tr");
+    nothing.append(Object.assign(element("td", "none of the quantities that are shown"), { colSpan: 3 }));
+    table.replaceChildren(element("caption", titled(letter, found)), head, ...(body.length > 0 ? body : [nothing]));
+  }
+
+  function drawBadges(letter, found) {
+    const words = { unconverged: "not converged: ", misfit: "the model does not describe these answers: ", fine: "" };
+    const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
+    const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => index.symbols[name]);
+    if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
+    if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
+    if (found?.more > 0) told.push(element("span", `${found.more} more quantities are not on this page`, "badge"));
+    at(`badges-${letter}`).replaceChildren(...told);
+  }
+
+  function drawKey() {
+    const lines = shown().map(letter => [letter, { a: "● ─", b: "▲ ┄" }[letter], titled(letter, entry(letter))]).map(([letter, mark, words]) => {
+      const line = element("div"), sign = element("b", `${mark} `, letter);
+      sign.style.color = `var(--${letter})`;
+      line.append(sign, words);
+      return line;
+    });
+    lines.push(element("div", "contours: 50 and 90 % of all draws"), element("div", "grey line: prior"));
+    if (grouped() !== null) lines.push(element("div", "ochre: a further subject of the group"));
+    const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);
+    if (known.length > 0) lines.push(element("div", `${known.map(letter => marks[letter]).join(" ")} and dash-dotted: truth`));
+    at("key").replaceChildren(...lines);
+  }
+
+  function drawFooter() {
+    const thin = shown().map(entry).filter(found => found.rows < found.of);
+    const some = thin.map(found => `${count(found.rows)} of ${count(found.of)}`);
+    const sources = [...new Set(shown().map(letter => entry(letter).about))].join(" ");
+    at("footer").textContent = `${sources} ${index.footer}` + (some.length > 0 ? ` Shown are evenly spaced draws (${[...new Set(some)].join("; ")}); contours and quantiles of all draws are of all of them.` : "");
+  }
+
+  // --- The whole page ------------------------------------------------------------------------------------------------------------------
+
+  function follow() {  // what depends on the brush
+    const kept = {}, told = [];
+    for (const letter of LETTERS) {
+      const found = entry(letter);
+      kept[letter] = found === null ? null : rows(found);
+      drawDraws("kept", letter, found, kept[letter]);
+      drawCurves(letter, found, kept[letter]);
+      drawAxis(letter, found, kept[letter]);
+      drawTable(letter, found, kept[letter]);
+      if (found !== null) told.push(sayShare(letter, found, kept[letter]));
+    }
+    drawFaint();
+    drawDiagonals(kept);
+    at("share").replaceChildren(...told);
+    const ends = ([low, high]) => (low === -Infinity ? `up to ${written(high)}` : high === Infinity ? `from ${written(low)}` : `${written(low)} to ${written(high)}`);
+    at("where").textContent = state.brush === null ? "nothing is selected"
+      : "selected: " + Object.entries(state.brush.limits).map(([name, limits]) => `${index.symbols[name]} ${ends(limits)}`).join(", ");
+    drawBoxes();
+  }
+
+  function drawBoxes() {
+    for (const row of range(index.slots)) for (const column of range(row + 1)) {
+      const box = model(`brush-panel-${row}-${column}`), limits = name => state.brush?.limits[name];
+      const x = limits(state.names[column]), y = row === column ? null : limits(state.names[row]);
+      const here = state.brush !== null && Boolean(x || y) && (Object.keys(state.brush.limits).length === 1 || Boolean(x && y));
+      if (!here) { box.visible = false; continue; }
+      const { x_range: across, y_range: up } = model(`panel-${row}-${column}`), within = (value, { start, end }) => Math.min(Math.max(value, start), end);
+      const [left, right] = (x ?? [across.start, across.end]).map(value => within(value, across));
+      const [bottom, top] = (y ?? [up.start, up.end]).map(value => within(value, up));
+      box.setv({ visible: true, left, right, bottom, top });
+    }
+  }
+
+  function redraw() {
+    at("answers").classList.toggle("single", state.b === null);
+    for (const letter of LETTERS) {
+      const found = entry(letter), column = at(`column-${letter}`);
+      column.hidden = found === null;
+      document.querySelector(`fieldset.${letter} .posterior`).hidden = found === null || index.labels.length < 2;
+      column.classList.toggle("alone", state.b === null);
+      drawBadges(letter, found);
+      drawTruth(letter, found);
+      drawAnswers(letter, found);
+      if (found === null) continue;
+      at(`name-${letter}`).textContent = titled(letter, found);
+      const words = found.ends2 === null ? ["This model connects no pairs: it has no curve and no axis."] : [];
+      if (found.reference !== null) words.push(`Quantities and axis are those at ${written(found.reference)} s.`);
+      if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} weaker stimuli with the most trials.`);
+      at(`words-${letter}`).textContent = words.join(" ");
+    }
+    spans();
+    fainted = null;
+    drawContours();
+    drawBelieved();
+    drawKey();
+    drawFooter();
+    follow();
+    layOut();
+  }
+
+  function layOut() {
+    const many = state.names.length, corner = at("corner"), narrow = corner.clientWidth < 420;
+    const side = Math.floor(Math.min((corner.clientWidth - WORDS_LEFT) / many, 330));
+    corner.style.gridTemplateColumns = `${side + WORDS_LEFT - AROUND}px repeat(${many - 1}, ${side}px)`;
+    corner.style.gridTemplateRows = `repeat(${many - 1}, ${side}px) ${side + WORDS_BELOW - AROUND}px`;
+    for (const row of range(index.slots)) for (const column of range(row + 1)) {
+      const cell = at(`cell-${row}-${column}`), inside = row < many;
+      cell.hidden = !inside;
+      if (!inside) continue;
+      cell.style.gridArea = `${row + 1} / ${column + 1}`;
+      const panel = model(`panel-${row}-${column}`), left = column === 0, bottom = row === many - 1;
+      panel.setv({ min_border_left: left ? WORDS_LEFT : AROUND, min_border_bottom: bottom ? WORDS_BELOW : AROUND });
+      panel.below[0].setv({ visible: bottom, axis_label: index.symbols[state.names[column]] });
+      panel.left[0].setv({ visible: left && row > 0, axis_label: index.symbols[state.names[row]] });
+      for (const [axis, slot] of [[panel.below[0], column], [panel.left[0], row]]) axis.ticker.ticks = ticks(...limits(slot), side < 85 ? 2 : 3);
+      if (row > column) {
+        const value = (slot, axis) => [index.symbols[state.names[slot]], `@${axis}{0.000}`];
+        const toward = (column + 0.5) * side + WORDS_LEFT < corner.clientWidth / 2 ? "right" : "left";  // so that the page does not grow
+        model(`hover-panel-${row}-${column}`).setv({ attachment: toward, tooltips: [["", "$name"], value(column, "x"), value(row, "y")] });
+      }
+    }
+    at("key").style.gridArea = many > 2 && !narrow ? `1 / 2 / 2 / ${many + 1}` : `${many + 1} / 1 / auto / ${many + 1}`;
+  }
+
+  // --- What people do ------------------------------------------------------------------------------------------------------------------
+
+  function later() {  // once a frame, however often the mouse moves
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => { waiting = false; follow(); });
+  }
+
+  function brushed(panel, geometry) {
+    const [row, column] = panel.split("-").slice(1).map(Number), pair = (a, b) => [Math.min(a, b), Math.max(a, b)];
+    const limits = { [state.names[column]]: pair(geometry.x0, geometry.x1) };
+    if (row !== column) limits[state.names[row]] = pair(geometry.y0, geometry.y1);
+    state.brush = { limits };
+    later();
+  }
+
+  function reset() {
+    state.brush = null;
+    at("from").value = at("to").value = "";
+    follow();
+  }
+
+  function typed(event) {
+    event.preventDefault();
+    const [from, to] = ["from", "to"].map(id => at(id).value);
+    if (from === "" && to === "") return reset();
+    const low = from === "" ? -Infinity : Number(from), high = to === "" ? Infinity : Number(to);
+    state.brush = { limits: { [at("range-name").value]: [Math.min(low, high), Math.max(low, high)] } };
+    follow();
+  }
+
+  const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+
+  function csv() {  // chain and draw count from 0, as in posterior.nc
+    const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names].join(",")];
+    for (const letter of shown()) {
+      const found = entry(letter);
+      for (const row of rows(found) ?? range(found.rows)) {
+        const place = Math.floor(row * found.of / found.rows);
+        const numbers = names.map(name => found.samples.has(name) ? String(Number(found.samples.get(name)[row].toPrecision(9))) : "");
+        lines.push([letter.toUpperCase(), quoted(found.subject), quoted(found.label), Math.floor(place / found.perChain), place % found.perChain, ...numbers].join(","));
+      }
+    }
+    return lines.join("\n") + "\n";
+  }
+
+  function save() {
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([csv()], { type: "text/csv" })), download: "selection.csv" });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
+  // --- Choices -------------------------------------------------------------------------------------------------------------------------
+
+  const options = (select, values, texts) => select.replaceChildren(...values.map((value, k) => new Option(texts[k], value)));
+
+  function choose(letter) {  // the entry of the subject and the posterior that are chosen, or another one of the subject
+    const subject = at(`subject-${letter}`).value, label = at(`label-${letter}`).value;
+    const found = index.entries.findIndex(one => one.subject === subject && one.label === label);
+    state[letter] = subject === "" ? null : found >= 0 ? found : index.entries.findIndex(one => one.subject === subject);
+    if (state[letter] !== null) at(`label-${letter}`).value = index.entries[state[letter]].label;
+    state.slice = 0;
+    offer();
+    redraw();
+  }
+
+  function offer() {  // quantities, ranges and slices of what is chosen now
+    const known = [...new Set(shown().flatMap(letter => entry(letter).names))];
+    state.names = state.names.filter(name => known.includes(name));
+    if (state.names.length === 0) state.names = first("natural");
+    if (state.brush !== null && !Object.keys(state.brush.limits).every(name => known.includes(name))) state.brush = null;
+    at("boxes").replaceChildren(...known.map(name => {
+      const label = element("label"), box = Object.assign(element("input"), { type: "checkbox", value: name, checked: state.names.includes(name) });
+      label.title = index.meanings[name];
+      box.addEventListener("change", () => toggle(name, box));
+      label.append(box, ` ${index.symbols[name]}`);
+      return label;
+    }));
+    options(at("range-name"), known, known.map(name => index.symbols[name]));
+    const titles = entry("a").slices.map(slice => slice.title);
+    options(at("slice"), titles.map((_, k) => k), titles);
+    at("slice").value = state.slice;
+    at("slices").hidden = titles.length < 2;
+  }
+
+  function first(kind) {
+    const most = at("corner").clientWidth < 420 ? 3 : index.slots;
+    return [...new Set(shown().flatMap(letter => entry(letter)[kind]))].slice(0, most);
+  }
+
+  function toggle(name, box) {
+    const names = box.checked ? [...state.names, name] : state.names.filter(one => one !== name);
+    if (names.length === 0 || names.length > index.slots) {
+      box.checked = !box.checked;
+      at("boxes").title = `between one and ${index.slots} at a time`;
+      return;
+    }
+    const order = [...document.querySelectorAll("#boxes input")].map(one => one.value);
+    state.names = order.filter(one => names.includes(one));
+    redraw();
+  }
+
+  function start(found) {
+    doc = found;
+    const subjects = [...new Set(index.entries.map(one => one.subject))];
+    options(at("subject-a"), subjects, subjects);
+    options(at("subject-b"), ["", ...subjects], ["none", ...subjects]);
+    for (const letter of LETTERS) {
+      options(at(`label-${letter}`), index.labels, index.labels);
+      for (const one of ["subject", "label"]) at(`${one}-${letter}`).addEventListener("change", () => choose(letter));
+    }
+    state.a = index.first[0];
+    state.b = index.first[1];
+    for (const letter of shown()) {
+      at(`subject-${letter}`).value = index.entries[state[letter]].subject;
+      at(`label-${letter}`).value = index.entries[state[letter]].label;
+    }
+    for (const kind of ["natural", "identified"]) at(kind).addEventListener("click", () => { state.names = first(kind); offer(); redraw(); });
+    at("slice").addEventListener("change", () => { state.slice = Number(at("slice").value); redraw(); });
+    at("reset").addEventListener("click", reset);
+    at("save").addEventListener("click", save);
+    at("range").addEventListener("submit", typed);
+    document.addEventListener("keydown", event => { if (event.key === "Escape") reset(); });
+    let wide = 0;
+    new ResizeObserver(() => { if (wide !== at("corner").clientWidth) { wide = at("corner").clientWidth; layOut(); } }).observe(at("corner"));
+    offer();
+    redraw();
+    document.body.dataset.ready = "yes";
+  }
+
+  function begin() {  // once the figures are there
+    if (window.Bokeh?.documents?.length) start(window.Bokeh.documents[0]);
+    else setTimeout(begin, 20);
+  }
+
+  begin();
+  return { brushed, csv, state };
+})();

@@ -1,0 +1,296 @@
+"""One page of posteriors that answers to the mouse and the keyboard: a file that needs no server and no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_toe.data.example import example_truth
+from bayes_toe.data.messages import listed
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.errors import InputError
+from bayes_toe.explorer.entry import Entry, entries_of, in_group, outlined, prior_of, quantiles
+from bayes_toe.explorer.packing import island
+from bayes_toe.explorer.words import meaning, symbol
+from bayes_toe.inference.draws import Draws
+from bayes_toe.plots.corner_content import SPANNED, span, support
+
+if TYPE_CHECKING:
+    from bayes_toe.groups.population import Population
+
+#: Subjects of one page; posteriors of a subject count each.
+MOST_ENTRIES = 200
+#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
+_BYTES, _FEW, _OWN = 20e6, 2e6, 200e3
+_ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows fewer weaker stimuli
+_SLICES = (6, 4, 3, 2, 1)
+_ISLANDS = "<!-- posteriors -->"
+_HIGH = 1150  # pixels in a notebook
+
+Truths = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Explorer:
+    """A page to explore posteriors with: a notebook shows it, and :meth:`save` writes it.
+
+    Attributes
+    ----------
+    html : str
+        The page, whole.
+    """
+
+    html: str
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the page; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        with whole_file(path, overwrite=overwrite) as target:
+            target.write_text(self.html, encoding="utf-8")
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return f"Explorer({len(self.html) / 1e6:.1f} MB; save it with .save('explorer.html'))"
+
+    def _repr_html_(self) -> str:
+        """In a frame of its own, so that the notebook's styles and the page's do not meet."""
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" style="width:100%;height:{_HIGH}px;border:0" title="bayes_toe explorer"></iframe>'
+        )
+
+
+def explore(
+    draws: Draws | Sequence[Draws] | Mapping[str, Draws],
+    *,
+    subjects: Sequence[str] | None = None,
+    truths: Truths | None = None,
+    population: Population | None = None,
+) -> Explorer:
+    """A corner plot that answers back: drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
+
+    Parameters
+    ----------
+    draws : Draws, sequence of Draws, or mapping of str to Draws
+        Of one model or several; a mapping says what they are called, otherwise they are called by their models.
+    subjects : sequence of str, optional
+        Only these.
+    truths : mapping of str to (mapping of str to float), optional
+        Known values of synthetic subjects, by subject; natural parameters are enough. Those of the bundled study are known.
+    population : Population, optional
+        The posterior of the group of these subjects, under the model of some of the draws: a further subject stands behind the draws, and
+        every subject can also be shown as it is in the group.
+
+    Returns
+    -------
+    Explorer
+
+    Raises
+    ------
+    InputError
+        If Bokeh is not installed, there are no draws, an unknown subject is asked for, the population is of another model, or there are
+        more than 200 posteriors of subjects.
+    """
+    require_bokeh()
+    return page(entries(draws, subjects=subjects, truths=truths, population=population), population)
+
+
+def entries(
+    draws: Draws | Sequence[Draws] | Mapping[str, Draws],
+    *,
+    subjects: Sequence[str] | None = None,
+    truths: Truths | None = None,
+    population: Population | None = None,
+) -> list[Entry]:
+    """What the page will hold, with the arguments and errors of :func:`explore`."""
+    named = _named(draws)
+    chosen = _chosen(named, subjects)
+    _require_few(chosen)
+    made: list[Entry] = []
+    for label, one in named.items():
+        made += entries_of(one, label, chosen[label], _truths(one, truths))
+    _require_known(made, {} if truths is None else truths)
+    if population is not None:
+        everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
+        _require_group(population, named, everyone)
+        made += in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
+    return made
+
+
+def page(found: Sequence[Entry], population: Population | None = None, progress: Callable[[str], None] | None = None) -> Explorer:
+    """The page of these entries; progress is told the name of every subject that is done."""
+    rows, most_slices = _affordable(found)
+    islands, priors, told = [], _Priors(), []
+    for place, entry in enumerate(found):
+        islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
+        told.append(_told(entry, priors, population))
+        if progress is not None:
+            progress(entry.target.subject.name)
+    return Explorer(_page([("index", island(_index(found, told, priors, population))), *islands]))
+
+
+def require_bokeh() -> None:
+    """Refuse where Bokeh is not installed."""
+    from importlib.util import find_spec
+
+    if find_spec("bokeh") is None:
+        raise InputError("explore needs Bokeh: pip install 'bayes_toe[explore]'")
+
+
+def _named(draws: Draws | Sequence[Draws] | Mapping[str, Draws]) -> dict[str, Draws]:
+    if isinstance(draws, Draws):
+        return {draws.model: draws}
+    if isinstance(draws, Mapping):
+        found = dict(draws)
+    else:
+        models = [one.model for one in draws]
+        again = [f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else "" for i, name in enumerate(models)]
+        found = {name + more: one for name, more, one in zip(models, again, draws, strict=True)}
+    if not found:
+        raise InputError("explore: found no draws, allowed: those of one model or more")
+    return found
+
+
+def _chosen(named: Mapping[str, Draws], subjects: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
+    """Which subjects of which draws."""
+    if subjects is None:
+        return {label: draws.names for label, draws in named.items()}
+    known = list(dict.fromkeys(name for draws in named.values() for name in draws.names))
+    for name in subjects:
+        if name not in known:
+            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}")
+    return {label: tuple(name for name in dict.fromkeys(subjects) if name in draws.names) for label, draws in named.items()}
+
+
+def _require_few(chosen: Mapping[str, tuple[str, ...]]) -> None:
+    found = sum(map(len, chosen.values()))
+    if found == 0:
+        raise InputError("explore: found no subjects, allowed: at least one")
+    if found > MOST_ENTRIES:
+        what = "subjects" if len(chosen) == 1 else "posteriors of subjects"
+        raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
+
+
+def _require_known(found: Sequence[Entry], truths: Truths) -> None:
+    """Refuse true values of what no model has."""
+    allowed = list(dict.fromkeys(name for entry in found for name in entry.target.names.all))
+    for subject, known in truths.items():
+        for name in known:
+            if name not in allowed:
+                raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
+
+
+def _require_group(group: Population, named: Mapping[str, Draws], subjects: tuple[str, ...]) -> None:
+    """Refuse a population of another model or of others."""
+    models = list(dict.fromkeys(draws.model for draws in named.values()))
+    if group.settings.model not in models:
+        raise InputError(f"the population is of model {group.settings.model!r}, the draws are of {', '.join(map(repr, models))}")
+    if not set(subjects) & set(group.study.names):
+        raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, group.study.names)], 20)}")
+
+
+def _truths(draws: Draws, given: Truths | None) -> Truths:
+    if given is not None:
+        return given
+    return example_truth() if draws.attrs.get("source") == "bundled example (synthetic)" else {}
+
+
+def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
+    """Draws of every entry and weaker stimuli of its curves, so that the page stays one that a browser opens."""
+    room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
+    for most_slices in _SLICES:
+        rows = int(room / (4 * max(entry.values_a_draw(most_slices) for entry in found)))
+        if rows >= _FEWEST:
+            break
+    return min(rows, _ROWS), most_slices
+
+
+class _Priors:
+    """Priors of all entries, each once."""
+
+    def __init__(self) -> None:
+        self.found: list[dict[str, Any]] = []
+        self._places: dict[str, int] = {}
+
+    def place(self, entry: Entry) -> int | None:
+        """Where the prior of an entry stands."""
+        prior = prior_of(entry)
+        if prior is None:
+            return None
+        place = self._places.setdefault(island(prior), len(self.found))
+        if place == len(self.found):
+            self.found.append(prior)
+        return place
+
+
+def _told(entry: Entry, priors: _Priors, group: Population | None) -> dict[str, Any]:
+    name = entry.target.subject.name
+    same = group is not None and entry.target.model.name == group.settings.model and name in group.study.names
+    return {"subject": name, "label": entry.label, "prior": priors.place(entry), "grouped": same}
+
+
+def _index(found: Sequence[Entry], told: list[dict[str, Any]], priors: _Priors, group: Population | None) -> dict[str, Any]:
+    from bayes_toe.explorer.panels import SLOTS
+    from bayes_toe.version import __version__
+
+    names = list(dict.fromkeys(name for entry in found for name in entry.names))
+    return {
+        "entries": told,
+        "labels": list(dict.fromkeys(entry.label for entry in found)),
+        "first": _first(told),
+        "priors": priors.found,
+        "group": None if group is None else _group(group),
+        "symbols": {name: symbol(name) for name in names},
+        "meanings": {name: meaning(name) for name in names},
+        "slots": SLOTS,
+        "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
+    }
+
+
+def _first(told: Sequence[Mapping[str, Any]]) -> tuple[int, int | None]:
+    """What is shown first: the first subject, and itself in another posterior, or the next subject."""
+    others = sorted(range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place))
+    return 0, others[0] if others else None
+
+
+def _group(group: Population) -> dict[str, Any]:
+    """A further subject of the group: draws as contours and quantiles."""
+    target = group.posterior(group.study.names[0])
+    names = target.names.all
+    drawn = group.quantities(group.new_subject())
+    found = {name: drawn[name].ravel() for name in names}
+    samples = np.column_stack(list(found.values()))
+    low, high = np.quantile(samples, SPANNED, axis=0).tolist()
+    spans = [span(a, b, support(target, name)) for name, a, b in zip(names, low, high, strict=True)]
+    return {**quantiles(found), **outlined(samples, spans)}
+
+
+def _page(islands: Sequence[tuple[str, str]]) -> str:
+    """The frame with what it is about."""
+    before, after = _frame().split(_ISLANDS)
+    scripts = (f'<script type="application/json" id="{name}">{content}</script>\n' for name, content in islands)
+    return "".join([before, *scripts, after])
+
+
+@cache
+def _frame() -> str:
+    """The page without its posteriors: the same for all."""
+    from bokeh.embed import file_html
+    from bokeh.resources import INLINE
+
+    from bayes_toe.explorer.panels import corner_names, document
+
+    own = {name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "explorer.js")}
+    variables = {"style": own["page.css"], "script": own["explorer.js"], "islands": _ISLANDS, "corner": corner_names()}
+    return str(file_html(document(), INLINE, "Explore a posterior", template=own["page.html"], template_variables=variables))

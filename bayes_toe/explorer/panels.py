@@ -1,0 +1,204 @@
+"""Panels of the page: empty Bokeh figures under names by which explorer.js finds and fills them.
+
+The corner has :data:`SLOTS` places for quantities, whatever these are: sources and columns are called by place, and a range belongs to a
+place. Draws have a source for every panel, so that those of panels which are not shown cost nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.models import (
+    BasicTicker,
+    BoxAnnotation,
+    BoxSelectTool,
+    ColumnDataSource,
+    CustomJS,
+    FixedTicker,
+    HoverTool,
+    Line,
+    MultiLine,
+    Patches,
+    Range1d,
+    Scatter,
+    Segment,
+    Title,
+    VArea,
+    VSpan,
+)
+from bokeh.plotting import figure
+
+from bayes_toe.explorer.contours import pairs
+from bayes_toe.plots.style import ORDERS
+
+#: Quantities that are shown together.
+SLOTS = 6
+#: The two entries, in other colours than the orders of stimuli have, with their markers and dashes.
+LETTERS = {"a": ("#4B3B8F", "circle", "solid"), "b": ("#00795C", "triangle", "dashed")}
+#: Orders under the names that sources have, with Bokeh's names of markers.
+KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
+#: How the truth of either is marked.
+CROSSES = {"a": "x", "b": "cross"}
+GROUP, PRIOR = "#C9A227", "#8A8A8A"
+#: Pixels around panels; more where explorer.js puts numbers beside them.
+AROUND = 3
+_BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
+_ANSWERS = [("", "$name"), ("first, second", "@s1{0.000}, @s2{0.000}"), ("'equal'", "@k of @n")]
+_BAND = ("x", "all", "kept", "low", "high")
+
+
+def document() -> Document:
+    """All figures; their names are also those of the places where the page embeds them."""
+    sources = _Sources()
+    ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
+    corner = [_distribution(sources, ranges, i) for i in range(SLOTS)]
+    corner += [_cloud(sources, ranges, i, j) for j, i in pairs(SLOTS)]
+    made = Document()
+    with made.models.freeze():  # otherwise all models are collected anew with every root
+        for root in (*corner, *(make(sources, letter) for letter in LETTERS for make in (_curves, _plane))):
+            made.add_root(root)
+    return made
+
+
+def corner_names() -> list[tuple[int, int, str]]:
+    """Rows, columns and names of the figures of the corner."""
+    return [(i, j, f"panel-{i}-{j}") for i in range(SLOTS) for j in range(i + 1)]
+
+
+class _Sources:
+    """Sources by name, each made when it is first asked for, with empty columns."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, ColumnDataSource] = {}
+
+    def named(self, name: str, *columns: str) -> ColumnDataSource:
+        """The source, which has at least these columns."""
+        source = self._made.setdefault(name, ColumnDataSource(name=name))
+        for column in columns:
+            if column not in source.data:
+                source.data[column] = []
+        return source
+
+
+def _plot(name: str, tools: list[Any], **options: Any) -> Any:
+    """A figure that fills its place."""
+    made = figure(
+        name=name,
+        tools=tools,
+        toolbar_location=None,
+        sizing_mode="stretch_both",
+        min_border=AROUND,
+        outline_line_color="#777777",
+        min_width=20,
+        min_height=20,
+        width=120,
+        height=120,
+        **options,
+    )
+    made.grid.grid_line_color = None
+    for axis in made.axis:
+        axis.update(major_label_text_font_size="11px", axis_label_text_font_size="14px", axis_label_text_font_style="normal")
+        axis.update(minor_tick_line_color=None, axis_line_color=None, major_tick_in=0, major_tick_out=4)
+    return made
+
+
+def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any]) -> Any:
+    """A panel of the corner, which can be brushed; axes are switched on where they are wanted."""
+    select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
+    made = _plot(name, [select, *tools], x_range=x, y_range=y)
+    made.toolbar.active_drag = select
+    made.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
+    for axis in made.axis:
+        axis.update(visible=False, ticker=FixedTicker(ticks=[]))
+    style = {"fill_color": "#000000", "fill_alpha": 0.08, "line_color": "#000000", "line_alpha": 0.9, "line_width": 1.5}
+    made.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
+    return made
+
+
+def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
+    """The diagonal: histogram of all draws and of the brushed ones, prior and group; a drag takes an interval."""
+    made = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width", [])
+    x, y = f"x{i}", f"y{i}"
+    made.add_glyph(sources.named("density-group", x, y), VArea(x=x, y1=0, y2=y, fill_color=GROUP, fill_alpha=0.3))
+    for letter, (colour, _, dash) in LETTERS.items():
+        made.add_glyph(sources.named(f"prior-{letter}", x, y), Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash))
+        bars = sources.named(f"bars-{letter}", x, f"all{i}", f"kept{i}")
+        made.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
+        made.add_glyph(bars, Line(x=x, y=f"all{i}", line_color=colour, line_width=1.5, line_dash=dash))
+        truth = sources.named(f"truth-{letter}", f"{i}")
+        made.add_glyph(truth, VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash"))
+    return made
+
+
+def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
+    """Below the diagonal: draws, contours, truth."""
+    name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
+    made = _panel(name, ranges[j], ranges[i], "both", [])
+    group = sources.named(f"contour-group-{i}-{j}", "xs", "ys")
+    made.add_glyph(group, Patches(xs="xs", ys="ys", fill_color=GROUP, fill_alpha=0.18, line_color=None))
+    for letter, (colour, marker, _) in LETTERS.items():
+        faint = Scatter(x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None)
+        made.add_glyph(sources.named(f"all-{letter}-{i}-{j}", "x", "y"), faint)
+    kept = []
+    for letter, (colour, marker, dash) in LETTERS.items():
+        strong = Scatter(x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None)
+        kept.append(made.add_glyph(sources.named(f"kept-{letter}-{i}-{j}", "x", "y", "row"), strong, name=letter.upper()))
+        lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
+        made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7))
+        made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash))
+    for letter, (colour, *_) in LETTERS.items():
+        truth = sources.named(f"truth-{letter}", x, y)
+        for edge, width in (("white", 6), (colour, 3)):
+            made.add_glyph(truth, Scatter(x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width))
+    made.add_tools(HoverTool(name=f"hover-{name}", renderers=kept, limit=1, tooltips=[("", "$name")]))
+    return made
+
+
+def _curves(sources: _Sources, letter: str) -> Any:
+    """P(equal) of both orders over the stronger stimulus, with the answers."""
+    made = _plot(f"curves-{letter}", [], x_range=Range1d(0, 1, name=f"stronger-{letter}"), y_range=Range1d(-0.03, 1.03))
+    made.xaxis.axis_label, made.yaxis.axis_label = "stronger stimulus (ln intensity)", "P(equal)"
+    _small_words(made)
+    points = []
+    for order, (kind, marker) in KINDS.items():
+        colour = ORDERS[order].colour
+        _band(made, sources.named(f"curve-{letter}-{kind}", *_BAND), colour)
+        answers = sources.named(f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "s1", "s2", "k", "n")
+        made.add_glyph(answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5))
+        point = Scatter(x="x", y="estimate", marker=marker, fill_color=colour, line_color="white", size=10 if kind == "equal" else 8)
+        points.append(made.add_glyph(answers, point, name=ORDERS[order].label))
+    made.add_tools(HoverTool(renderers=points, tooltips=_ANSWERS, limit=2))
+    made.add_layout(Title(text="", name=f"curves-title-{letter}", text_font_size="12px", text_font_style="normal", standoff=2), "above")
+    return made
+
+
+def _band(made: Any, source: ColumnDataSource, colour: str) -> None:
+    """A line over all draws, another over the brushed ones, and the band of these."""
+    made.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
+    made.add_glyph(source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted"))
+    made.add_glyph(source, Line(x="x", y="kept", line_color=colour, line_width=2.5))
+
+
+def _plane(sources: _Sources, letter: str) -> Any:
+    """The plane of stimuli: pairs that were presented, filled by how often they were called equal, and the axis of symmetry."""
+    side = Range1d(0, 1, name=f"plane-{letter}-range")
+    made = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
+    made.xaxis.axis_label, made.yaxis.axis_label = "first stimulus (ln intensity)", "second stimulus"
+    _small_words(made)
+    axis = sources.named(f"axis-{letter}", *_BAND)
+    made.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
+    _band(made, axis, LETTERS[letter][0])
+    points = []
+    for order, (kind, marker) in KINDS.items():
+        pairs_of = sources.named(f"pairs-{letter}-{kind}", "s1", "s2", "k", "n", "fill")
+        size = 12 if kind == "equal" else 10
+        point = Scatter(x="s1", y="s2", marker=marker, line_color=ORDERS[order].colour, line_width=2, fill_color="fill", size=size)
+        points.append(made.add_glyph(pairs_of, point, name=ORDERS[order].label))
+    made.add_tools(HoverTool(renderers=points, tooltips=_ANSWERS, limit=2))
+    return made
+
+
+def _small_words(made: Any) -> None:
+    for axis in made.axis:
+        axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))

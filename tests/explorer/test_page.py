@@ -1,0 +1,206 @@
+"""What a page is made of: what it holds of draws, what it refuses, and how it is written."""
+
+import base64
+import json
+import re
+from html import unescape
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commands import inside
+from populations import made_population, ordinary
+
+import bayes_toe as bt
+from bayes_toe.explorer import page as page_module
+from bayes_toe.explorer.contours import contours, frame
+from bayes_toe.explorer.curves import slice_count, slices
+from bayes_toe.explorer.entry import Entry, badges
+from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.explorer.truth import read_truth
+from bayes_toe.inference.predictive_checks import FitSummary
+
+
+def islands(html):
+    found = re.findall(r'<script type="application/json" id="(index|entry-\d+)">(.*?)</script>', html)
+    return {name: json.loads(content) for name, content in found}
+
+
+def numbers(text, kind="<f4"):
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+@pytest.fixture(scope="module")
+def held(explorer):
+    return islands(explorer.html)
+
+
+def test_the_page_asks_nothing_of_the_network(explorer):
+    own = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
+    assert re.findall(r"https?://", own) == []
+
+
+def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
+    first = held["entry-0"]
+    assert (first["subject"], first["names"][0], held["index"]["first"]) == ("A", "mu1", [0, 3])
+    values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
+    theta = analysis.draws.values("A", "gain").ravel()
+    at = np.arange(first["rows"]) * theta.size // first["rows"]
+    np.testing.assert_array_equal(values[first["names"].index("gain")], theta[at].astype(np.float32))
+    np.testing.assert_allclose(first["marked"][first["names"].index("gain")], np.quantile(theta, [0.05, 0.5, 0.95]), rtol=1e-9)
+    summary = analysis.draws.summary().set_index(["subject", "parameter"])["contraction"]
+    ruled = {what for kind, what in first["badges"] if kind == "dominated"}
+    assert {name for name, value in summary["A"].items() if value < 0.5} == ruled & set(summary["A"].index)
+    assert first["truth"]["sigma_p"] == 0.25
+    assert first["truth"]["gain"] == pytest.approx(1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2))
+    assert held["entry-1"]["truth"] == {}
+
+
+def test_a_model_that_lacks_a_true_quantity_says_only_what_it_has(held):
+    symmetric = held["entry-3"]
+    assert symmetric["label"] == "symmetric"
+    assert symmetric["truth"] == {"q0": 0.92}
+
+
+def test_axis_and_curves_agree_with_the_beliefs_of_the_closed_form(held, analysis):
+    first = held["entry-0"]
+    axis = numbers(first["axis"]).reshape(2, first["rows"])
+    theta = analysis.draws.natural("A")
+    at = np.arange(first["rows"]) * theta.mu1.size // first["rows"]
+    mu1, sigma_p, sigma_l, q0 = (values.ravel()[at] for values in theta)
+    for s1, s2 in zip(first["ends"], axis, strict=True):
+        np.testing.assert_allclose(bt.model.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0), q0, atol=1e-6)
+
+
+def test_contours_hold_their_shares():
+    samples = np.random.default_rng(1).normal(size=(40_000, 2)) * [1.0, 0.2]
+    spans = [(-4.0, 4.0), (-0.8, 0.8)]
+    packed = numbers(contours(samples, spans)[0], "<u2").astype(int)
+    inside_of = {}
+    while packed.size:
+        level, count = packed[:2]
+        line = packed[2 : 2 + 2 * count].reshape(-1, 2) / 65535
+        ends = np.array([frame(span) for span in spans])
+        line = ends[:, 0] + line * (ends[:, 1] - ends[:, 0])
+        radius = np.hypot(line[:, 0], line[:, 1] / 0.2)
+        inside_of[int(level)] = 1.0 - np.exp(-0.5 * np.mean(radius**2))
+        packed = packed[2 + 2 * count :]
+    # Smoothed over one bin of a fifth of a standard deviation; 0.02 is several times what 40,000 draws scatter.
+    assert inside_of == {0: pytest.approx(0.5, abs=0.02), 1: pytest.approx(0.9, abs=0.02)}
+
+
+def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
+    one = bt.Subject("S", [0, 0, 0.1, 0.2, 0], [0.2, 0.2, 0.2, 0.2, 0], [1] * 5, [50, 40, 9, 50, 50], isi=[1, 2, 1, 1, 1])
+    found = slices(one, 2)
+    assert [(each.weaker, each.isi, each.orders) for each in found] == [(0.0, 1.0, (-1, 0)), (0.0, 2.0, (-1,))]
+    assert slice_count(one) == 3
+    assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [(0, 0, 1), (0, 0.2, 1), (0.2, 0.2, 1)]
+
+
+def test_free_frequencies_have_no_curve_and_no_axis(small_study):
+    target = bt.posterior_of(small_study["A"], model="free frequencies")
+    x = target.sample(np.random.default_rng(1), 40)[None]
+    made = islands(page([Entry("free", target, x)]).html)["entry-0"]
+    assert made["axis"] is None
+    assert {one["equal"] for one in made["slices"]} == {None}
+    assert made["rows"] == 40
+
+
+def test_badges_say_what_is_wrong_before_what_is_right():
+    def told(missed, p_overall, p_deviance):
+        fit = FitSummary(9.0, 3.0, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+        return badges(SimpleNamespace(fit=lambda name: fit), "A", missed)
+
+    assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (("unconverged", "R-hat of q0 1.2"), ("fine", "no misfit seen, predictive p 0.4"))
+    assert told({}, 0.0, 0.02) == (("fine", "converged"), ("misfit", "predictive p below 0.001, p of the deviance 0.02"))
+    assert told({}, np.nan, np.nan) == (("fine", "converged"),)
+
+
+def test_a_name_cannot_end_the_page(small_study):
+    rude = bt.Subject("</script><b>", *(getattr(small_study["A"], name) for name in ("s1", "s2", "n_equal", "n_trials")))
+    target = bt.posterior_of(rude, model="symmetric")
+    html = page([Entry("symmetric", target, np.zeros((1, 30, 2)) + np.linspace(-1, 0, 30)[:, None])]).html
+    assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"
+    assert "</script><b>" not in html
+
+
+def test_the_group_stands_behind_its_subjects(group, analysis):
+    made = islands(bt.explore(analysis.draws, subjects=["A"], population=group).html)
+    assert [one["label"] for one in made["index"]["entries"]] == ["predictive update", "predictive update, in the group"]
+    assert [one["grouped"] for one in made["index"]["entries"]] == [True, True]
+    assert made["index"]["entries"][1]["prior"] is None
+    place = made["index"]["group"]["names"].index("gain")
+    quantiles = numbers(made["index"]["group"]["quantiles"]).reshape(len(made["index"]["group"]["names"]), -1)[place]
+    drawn = group.quantities(group.new_subject())["gain"]
+    assert quantiles[100] == pytest.approx(np.median(drawn), rel=1e-6)
+    inner = made["entry-1"]
+    eta = group.chains.eta[:, :, 0]
+    np.testing.assert_allclose(inner["marked"][inner["names"].index("gain")][1], np.median(group.quantities(eta)["gain"]), rtol=1e-6)
+
+
+def test_more_posteriors_than_a_page_has_room_for_are_refused_with_the_way_out(analysis):
+    names = tuple(f"S{i}" for i in range(MOST_ENTRIES + 1))
+    with pytest.raises(bt.InputError, match=r"found 201 subjects, allowed: at most 200 in a page; name some with --subject"):
+        entries({"H1": SimpleNamespace(names=names)})
+
+
+def test_what_cannot_be_shown_is_refused(analysis, symmetric, group):
+    with pytest.raises(bt.InputError, match="no subject 'D' among the draws"):
+        bt.explore(analysis.draws, subjects=["D"])
+    with pytest.raises(bt.InputError, match="truths of 'A': unknown quantity 'mu'"):
+        bt.explore(analysis.draws, truths={"A": {"mu": 1.0}})
+    with pytest.raises(bt.InputError, match="population is of model 'predictive update', the draws are of 'symmetric'"):
+        bt.explore(symmetric, population=group)
+    with pytest.raises(bt.InputError, match="population has none of these subjects; it has: 'P000', 'P001'"):
+        bt.explore(analysis.draws, population=made_population(ordinary(2), draws=5))
+    with pytest.raises(bt.InputError, match="found no subjects"):
+        bt.explore(analysis.draws, subjects=[])
+    with pytest.raises(bt.InputError, match="found no draws"):
+        bt.explore([])
+
+
+def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(bt.InputError, match=r"pip install 'bayes_toe\[explore\]'"):
+        bt.explore(analysis.draws)
+
+
+def test_a_lone_subject_has_all_its_curves():
+    s1, s2 = (side.ravel() for side in np.meshgrid(np.arange(5) / 5, np.arange(5) / 5))
+    target = bt.posterior_of(bt.Subject("S", s1, s2, 0 * s1.astype(int) + 3, 0 * s1.astype(int) + 9), model="symmetric")
+    made = islands(page([Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])]).html)["entry-0"]
+    assert (len(made["slices"]), made["undrawn"], made["rows"]) == (4, 0, 1000)
+
+
+def test_many_posteriors_have_fewer_draws_and_the_page_stays_small(small_study, monkeypatch):
+    monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
+    target = bt.posterior_of(small_study["A"], model="symmetric")
+    some = [Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])] * 3
+    made = islands(page(some).html)
+    assert 300 <= made["entry-0"]["rows"] < 1000
+    assert len(made["entry-0"]["values"]) + len(made["entry-0"]["slices"][0]["equal"]) < 100e3 * 4 / 3
+
+
+def test_a_notebook_shows_the_page_itself(explorer):
+    shown = explorer._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    assert unescape(shown.split('"')[1]) == explorer.html
+
+
+def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
+    symmetric.save(tmp_path / "posterior.nc")
+    (tmp_path / "truth.csv").write_text("subject,q0,width\nA,0.9,0.3\n", encoding="utf-8")
+    done = inside("explore", "posterior.nc", "-o", "a.html", "--truth", "truth.csv", "--subject", "A", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "explorer in a.html" in done.stdout
+    assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {"q0": 0.9, "width": 0.3}
+    again = inside("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "a.html: exists" in again.stderr
+
+
+def test_a_truth_without_a_quantity_is_refused(tmp_path):
+    path = tmp_path / "truth.csv"
+    path.write_text("subject,mu\nA,1\n", encoding="utf-8")
+    with pytest.raises(bt.InputError, match="no quantity among the columns, allowed: mu1, sigma_p"):
+        read_truth(path)
