@@ -47,6 +47,14 @@ LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "s
 
 Store = Annotated[str, typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
+InTheirPlace = Annotated[
+    Path | None,
+    typer.Option(
+        "--posterior",
+        metavar="RESULTS/posterior.nc",
+        help="Draws that run or sample wrote: their study, prior and seed, and no chain is run again. STUDY.csv may be left out.",
+    ),
+]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]
 
 
@@ -85,6 +93,15 @@ class StudyFileOrExample:
         columns = {} if self.columns is None else parse_columns(self.columns)
         options = ReadOptions(intensity=self.intensity, equal_code=self.equal_code, different_code=self.different_code, columns=columns)
         return read_study(self.file, options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFileOrSaved(StudyFileOrExample):
+    """The same where saved draws may stand in the place of the file."""
+
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts, CSV or .parquet; not needed with --posterior.")
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

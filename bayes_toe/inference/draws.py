@@ -100,6 +100,12 @@ class Draws:
             )
         return Prior(**{"offset_sd": 1.0, "reference_interval": 1.0 if self.intervals else None, **values})  # as before these could be said
 
+    @property
+    def sampler(self) -> SamplerSettings:
+        """The settings that these draws were made with."""
+        stored, known = json.loads(self.tree.attrs["settings"])["sampler"], {one.name for one in fields(SamplerSettings)}
+        return SamplerSettings(**{name: value for name, value in stored.items() if name in known})
+
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
         return model_named(self.model).describe(self.prior)
@@ -145,6 +151,12 @@ class Draws:
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
+
+    @property
+    def study(self) -> Study:
+        """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
+        notes = tuple(line for line in str(self.tree.attrs.get("notes", "")).split("\n") if line)
+        return Study(tuple(map(self.subject, self.names)), str(self.tree.attrs["source"]), self.synthetic, notes)
 
     def subject(self, name: str) -> Subject:
         """The counts behind one subject's draws."""

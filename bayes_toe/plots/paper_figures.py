@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.analysis import Analysis
+from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
+from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes
@@ -25,7 +26,7 @@ from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
 from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
 from bayes_toe.plots.subject import central, examples_figure
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,24 +50,27 @@ class Material:
     subjects: tuple[str, ...]
 
 
-def material_of(analysis: Analysis, subjects: Sequence[str] | None = None) -> Material:
-    """What the figures need of an analysis.
+def material_of(analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, workers: Workers = None) -> Material:
+    """What the figures need of an analysis, or of saved draws: Appendix C's evidence is then computed, and nothing sampled.
 
     Parameters
     ----------
-    analysis : Analysis
+    analysis : Analysis or Draws
     subjects : sequence of str, optional
         Shown in the figures of single subjects; by default those of :func:`representative`.
 
     Raises
     ------
     InputError
-        For an unknown or repeated subject, or none at all; for a study with intervals (column isi).
+        For an unknown or repeated subject, or none at all; for a study with intervals (column isi); for draws of another model.
     """
-    refuse_intervals(analysis.study, "the paper's figures")
-    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-    chosen = representative(table) if subjects is None else require_subjects(subjects, analysis.study.names)
-    return Material(without_pointwise(analysis.draws), analysis.evidence, table, chosen)
+    draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
+    require_update(draws, "the paper's figures")
+    refuse_intervals(study, "the paper's figures")
+    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
+    chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
+    evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
+    return Material(without_pointwise(draws), evidence, table, chosen)
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -183,13 +187,13 @@ def left_out(material: Material) -> dict[str, str]:
     return {"figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"}
 
 
-def figures(analysis: Analysis, subjects: Sequence[str] | None = None) -> dict[str, Figure]:
+def figures(analysis: Analysis | Draws, subjects: Sequence[str] | None = None) -> dict[str, Figure]:
     """The paper's figures of an analysed study, by file name.
 
     Parameters
     ----------
-    analysis : Analysis
-        From :func:`bayes_toe.run`.
+    analysis : Analysis or Draws
+        From :func:`bayes_toe.run`, or draws that it saved, from :func:`bayes_toe.load`: nothing is sampled again.
     subjects : sequence of str, optional
         Shown in Figs. 3 and 5, the first one in Fig. 2; by default three in the paper's roles, see :func:`representative`.
 
@@ -222,7 +226,7 @@ def products(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def write_figures(
-    analysis: Analysis,
+    analysis: Analysis | Draws,
     folder: str | Path,
     *,
     subjects: Sequence[str] | None = None,
@@ -235,7 +239,8 @@ def write_figures(
 
     Parameters
     ----------
-    analysis : Analysis
+    analysis : Analysis or Draws
+        As in :func:`figures`.
     folder : path
         Made where it is missing; other files in it are left alone.
     subjects : sequence of str, optional
@@ -256,7 +261,7 @@ def write_figures(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    names, material = products(formats), material_of(analysis, subjects)
+    names, material = products(formats), material_of(analysis, subjects, workers=workers)
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
     required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))

@@ -233,6 +233,32 @@ def test_figures_of_chosen_subjects_in_one_format(folder):
     assert "overwrite" in again.stderr
 
 
+def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch):
+    monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
+    posterior = ("--posterior", results[0] / "posterior.nc", "--workers", "1")
+    done = inside("figures", "study.csv", *posterior, "-o", "saved", "--format", "svg", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "seed 1; figures and captions" in done.stdout
+    done = inside("sensitivity", *posterior, "-o", "saved.csv", "--steps", "3", "--reach", "1.5", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "saved.csv").query("varied == 'mu1_sd' and value == 10.0").log_bayes_factor
+    np.testing.assert_allclose(table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01)  # as `evidence` has it
+
+
+def test_draws_of_something_else_are_refused_in_one_line(results, folder, small_study):
+    grouped_csv(folder / "c.csv", small_study)
+    (folder / "wide.toml").write_text("mu1_sd = 20.0\n", encoding="utf-8")
+    for command, given, said in [
+        ("figures", ("c.csv",), "found no draws of subject 'C'; allowed: the posterior of c.csv"),
+        ("sensitivity", ("--prior", "wide.toml"), "found draws under mu1 ~ Normal(0, 10)"),
+        ("figures", ("--seed", "2"), "found draws of seed 1, allowed: that seed, or none, given 2"),
+    ]:
+        done = inside(command, *given, "--posterior", results[0] / "posterior.nc", "-o", "none.csv", cwd=folder)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert said in done.stderr
+    assert "STUDY.csv: missing" in inside("sensitivity", "-o", "none.csv", cwd=folder).stderr
+
+
 @pytest.mark.parametrize(
     ("option", "said"), [(("--subject", "Z"), "no subject 'Z'"), (("--format", "gif"), "allowed: pdf, png, svg")], ids=["subject", "format"]
 )
