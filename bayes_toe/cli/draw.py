@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import summaries
-from bayes_toe.cli.options import InTheirPlace, OneSubject, SavedDraws, StudyFileOrExample, writes
+from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, writes
 from bayes_toe.cli.saved import saved_draws
 from bayes_toe.cli.task import SamplingTask, SharedTask, leave_unless_whole
 
@@ -64,24 +64,41 @@ def _sampled(study: StudyFileOrExample, subjects: list[str] | None, task: Sampli
 def corner(
     *,
     posterior: SavedDraws,
-    output: Annotated[Path, writes("DIR", "Folder for one PNG a subject.")] = Path("corner"),
-    subject: OneSubject = None,
-    coordinates: Annotated[str, typer.Option("--coordinates", help="natural or identified.")] = "natural",
+    output: Annotated[Path, writes("DIR", "Folder for the pictures, one a subject.")] = Path("corner"),
+    subject: Annotated[
+        list[str] | None, typer.Option("--subject", help="Only this subject; repeated, two to four subjects in one picture.")
+    ] = None,
+    parameters: Annotated[
+        str | None, typer.Option("--parameters", metavar="gain,mu1", help="Any quantities of the model, natural or identified.")
+    ] = None,
+    coordinates: Annotated[str | None, typer.Option("--coordinates", help="natural (default) or identified.")] = None,
+    show_prior: Annotated[bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")] = False,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="Known values: columns subject and mu1, gain, ..., marked.")
+    ] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png.")] = None,
     task: SharedTask,
 ) -> None:
-    """Corner plots of saved draws, one PNG a subject.
+    """Corner plots of saved draws, one a subject, or several subjects in one.
 
-    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
+    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
     """
-    from bayes_toe.cli.results_folder import corner_files, draw_corners
+    from bayes_toe.cli.corner_folder import Look, coordinates_of, corner_pictures, draw_corners, read_truth
     from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.inference.draws import load
+    from bayes_toe.plots.figure_files import require_formats
 
+    chosen_formats = require_formats(["png"] if formats is None else formats)
     loaded = load(posterior)
-    chosen = loaded.names if subject is None else (loaded.select(subject).names[0],)
-    files = corner_files(loaded, chosen)
-    task.require_folder(output, list(files.values()))
-    made = whole_folder(output, list(files.values()), required=list(files.values()), overwrite=task.overwrite)
-    with made as target, task.progress("drawing", len(chosen)) as tick:
-        draw_corners(posterior, files, target, coordinates=coordinates, workers=task.workers, progress=tick)
-    task.say_written(f"{len(files)} corner plot{'' if len(files) == 1 else 's'} in", output)
+    chosen = loaded.names if subject is None else tuple(subject)
+    for name in chosen if subject else ():
+        loaded.subject(name)  # refuses who is not there
+    known = {} if truth is None else read_truth(truth, loaded, chosen)
+    look = Look(coordinates_of(coordinates, parameters, loaded), show_prior, known, chosen_formats)
+    pictures = corner_pictures(loaded, chosen, together=subject is not None and len(chosen) > 1)
+    files = [f"{stem}.{suffix}" for stem in pictures.values() for suffix in chosen_formats]
+    task.require_folder(output, files)
+    made = whole_folder(output, files, required=files, overwrite=task.overwrite)
+    with made as target, task.progress("drawing", len(pictures)) as tick:
+        draw_corners(posterior, pictures, target, look=look, workers=task.workers, progress=tick)
+    task.say_written(f"{len(pictures)} corner plot{'' if len(pictures) == 1 else 's'} in", output)

@@ -21,7 +21,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes
 from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
-from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
 from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-FORMATS = ("pdf", "png", "svg")
 CAPTIONS = "captions.md"
 #: How many subjects the figures of single subjects show, where none are chosen.
 _EXAMPLES = 3
@@ -219,10 +218,7 @@ def products(formats: Sequence[str]) -> tuple[str, ...]:
     >>> products(["pdf"])[0]
     'figure_1c_asymmetry.pdf'
     """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}" if unknown else f"formats: allowed: {', '.join(FORMATS)}")
-    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in dict.fromkeys(formats)), CAPTIONS)
+    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)), CAPTIONS)
 
 
 def write_figures(

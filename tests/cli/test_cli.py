@@ -107,6 +107,37 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     assert not (folder / "two").exists()
 
 
+def test_corner_of_two_subjects_with_prior_and_truth_in_any_quantities(folder, results):
+    (folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n", encoding="utf-8")
+    posterior = results[0] / "posterior.nc"
+    asked = ("--subject", "B", "--subject", "A", "--parameters", "gain, offset", "--show-prior", "--truth", "truth.csv")
+    done = inside("corner", posterior, "-o", "both", *asked, "--format", "svg", "--format", "pdf", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1 corner plot in both" in done.stdout
+    assert {p.name for p in (folder / "both").iterdir() if not p.name.startswith(".")} == {"B+A.svg", "B+A.pdf"}
+    words = (folder / "both" / "B+A.svg").read_text(encoding="utf-8")
+    assert all(said in words for said in ("B (solid)", "A (dashed)", "grey: prior", "squares, triangles: true values", "offset"))
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--parameters", "gain,mu_1"), "found 'mu_1', allowed: each once, of mu1, sigma_p"),
+        (("--parameters", "gain,gain"), "found 'gain', allowed: each once"),
+        (("--parameters", "gain", "--coordinates", "natural"), "allowed: one of them"),
+        (("--format", "gif"), "format 'gif': allowed: pdf, png, svg"),
+        (("--subject", "A", "--subject", "Z"), "no subject 'Z'"),
+        (("--truth", "study.csv"), "row 1: found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1"),
+    ],
+    ids=lambda value: "-".join(value).replace("--", "") if isinstance(value, tuple) else "",
+)
+def test_corner_refuses_in_one_line(folder, results, option, said):
+    done = inside("corner", results[0] / "posterior.nc", "-o", "none", *option, cwd=folder)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    assert not (folder / "none").exists()
+
+
 @pytest.fixture(scope="module")
 def bent(folder, small_study):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
