@@ -25,6 +25,7 @@ def figures(
         typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
     ] = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
+    mass: Annotated[float, typer.Option("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
     posterior: InTheirPlace = None,
     task: SamplingTask,
 ) -> None:
@@ -32,16 +33,20 @@ def figures(
 
     [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
     """
+    from bayes_toe.classical.ellipse import require_mass
     from bayes_toe.inference.draws import Draws
     from bayes_toe.plots.paper_figures import FIGURES, products, write_figures
 
+    require_mass(mass)
     chosen = ["pdf", "png"] if formats is None else formats
     task.require_folder(output, products(chosen))
     found = _sampled(study, subject, task) if posterior is None else saved_draws(posterior, study, task)
     draws = found if isinstance(found, Draws) else found.draws
     summaries.say_draws(task.console, draws)
     with task.progress("drawing", len(FIGURES)) as tick:
-        write_figures(found, output, subjects=subject, formats=chosen, overwrite=task.overwrite, workers=task.processes, progress=tick)
+        write_figures(
+            found, output, subjects=subject, formats=chosen, mass=mass, overwrite=task.overwrite, workers=task.processes, progress=tick
+        )
     task.say_written("figures and captions in", output, seed=draws.seed)
     leave_unless_whole(task, draws.failed, draws.not_converged)
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
+from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.sorted import MOST_NAMED
@@ -53,7 +53,7 @@ def map_axes(
     sigma_l: Mapping[str, float] | None = None,
     stimuli: npt.ArrayLike | None = None,
     names: Mapping[str, str] | None = None,
-    mass: float = 0.2,
+    mass: float = MASS,
 ) -> Axes:
     """Ellipses of (mu_1, sigma_p), one a subject, each holding `mass` of its points around where they are densest. Source: Fig. 4.
 
@@ -91,6 +91,8 @@ def map_axes(
         _draw_subject(ax, found[name], centres[name], colours[name], weight)
     ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
+    if any(one is not None for one in found.values()):
+        ax.set_title(f"ellipses: {100.0 * mass:.3g} % of the draws each", fontsize=SMALL, loc="left")
     labels = {name: plain(name, 12) for name in _named(centres)} if names is None else dict(names)
     with any_characters():
         _write_names(ax, centres, labels)
@@ -109,8 +111,10 @@ def _named(centres: Mapping[str, FloatArray]) -> list[str]:
     return [known[i] for i in farthest([float(centres[name][0]) for name in known], MOST_INSETS)]
 
 
-def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None) -> Figure:
+def map_figure(draws: Draws, *, mass: float = MASS, clouds: Clouds | None = None) -> Figure:
     """Map of all subjects of a study, and the answers of up to eight beside it: those whose prior means lie farthest out.
+
+    Letters go up with the prior mean, and are the same in map and panels.
 
     Parameters
     ----------
@@ -122,8 +126,11 @@ def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None)
     """
     middle = {name: central(draws, name) for name in draws.names}
     chosen = farthest([float(middle[name].mu1) for name in draws.names], MOST_INSETS)
-    letters = {draws.names[i]: "ABCDEFGH"[rank] for rank, i in enumerate(chosen)}
-    names = {name: f"{letters[name]}: {plain(name, 12)}" if name in letters else plain(name, 12) for name in draws.names}
+    some = range(len(draws.names)) if len(draws.names) <= MOST_NAMED else chosen
+    order = sorted(some, key=lambda i: float(middle[draws.names[i]].mu1))
+    every = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
+    letters = {draws.names[i]: every[draws.names[i]] for i in chosen}
+    names = {name: f"{every[name]}: {plain(name, 12)}" if name in every else plain(name, 12) for name in draws.names}
     figure = new_figure(PAGE, 4.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
     _draw_insets(figure, grid[1], draws, letters)
@@ -131,12 +138,17 @@ def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None)
     return figure
 
 
+def _letter(rank: int) -> str:
+    """A to Z, then AA, AB and so on."""
+    return (_letter(rank // 26 - 1) if rank > 25 else "") + chr(ord("A") + rank % 26)
+
+
 def study_map_axes(
     draws: Draws,
     ax: Axes | None = None,
     *,
     names: Mapping[str, str] | None = None,
-    mass: float = 0.2,
+    mass: float = MASS,
     clouds: Clouds | None = None,
 ) -> Axes:
     """The panel :func:`map_axes` of all subjects of a study: likelihood noise at the medians of the identified coordinates.
