@@ -16,6 +16,7 @@ from bayes_toe.classical.bootstrap import bootstrap_evidence, evidence_by_bootst
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
+from bayes_toe.data.notebook import as_html
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.belonging import require_update
@@ -39,7 +40,7 @@ Result = TypeVar("Result")
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
     """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits.
 
@@ -53,6 +54,12 @@ class Analysis:
     fits: FitTable
     presets: tuple[UnderPresets, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Analysis of {self.study!r}: draws, evidence, fits, summary()>"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self)[1:-1], self.evidence.frame())
 
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""

@@ -23,6 +23,7 @@ from bayes_toe.data.cells import (
     Cells,
     Column,
     Fault,
+    Frame,
     Header,
     fault_in,
     number,
@@ -45,8 +46,8 @@ _EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _SWITCH = re.compile(r"([01])[.,]0*")
 
 
-def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
-    r"""The study in a CSV file of trials or of counts; the header tells which.
+def read_study(path: str | Path | Frame, options: ReadOptions | None = None) -> Study:
+    r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
     ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
@@ -55,9 +56,9 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path, pandas.DataFrame or polars.DataFrame
         Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
-        the extra `parquet`): the same columns, of text or numbers; its rows count from 1.
+        the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Rows of a frame count from 0.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -98,7 +99,7 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
     for ours in COLUMNS:
         count = header.names.count(named[ours])
         if count == 0 and (ours in needed or ours in options.columns):
-            lines.append(_missing(header.names, named, ours))
+            lines.append(_missing(header, named, ours))
         elif count > 1 and ours in needed:
             lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
     places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
@@ -131,15 +132,21 @@ def _conflict(named: Mapping[str, str], needed: Sequence[str]) -> list[str]:
     return [f"column {response}: found together with {' and '.join(counts)}, allowed: {allowed}"]
 
 
-def _missing(names: Sequence[str], named: Mapping[str, str], ours: str) -> str:
+def _missing(header: Header, named: Mapping[str, str], ours: str) -> str:
     """What is said about a column that the header lacks, with the way out that fits."""
-    found = listed([quoted(name) for name in names])
+    names, found = header.names, listed([quoted(name) for name in header.names])
     theirs = next((bare(name) for name in names if name not in named.values() and looks_like(name, ours)), "NAME")
-    hint = f"a column of this name, or --columns {ours}={theirs}"
+    hint = "a column of this name, or " + (
+        f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if header.python else f"--columns {ours}={theirs}"
+    )
     if ours in ("s1", "s2") and any(named[other] in names for other in ("i1", "i2")):
-        hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need --intensity REF"
+        hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need " + (
+            "ReadOptions(intensity=REF)" if header.python else "--intensity REF"
+        )
     if ours in ("i1", "i2") and any(named[other] in names for other in ("s1", "s2")):
-        hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without --intensity"
+        hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without " + (
+            "intensity" if header.python else "--intensity"
+        )
     if ours == "response":
         hint += f"; or counts in {bare(named['n_equal'])} and {bare(named['n_trials'])}"
     return f"column {bare(named[ours])}: missing, found {found}, allowed: {hint}"
@@ -241,17 +248,18 @@ def _answer(text: str, options: ReadOptions) -> int:
     return _DIFFERENT if word in _DIFFERENT_WORDS and options.different_code is None else _UNKNOWN
 
 
-def _allowed_answers(options: ReadOptions) -> str:
+def _allowed_answers(options: ReadOptions, header: Header) -> str:
     equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
     different = "different, 0" if options.different_code is None else quoted(options.different_code)
-    return f"{equal} (equal) or {different} (different), or empty; other codes by --equal-code, --different-code"
+    codes = "ReadOptions(equal_code=..., different_code=...)" if header.python else "--equal-code, --different-code"
+    return f"{equal} (equal) or {different} (different), or empty; other codes by {codes}"
 
 
 def _trial_study(cells: Cells, options: ReadOptions) -> Study:
     pairs, response = _pairs(cells, options), cells.columns["response"]
     answer = response.spread([_answer(text, options) for text in response.texts], np.int64)
     asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
-    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options))
+    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options, cells.header))
     refuse(cells.header.source, [cells.fault, *_pair_faults(cells, pairs, asked, options), unknown])
     _require_answers(cells, asked)
     notes = [
