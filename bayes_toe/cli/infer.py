@@ -51,7 +51,7 @@ def run(
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
-    drawn = Drawn(pictures, example_truth() if study.file is None else {})
+    drawn = Drawn(pictures, {} if study.files else example_truth())
     copies = task.copies_for(draws_in(output, store))
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
@@ -242,7 +242,7 @@ def _study_and_prior(study: StudyFileOrSaved, posterior: Path | None, task: Mode
     if posterior is not None:
         draws = saved_draws(posterior, study, task)
         return draws.study, draws.prior, draws.seed
-    if study.file is None:
+    if not study.files:
         raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
     return (*task.opened(study), task.seed)
 

@@ -28,7 +28,7 @@ def saved_draws(posterior: Path, study: StudyFileOrExample, task: ModelTask) -> 
     from bayes_toe.model.study_prior import prior_for
 
     given = None if task.prior is None else preset_or_file(task.prior)
-    draws, read = load(posterior), None if study.file is None else study.read()
+    draws, read = load(posterior), study.read() if study.files else None
     prior = None if given is None else prior_for(draws.study, given)
     require_belonging(draws, shown(posterior), study=read, prior=prior, seed=task.seed, model=PREDICTIVE_UPDATE.name)
     task.introduce(draws.study, draws.prior)

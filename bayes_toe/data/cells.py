@@ -184,7 +184,7 @@ class Header:
     @property
     def place(self) -> str:
         """What messages call it."""
-        return f"row {self.row}" if self.delimiter else "columns" if self.python else "schema"
+        return f"row {self.row}" if self.delimiter else {"Parquet": "schema", "MATLAB": "variables"}.get(self.encoding, "columns")
 
 
 def read_header(path: str | Path | Frame, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, Any]:
@@ -206,12 +206,15 @@ def read_header(path: str | Path | Frame, names: frozenset[str], largest: int = 
         raise InputError(f"found {quoted(type(path).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame")
     path = Path(path)
     source = bare(path.name)
+    from bayes_toe.data.matlab import is_matlab, matlab_header
     from bayes_toe.data.parquet import is_parquet, parquet_header, require_parquet
 
     require_parquet(path)
     data = _bytes(path, largest)
     if is_parquet(path):
         return parquet_header(source, data, largest)
+    if is_matlab(path):
+        return matlab_header(source, data)
     text, encoding = _decode(source, data)
     delimiter = _delimiter(text, names)
     row, cells = next(_records(text, delimiter), (0, None))
@@ -245,6 +248,11 @@ class Column:
         """One value per row, from one value per distinct text."""
         array: npt.NDArray[Any] = np.array(values, dtype)[self.codes]
         return array
+
+    def only(self, rows: BoolArray) -> Column:
+        """The column of these rows, without the texts that only others have."""
+        codes, places = np.unique(self.codes[rows], return_inverse=True)
+        return Column(self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64))
 
     def text(self, index: int) -> str:
         """The text of one row."""
@@ -296,9 +304,9 @@ def read_cells(header: Header, text: Any, places: Mapping[str, int], problems: S
     InputError
         Where the header has problems: they and the rows that cannot be split. Where there is no row below the header.
     """
-    if header.python:
-        from bayes_toe.data.frames import frame_cells
+    from bayes_toe.data.frames import frame_cells, is_frame
 
+    if is_frame(text):
         return frame_cells(header, text, places, problems)
     if not isinstance(text, str):
         from bayes_toe.data.parquet import parquet_cells

@@ -57,10 +57,10 @@ def frame_cells(header: Header, frame: Any, places: Mapping[str, int], problems:
         raise InputError(f"{header.source}: found no row, allowed: at least one")
     columns, faults = {}, []
     for name, place in places.items():
-        columns[name], fault = _column(header.names[place], _values(frame, place))
+        columns[name], fault = _column(header.names[place], _values(frame, place), header.row)
         faults.append(fault)
     refuse(header.source, faults)
-    return with_zeros(Cells(header, columns, np.arange(len(frame)), Fault(0, ())))
+    return with_zeros(Cells(header, columns, header.row + np.arange(len(frame)), Fault(0, ())))
 
 
 def _values(frame: Any, place: int) -> list[object]:
@@ -69,11 +69,11 @@ def _values(frame: Any, place: int) -> list[object]:
     return found
 
 
-def _column(name: str, values: Iterable[object]) -> tuple[Column, Fault]:
+def _column(name: str, values: Iterable[object], first: int) -> tuple[Column, Fault]:
     """Distinct texts in the order of appearance and their places; and the first value that has no text."""
     seen: dict[str, int] = {}
     codes, wrong = [], list[tuple[int, object]]()
-    for row, value in enumerate(values):
+    for row, value in enumerate(values, first):
         text = _text(value)
         if text is None:
             wrong.append((row, value))

@@ -34,7 +34,8 @@ from bayes_toe.data.cells import (
 )
 from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted
-from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like
+from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like, subject_in
+from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, distinct_intervals, said_intervals, subjects_of_rows
 from bayes_toe.errors import InputError
 
@@ -46,7 +47,7 @@ _EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _SWITCH = re.compile(r"([01])[.,]0*")
 
 
-def read_study(path: str | Path | Frame, options: ReadOptions | None = None) -> Study:
+def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
     r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
@@ -58,7 +59,9 @@ def read_study(path: str | Path | Frame, options: ReadOptions | None = None) -> 
     ----------
     path : str, Path, pandas.DataFrame or polars.DataFrame
         Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
-        the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Rows of a frame count from 0.
+        the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
+        :mod:`bayes_toe.data.matlab`. Rows of a frame count from 0. Several files or frames in a list make one study, see
+        :mod:`bayes_toe.data.several_files`.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -83,8 +86,14 @@ def read_study(path: str | Path | Frame, options: ReadOptions | None = None) -> 
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
+    if isinstance(path, list | tuple):
+        return read_together(path, lambda one: read_study(one, options))
     header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS), LARGEST_STUDY)
-    cells = read_cells(header, text, *_places(header, options))
+    places, problems = _places(header, options)
+    subject = _subject_of_file(header, path, options)
+    cells = _rows_asked_for(read_cells(header, text, places, problems), options)
+    if subject is not None:
+        cells.columns["subject"] = Column("subject", [subject], np.zeros(len(cells.rows), np.int64))
     return _trial_study(cells, options) if "response" in cells.columns else _count_study(cells, options)
 
 
@@ -95,7 +104,11 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
     """Where each column that we read is, and what is wrong with the header."""
     named = {ours: options.columns.get(ours, ours) for ours in COLUMNS}
     needed = _needed(header.names, named, options)
-    lines = [*_conflict(named, needed), *_read_twice(named, needed)]
+    lines = [*_conflict(named, needed), *_read_twice(named, needed), *_where_problems(header, options)]
+    if options.subject_from is not None:
+        needed.remove("subject")
+        if named["subject"] in header.names:
+            lines.append(f"column {bare(named['subject'])}: found together with --subject-from, allowed: one of them")
     for ours in COLUMNS:
         count = header.names.count(named[ours])
         if count == 0 and (ours in needed or ours in options.columns):
@@ -104,7 +117,55 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
             lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
     places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
     marked = {_SYNTHETIC: header.names.index(_SYNTHETIC)} if _SYNTHETIC in header.names else {}
-    return places | marked, [f"{header.place}, {line}" for line in lines]
+    asked = {_asked(name): header.names.index(name) for name in options.where if name in header.names}
+    return places | marked | asked, [f"{header.place}, {line}" for line in lines]
+
+
+def _where_problems(header: Header, options: ReadOptions) -> list[str]:
+    found, missing = listed([quoted(name) for name in header.names]), [name for name in options.where if header.names.count(name) != 1]
+    return [f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these" for name in missing]
+
+
+def _asked(name: str) -> str:
+    """The key of a column by which rows are chosen; no column of ours has such a name."""
+    return f"where {name}"
+
+
+def _subject_of_file(header: Header, path: object, options: ReadOptions) -> str | None:
+    """The subject where the name of the file tells it; None where a column does."""
+    if options.subject_from is None:
+        return None
+    found = None if header.python else subject_in(Path(str(path)), options.subject_from)
+    if found is None:
+        raise InputError(f"{header.source}: found no subject in its name, allowed: a file named as --subject-from {options.subject_from}")
+    return found
+
+
+def _rows_asked_for(cells: Cells, options: ReadOptions) -> Cells:
+    """The rows that are to be read; all but them are left out before anything is checked.
+
+    Raises
+    ------
+    InputError
+        Where a column has the text that is asked for in no row.
+    """
+    kept = np.ones(len(cells.rows), np.bool_)
+    columns = dict(cells.columns)
+    for name, text in options.where.items():
+        column = columns.pop(_asked(name))
+        if text not in column.texts:
+            found = listed([*map(quoted, column.texts)])
+            raise InputError(
+                f"{cells.header.source}: column {bare(name)}: found {found}, allowed: {quoted(text)}, as --where has it, in some row"
+            )
+        kept &= column.spread([one == text for one in column.texts], np.bool_)
+    if options.where and not kept.any():
+        raise InputError(f"{cells.header.source}: found no row that is as --where has it in all of {', '.join(options.where)}")
+    return (
+        cells
+        if not options.where
+        else Cells(cells.header, {ours: one.only(kept) for ours, one in columns.items()}, cells.rows[kept], cells.fault)
+    )
 
 
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
@@ -147,6 +208,8 @@ def _missing(header: Header, named: Mapping[str, str], ours: str) -> str:
         hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without " + (
             "intensity" if header.python else "--intensity"
         )
+    if ours == "subject" and theirs == "NAME" and not header.python:
+        hint += "; or --subject-from '{}.csv', where the name of the file tells it"
     if ours == "response":
         hint += f"; or counts in {bare(named['n_equal'])} and {bare(named['n_trials'])}"
     return f"column {bare(named[ours])}: missing, found {found}, allowed: {hint}"
@@ -368,7 +431,8 @@ def _side_note(response: Column, answer: IntArray, value: int, word: str) -> str
 
 
 def _layout_notes(pairs: _Pairs, options: ReadOptions) -> list[str]:
-    notes = [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+    notes = [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
+    notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
     if options.intensity is None:
         return notes
     names = [bare(column.name) for column in (pairs.first, pairs.second)]
