@@ -47,6 +47,7 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
+    from bayes_toe.cli.headline import in_short
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
@@ -72,6 +73,7 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
+    terminal.say(task.console, f"[bold]in short[/bold]: {in_short(analysis.evidence, synthetic=read.synthetic)}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
 

@@ -51,6 +51,8 @@ def test_run_writes_everything(results):
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     assert "seed 1" in printed
     assert "grouped rows, comma-separated" in printed
+    said = "in short: 2 of 2 subjects have an order effect (counted where evidence is at least positive: P above 0.73 against each rival)"
+    assert printed.splitlines()[-1] == f"{said}; H1 describes the answers of all"
     assert not re.search(r"\d+%", printed)  # no progress bar where nobody looks
 
 
