@@ -26,6 +26,9 @@ def figures(
     ] = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
     mass: Annotated[float, typer.Option("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="True values, columns subject, mu1, sigma_p: squares in the map.")
+    ] = None,
     posterior: InTheirPlace = None,
     task: SamplingTask,
 ) -> None:
@@ -34,6 +37,7 @@ def figures(
     [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
     """
     from bayes_toe.classical.ellipse import require_mass
+    from bayes_toe.cli.corner_folder import read_truth
     from bayes_toe.inference.draws import Draws
     from bayes_toe.plots.paper_figures import FIGURES, products, write_figures
 
@@ -42,11 +46,13 @@ def figures(
     task.require_folder(output, products(chosen))
     found = _sampled(study, subject, task) if posterior is None else saved_draws(posterior, study, task)
     draws = found if isinstance(found, Draws) else found.draws
+    known = None if truth is None else read_truth(truth, draws, draws.names)
     summaries.say_draws(task.console, draws)
     with task.progress("drawing", len(FIGURES)) as tick:
         write_figures(
-            found, output, subjects=subject, formats=chosen, mass=mass, overwrite=task.overwrite, workers=task.processes, progress=tick
-        )
+            found, output, subjects=subject, formats=chosen, mass=mass, truth=known, overwrite=task.overwrite, workers=task.processes,
+            progress=tick,
+        )  # fmt: skip
     task.say_written("figures and captions in", output, seed=draws.seed)
     leave_unless_whole(task, draws.failed, draws.not_converged)
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 CAPTIONS = "captions.md"
+Truth = Mapping[str, Mapping[str, float]]
 #: How many subjects the figures of single subjects show, where none are chosen.
 _EXAMPLES = 3
 _DPI = 300
@@ -49,10 +50,16 @@ class Material:
     asymmetry: AsymmetryTable
     subjects: tuple[str, ...]
     mass: float = MASS
+    truth: Truth | None = None
 
 
 def material_of(
-    analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, mass: float = MASS, workers: Workers = None
+    analysis: Analysis | Draws,
+    subjects: Sequence[str] | None = None,
+    *,
+    mass: float = MASS,
+    truth: Truth | None = None,
+    workers: Workers = None,
 ) -> Material:
     """What the figures need of an analysis, or of saved draws: Appendix C's evidence is then computed, and nothing sampled.
 
@@ -64,6 +71,8 @@ def material_of(
 
     mass : float
         Share of the draws in each ellipse of the map.
+    truth : mapping, optional
+        True natural parameters by subject, shown in the map.
 
     Raises
     ------
@@ -78,7 +87,7 @@ def material_of(
     table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
     evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
-    return Material(without_pointwise(draws), evidence, table, chosen, mass)
+    return Material(without_pointwise(draws), evidence, table, chosen, mass, truth)
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -182,7 +191,7 @@ FIGURES: Mapping[str, Callable[[Material], Figure]] = {
     "figure_1c_asymmetry": lambda of: asymmetry_figure(of.asymmetry, synthetic=of.draws.synthetic),
     "figure_2_filter": lambda of: filter_figure(of.draws, of.subjects[0]),
     "figure_3_examples": lambda of: examples_figure(of.draws, of.subjects),
-    "figure_4_map": lambda of: map_figure(of.draws, mass=of.mass),
+    "figure_4_map": lambda of: map_figure(of.draws, mass=of.mass, truth=of.truth),
     "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
     "figure_6_gamma": lambda of: gamma_figure(of.draws),
     "appendix_c_evidence": lambda of: evidence_pair_figure(of.evidence, synthetic=of.draws.synthetic),
@@ -196,7 +205,9 @@ def left_out(material: Material) -> dict[str, str]:
     return {"figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"}
 
 
-def figures(analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, mass: float = MASS) -> dict[str, Figure]:
+def figures(
+    analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, mass: float = MASS, truth: Truth | None = None
+) -> dict[str, Figure]:
     """The paper's figures of an analysed study, by file name.
 
     Parameters
@@ -207,13 +218,15 @@ def figures(analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *
         Shown in Figs. 3 and 5, the first one in Fig. 2; by default three in the paper's roles, see :func:`representative`.
     mass : float
         Share of the draws in each ellipse of Fig. 4; the paper's is 20 %.
+    truth : mapping, optional
+        True natural parameters by subject, such as :func:`~bayes_toe.example_truth` has them: squares in Fig. 4.
 
     Raises
     ------
     InputError
         For an unknown or repeated subject, or a share outside (0, 1).
     """
-    material = material_of(analysis, subjects, mass=mass)
+    material = material_of(analysis, subjects, mass=mass, truth=truth)
     return {name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)}
 
 
@@ -240,6 +253,7 @@ def write_figures(
     subjects: Sequence[str] | None = None,
     formats: Sequence[str] = ("pdf", "png"),
     mass: float = MASS,
+    truth: Truth | None = None,
     overwrite: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -252,7 +266,7 @@ def write_figures(
         As in :func:`figures`.
     folder : path
         Made where it is missing; other files in it are left alone.
-    subjects, mass
+    subjects, mass, truth
         As in :func:`figures`.
     formats : sequence of str
         Of pdf, png (300 dots an inch) and svg.
@@ -270,7 +284,7 @@ def write_figures(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    names, material = products(formats), material_of(analysis, subjects, mass=mass, workers=workers)
+    names, material = products(formats), material_of(analysis, subjects, mass=mass, truth=truth, workers=workers)
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
     required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))
@@ -307,7 +321,12 @@ def captions(material: Material) -> str:
 
 def _caption(name: str, material: Material) -> str:
     chosen = ", ".join(material.subjects)
-    return _CAPTIONS[name].format(subjects=chosen, first=material.subjects[0], mass=f"{100.0 * material.mass:.3g} %")
+    return _CAPTIONS[name].format(
+        subjects=chosen,
+        first=material.subjects[0],
+        mass=f"{100.0 * material.mass:.3g} %",
+        truth=" Squares: true values." if material.truth else "",
+    )
 
 
 def _preamble(material: Material) -> list[str]:
@@ -338,7 +357,7 @@ _CAPTIONS = {
     "bars 60 % of the draws); curve: 2^(-z^2). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
     "figure_4_map": "Ellipses: around the densest part, holding {mass} of the posterior draws of (mu_1, sigma_p); dots: their centres; "
     "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
-    "subjects whose prior means lie farthest out.",
+    "subjects whose prior means lie farthest out.{truth}",
     "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of P('equal'), with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "

@@ -147,6 +147,11 @@ def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(ana
     assert "holding 50 % of the posterior draws" in captions(material)
     order = sorted("ABC", key=lambda name: float(central(analysis.draws, name).mu1))
     assert {text.get_text() for text in ax.texts} - {""} == {f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)}
+    known = material_of(analysis, truth={"A": {"mu1": -9.0, "sigma_p": 0.25}, "B": {"mu1": 1.0}})
+    ax = max(FIGURES["figure_4_map"](known).axes, key=lambda one: len(one.patches))
+    assert [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == "s"] == [[[-9.0, 0.25]]]
+    assert ax.get_title(loc="left").endswith("; squares: true")
+    assert "Squares: true values." in captions(known)
     with pytest.raises(InputError, match="mass=1"):
         material_of(analysis, mass=1.0)
 
