@@ -28,6 +28,7 @@ from .experiments.calibration_table import calibrate as calibrate
 from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability
 from .experiments.prior_predictive import prior_predictive as prior_predictive
+from .experiments.synthetic_study import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior
 from .groups.hyperprior import read_hyperprior as read_hyperprior

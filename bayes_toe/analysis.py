@@ -16,8 +16,10 @@ from bayes_toe.classical.bootstrap import bootstrap_evidence, evidence_by_bootst
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
+from bayes_toe.data.notebook import as_html
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
+from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
@@ -29,7 +31,7 @@ from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, 
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
-from bayes_toe.workers import Cluster, Progress, Workers
+from bayes_toe.workers import Cluster, Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +40,7 @@ Result = TypeVar("Result")
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
     """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits.
 
@@ -52,6 +54,12 @@ class Analysis:
     fits: FitTable
     presets: tuple[UnderPresets, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Analysis of {self.study!r}: draws, evidence, fits, summary()>"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self)[1:-1], self.evidence.frame())
 
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
@@ -213,6 +221,29 @@ def evidence(
         jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
         _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         return _table(done, settings, failed)
+
+
+def smooth_curve_evidence(draws: Draws, *, workers: Workers = None, progress: Progress | None = None) -> EvidenceTable:
+    """Appendix C's evidence of subjects who have draws: H1 against free frequencies (H0), without rivals of H1 and without bootstrap.
+
+    Study, prior and seed are those of the draws, and so the values are those of the :func:`run` that made them; no chain is run again.
+
+    Raises
+    ------
+    InputError
+        For draws of another model than the predictive update.
+    """
+    require_update(draws, "evidence of saved draws")
+    study = draws.study
+    settings = Settings(draws.seed, draws.prior, draws.sampler, draws.model)
+    jobs = [partial(_against_frequencies, subject, settings) for subject in study]
+    rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
+    return EvidenceTable(tuple(rows), settings.seed, settings.prior)
+
+
+def _against_frequencies(subject: Subject, settings: Settings) -> SubjectEvidence:
+    wanted = Wanted(evidence_draws=max(EVIDENCE_DRAWS, settings.sampler.proposals))  # by as many a run judges its proposal
+    return subject_evidence(*fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted), None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ import numpy as np
 
 from bayes_toe.classical.exact_test import equality_test, holm, probability_greater
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
-from bayes_toe.data.study import Study, Subject, refuse_intervals
+from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 
@@ -250,6 +250,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     >>> round(found.asymmetry, 3), round(found.p_value, 4), round(found.probability_of_direction, 4)
     (0.25, 0.0073, 0.9963)
     """
+    require_study(study)
     refuse_intervals(study, "asymmetry")
     table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
     if not any(row.comparisons for row in table):

@@ -14,6 +14,8 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.errors import InputError
 
+#: Share of the points in an ellipse of the paper's map.
+MASS = 0.2
 _STEPS = 200
 #: Share of the points that decides centre and shape: small enough to stay around the peak of a skewed cloud, large enough to be steady.
 _CORE = 0.35
@@ -35,7 +37,7 @@ class Ellipse(NamedTuple):
         return np.asarray(self.centre + (np.stack([np.cos(t), np.sin(t)], axis=-1) * self.half_axes) @ turn.T)
 
 
-def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = 0.2) -> Ellipse | None:
+def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Ellipse | None:
     """A tight ellipse around the peak that holds `mass` of the points: in Fig. 4, draws or bootstrap replicates of (mu_1, sigma_p).
 
     Centre and shape are those of the densest 35 % (or `mass`, if more): starting with the points nearest the medians, repeatedly mean and
@@ -67,13 +69,24 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = 0.2) -> Ellip
     6
     """
     points = np.stack([np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1)
-    if not 0.0 < mass < 1.0:
-        raise InputError(f"mass={mass!r}: allowed is a number between 0 and 1")
+    require_mass(mass)
     inside = int(np.ceil(mass * len(points)))
     finite = points[np.isfinite(points).all(axis=1)]
     if inside < _FEWEST or len(finite) < inside:
         return None
     return _concentrated(finite, inside)
+
+
+def require_mass(mass: float) -> None:
+    """Refuse a share that no ellipse can hold.
+
+    Raises
+    ------
+    InputError
+        If it is not between 0 and 1.
+    """
+    if not 0.0 < mass < 1.0:
+        raise InputError(f"mass={mass!r}: allowed is a number between 0 and 1")
 
 
 def _concentrated(points: FloatArray, inside: int) -> Ellipse | None:

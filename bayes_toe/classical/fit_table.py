@@ -12,7 +12,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_level
 from bayes_toe.classical.fits import Fits
 from bayes_toe.classical.maximum_likelihood import fit_subject
-from bayes_toe.data.study import Study, Subject, refuse_intervals
+from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL
@@ -131,6 +131,7 @@ def fit(
     require_level(level)
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
+    require_study(study)
     refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]

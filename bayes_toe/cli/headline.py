@@ -6,8 +6,10 @@ from collections import Counter
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
+from bayes_toe.data.messages import counted
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit
 
+_SOME = "some order effect"
 #: What to do about a misfit, where no composition is known that describes the answers.
 NEXT = "next: bayes-toe compare, which finds the noise and the lapses that these answers need, and the order effect under them"
 #: What the comparison of Appendix C tests, and what it does not.
@@ -24,8 +26,27 @@ def tally(table: EvidenceTable) -> str:
     if len(table) == 1:
         return order_effect_and_probability(table.rows[0].log_evidence_orders)
     found = Counter(order_effect(row.log_evidence_orders) for row in table)
-    words = [word for word in (*KINDS, "some order effect", "undecided", "no estimate") if found[word]]
+    words = [word for word in (*KINDS, _SOME, "undecided", "no estimate") if found[word]]
     return ", ".join(f"{word} for {found[word]}" for word in words) + f" of {len(table)} subjects"
+
+
+def in_short(table: EvidenceTable, *, synthetic: bool = False) -> str:
+    """What a study supports, in one sentence: who has an order effect, among those whose answers the model describes, and what next.
+
+    An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it.
+    """
+    described, whose = [row for row in table if not row.misfit], "synthetic subject" if synthetic else "subject"
+    if not described:
+        return f"H1 describes the answers of none of {counted(len(table), whose)}; {NEXT}"
+    found, wrong = Counter(order_effect(row.log_evidence_orders) for row in described), len(table) - len(described)
+    effect, none = sum(found[word] for word in (*KINDS[1:], _SOME)), found[KINDS[0]]
+    undecided = len(described) - effect - none
+    among = f"the {counted(len(described), whose)} whose answers H1 describes" if wrong else counted(len(described), whose)
+    parts = [f"{effect} of {among} {'has' if effect == 1 else 'have'} an order effect"]
+    parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []
+    parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
+    last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else "H1 describes the answers of all"
+    return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
 
 
 def misfits(table: EvidenceTable) -> str:

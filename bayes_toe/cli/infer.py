@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import summaries, terminal
-from bayes_toe.cli.options import DrawCount, Store, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.options import DrawCount, InTheirPlace, Store, StudyFile, StudyFileOrExample, StudyFileOrSaved, writes
+from bayes_toe.cli.saved import saved_draws
 from bayes_toe.cli.task import KeepingTableTask, KeepingTask, ModelTableTask, SamplingTask, TableTask, leave_unless_whole
 from bayes_toe.errors import ConvergenceWarning, InputError
 
@@ -46,11 +47,12 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
+    from bayes_toe.cli.headline import in_short
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
 
-    drawn = Drawn(pictures, example_truth() if study.file is None else {})
+    drawn = Drawn(pictures, {} if study.files else example_truth())
     copies = task.copies_for(draws_in(output, store))
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
@@ -71,6 +73,7 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
+    terminal.say(task.console, f"[bold]in short[/bold]: {in_short(analysis.evidence, synthetic=read.synthetic)}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
 
@@ -200,11 +203,12 @@ def compare(
 
 def sensitivity(
     *,
-    study: StudyFile,
+    study: StudyFileOrSaved,
     output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
     reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
     compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
+    posterior: InTheirPlace = None,
     task: ModelTableTask,
 ) -> None:
     """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
@@ -221,9 +225,9 @@ def sensitivity(
     files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
     require_range(reach, steps)
     task.require_files(*files)
-    read, prior = task.opened(study)
+    read, prior, seed = _study_and_prior(study, posterior, task)
     with task.progress("re-weighting", len(read)) as tick:
-        table = compute(read, prior=prior, reach=reach, steps=steps, seed=task.seed, workers=task.workers, progress=tick)
+        table = compute(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
     summaries.say_sensitivity(task.console, table)
     of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
     with task.together(*files) as folder:
@@ -233,6 +237,16 @@ def sensitivity(
             of_parts.save(folder / parts.name, **task.saving)
             save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
     task.say_written("written:", *files, seed=table.seed)
+
+
+def _study_and_prior(study: StudyFileOrSaved, posterior: Path | None, task: ModelTableTask) -> tuple[Study, Prior, int | None]:
+    """What is asked about, and the seed; those of saved draws where there are some."""
+    if posterior is not None:
+        draws = saved_draws(posterior, study, task)
+        return draws.study, draws.prior, draws.seed
+    if not study.files:
+        raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
+    return (*task.opened(study), task.seed)
 
 
 def _parts_sensitivity(study: Study, prior: Prior, reach: float, seed: int, task: ModelTableTask) -> PartsSensitivity:

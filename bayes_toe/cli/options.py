@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,6 +48,14 @@ LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "s
 
 Store = Annotated[str, typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
+InTheirPlace = Annotated[
+    Path | None,
+    typer.Option(
+        "--posterior",
+        metavar="RESULTS/posterior.nc",
+        help="Draws that run or sample wrote: their study, prior and seed, and no chain is run again. STUDY.csv may be left out.",
+    ),
+]
 OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]
 
 
@@ -63,37 +72,65 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
 class StudyFileOrExample:
     """The study that a command was given, with the options of reading it; without a file the bundled example."""
 
-    file: Annotated[
-        Path | None, typer.Argument(metavar="[STUDY.csv]", help="Trials or counts, CSV or .parquet; none means the bundled example.")
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[STUDY.csv]...", help="Trials or counts, CSV, .parquet or .mat, one file or several; none: the example."),
     ] = None
     intensity: Annotated[float | None, _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF")] = None
     equal_code: Annotated[str | None, _how_to_read("--equal-code", "The response that means 'equal'.")] = None
     different_code: Annotated[str | None, _how_to_read("--different-code", "The response that means 'different'.")] = None
+    where: Annotated[list[str] | None, _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT")] = None
+    subject_from: Annotated[
+        str | None, _how_to_read("--subject-from", "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.", "NAME")
+    ] = None
     columns: Annotated[
         str | None, _how_to_read("--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,...")
     ] = None
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
-        if self.file is None:
+        if not self.files:
             from bayes_toe.data.example import example_study
 
             return example_study()
-        from bayes_toe.data.read_options import ReadOptions, parse_columns
+        from bayes_toe.data.read_options import ReadOptions, parse_columns, parse_where
         from bayes_toe.data.read_study import read_study
 
-        columns = {} if self.columns is None else parse_columns(self.columns)
-        options = ReadOptions(intensity=self.intensity, equal_code=self.equal_code, different_code=self.different_code, columns=columns)
-        return read_study(self.file, options)
+        options = ReadOptions(
+            intensity=self.intensity,
+            equal_code=self.equal_code,
+            different_code=self.different_code,
+            columns={} if self.columns is None else parse_columns(self.columns),
+            where=parse_where(self.where or ()),
+            subject_from=self.subject_from,
+        )
+        return read_study([path for one in self.files for path in _matching(one)], options)
+
+
+def _matching(path: Path) -> list[Path]:
+    """The files of a name with *, where the shell has left that to us; otherwise the name itself."""
+    found = [] if path.exists() or "*" not in str(path) else sorted(map(Path, glob(str(path))))
+    return found or [path]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFileOrSaved(StudyFileOrExample):
+    """The same where saved draws may stand in the place of the file."""
+
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[STUDY.csv]...", help="Trials or counts, CSV, .parquet or .mat; not needed with --posterior."),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFile(StudyFileOrExample):
     """The same where a file must be named."""
 
-    file: Annotated[
-        Path,
+    files: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="STUDY.csv", help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials), CSV or .parquet."
+            metavar="STUDY.csv...",
+            help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials), CSV, .parquet or .mat, one file or several.",
         ),
     ] = field()  # without the default that it would inherit

@@ -24,7 +24,6 @@ from bayes_toe.inference.draws import Draws, load
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
-from bayes_toe.plots.corner import corner
 from bayes_toe.plots.corner_sheet import corner_sheet
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_figure
@@ -181,21 +180,6 @@ def draws_in(folder: Path, store: str) -> Path:
     return folder / f"posterior.{store}"
 
 
-def draw_corners(
-    posterior: Path,
-    files: Mapping[str, str],
-    folder: Path,
-    *,
-    coordinates: str = "natural",
-    workers: Workers = None,
-    progress: Progress | None = None,
-) -> None:
-    """Corner plots of some subjects of a file of draws as PNG, into a folder under the names of :func:`corner_files`."""
-    here = partial(Drawing, posterior.absolute(), posterior.stat().st_mtime_ns)
-    jobs = [partial(_draw_corner, here(name), coordinates, folder.absolute() / file) for name, file in files.items()]
-    run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in files])
-
-
 def corner_files(draws: Draws, subjects: tuple[str, ...]) -> dict[str, str]:
     """File name of each subject's corner plot: safe, and the same whether one subject is drawn or all."""
     stems = file_stems(draws.names)
@@ -230,10 +214,6 @@ def _draw_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None,
     corner_file.write_bytes(png(corner_sheet(one.draws, one.subject, truths=truth, prior=prior), dpi=110))
     fitted = interval_curves if one.draws.intervals else curves
     curve_file.write_bytes(png(fitted(one.draws, one.subject), dpi=120))
-
-
-def _draw_corner(one: Drawing, coordinates: str, file: Path) -> None:
-    file.write_bytes(png(corner(one.draws, one.subject, coordinates=coordinates), dpi=110))
 
 
 def _draw_evidence(table: EvidenceTable, file: Path, *, synthetic: bool) -> None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
@@ -102,9 +102,9 @@ class Averages(SubjectTable[Average]):
     prior: Prior
     synthetic: bool = False
 
-    def __getitem__(self, name: str) -> Average:
-        if name in self.withheld:
-            raise InputError(f"subject {name!r}: no average, {self.withheld[name]}")
+    def __getitem__(self, name: str | int) -> Average:
+        if as_name(name) in self.withheld:
+            raise InputError(f"subject {name!r}: no average, {self.withheld[as_name(name)]}")
         return super().__getitem__(name)
 
     def summary(self) -> pd.DataFrame:

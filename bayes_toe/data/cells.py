@@ -11,13 +11,14 @@ import csv
 import io
 import itertools
 import math
+import os
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,8 @@ from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, quoted
 from bayes_toe.errors import InputError
 
+#: A pandas or polars DataFrame, neither of which is imported to know one.
+Frame: TypeAlias = Any
 _Records = Iterator[tuple[int, list[str] | csv.Error]]
 _PIECE, _ROWS = 1 << 20, 1 << 10  # characters split into lines, and rows whose texts are told apart, at once: memory stays flat
 
@@ -161,13 +164,17 @@ def _delimiter(text: str, names: frozenset[str]) -> str:
 
 @dataclass(frozen=True)
 class Header:
-    """What the first record of a file tells, and its physical row; of a Parquet file its schema, without a delimiter."""
+    """What the first record of a file tells, and its physical row; of a Parquet file its schema, of a frame its columns, no delimiter.
+
+    `python` says that it is a frame, so that messages name arguments and not options of the command line.
+    """
 
     source: str
     encoding: str
     delimiter: str
     names: list[str]
     row: int
+    python: bool = False
 
     @property
     def decimal_comma(self) -> bool:
@@ -177,13 +184,13 @@ class Header:
     @property
     def place(self) -> str:
         """What messages call it."""
-        return f"row {self.row}" if self.delimiter else "schema"
+        return f"row {self.row}" if self.delimiter else {"Parquet": "schema", "MATLAB": "variables"}.get(self.encoding, "columns")
 
 
-def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, Any]:
+def read_header(path: str | Path | Frame, names: frozenset[str], largest: int = LARGEST_SMALL_FILE) -> tuple[Header, Any]:
     """The header of a file in which columns of these names are looked for, as they tell the delimiter; and the file's text.
 
-    A file whose name ends in .parquet is read as one, see :mod:`bayes_toe.data.parquet`.
+    A file whose name ends in .parquet is read as one, see :mod:`bayes_toe.data.parquet`; a frame as :mod:`bayes_toe.data.frames` does.
 
     Raises
     ------
@@ -191,13 +198,23 @@ def read_header(path: str | Path, names: frozenset[str], largest: int = LARGEST_
         If the file cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its first record
         cannot be split.
     """
-    source = bare(Path(path).name)
+    from bayes_toe.data.frames import frame_header, is_frame
+
+    if is_frame(path):
+        return frame_header(path), path
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"found {quoted(type(path).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame")
+    path = Path(path)
+    source = bare(path.name)
+    from bayes_toe.data.matlab import is_matlab, matlab_header
     from bayes_toe.data.parquet import is_parquet, parquet_header, require_parquet
 
     require_parquet(path)
     data = _bytes(path, largest)
     if is_parquet(path):
         return parquet_header(source, data, largest)
+    if is_matlab(path):
+        return matlab_header(source, data)
     text, encoding = _decode(source, data)
     delimiter = _delimiter(text, names)
     row, cells = next(_records(text, delimiter), (0, None))
@@ -231,6 +248,11 @@ class Column:
         """One value per row, from one value per distinct text."""
         array: npt.NDArray[Any] = np.array(values, dtype)[self.codes]
         return array
+
+    def only(self, rows: BoolArray) -> Column:
+        """The column of these rows, without the texts that only others have."""
+        codes, places = np.unique(self.codes[rows], return_inverse=True)
+        return Column(self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64))
 
     def text(self, index: int) -> str:
         """The text of one row."""
@@ -282,6 +304,10 @@ def read_cells(header: Header, text: Any, places: Mapping[str, int], problems: S
     InputError
         Where the header has problems: they and the rows that cannot be split. Where there is no row below the header.
     """
+    from bayes_toe.data.frames import frame_cells, is_frame
+
+    if is_frame(text):
+        return frame_cells(header, text, places, problems)
     if not isinstance(text, str):
         from bayes_toe.data.parquet import parquet_cells
 
@@ -319,6 +345,16 @@ def fault_in(cells: Cells, column: Column, bad: BoolArray, allowed: Callable[[in
         row, found = int(cells.rows[index]), quoted(column.text(index))
         shown.append((row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {allowed(index)}"))
     return Fault(int(np.count_nonzero(bad)), tuple(shown))
+
+
+def with_zeros(cells: Cells) -> Cells:
+    """The same with the fault of cells that hold NUL characters, for what was not decoded from a file's bytes."""
+    faults = []
+    for column in cells.columns.values():
+        bad = column.spread(["\0" in text for text in column.texts], np.bool_)
+        faults.append(fault_in(cells, column, bad, lambda _: "text without NUL characters"))
+    shown = sorted(line for fault in faults for line in fault.shown)[:MOST_SHOWN]
+    return Cells(cells.header, cells.columns, cells.rows, Fault(sum(fault.count for fault in faults), tuple(shown)))
 
 
 # --- Numbers --------------------------------------------------------------------------------------

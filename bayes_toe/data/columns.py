@@ -10,7 +10,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.cells import Cells, Column, Fault, fault_in, number
 
 #: What a cell may say, in any case, where there is nothing to say.
-MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none"})
+MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 
 
 def numbers(cells: Cells, column: Column) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.cells import Header, read_cells, read_header, refuse
-from bayes_toe.data.columns import name_faults, number_fault, numbers
+from bayes_toe.data.columns import is_empty, name_faults, number_fault, numbers
 from bayes_toe.data.messages import bare, listed, quoted
 
 
@@ -49,6 +49,24 @@ def read_numbers(
     faults = [number_fault(cells, cells.columns[name], np.isnan(values)) for name, values in columns.items()]
     refuse(header.source, [cells.fault, *([] if texts is None else name_faults(cells, texts)), *faults])
     return [] if texts is None else [texts.text(row) for row in range(len(cells.rows))], columns
+
+
+def read_some_numbers(path: str | Path, key: str, names: Sequence[str]) -> tuple[list[str], dict[str, FloatArray]]:
+    """The column `key` of distinct texts, and which of the columns of numbers there are: NaN where a cell is empty.
+
+    Returns and errors as :func:`read_numbers`, and one where there is none of the columns.
+    """
+    header, text = read_header(path, frozenset((key, *names)))
+    places, problems = _places(header, [key], names)
+    if len(places) < 2 and not problems:
+        found = listed([quoted(name) for name in header.names])
+        problems = [f"{header.place}: found {found}, allowed: {bare(key)} and some of {', '.join(names)}"]
+    cells = read_cells(header, text, places, problems)
+    columns = {name: numbers(cells, column) for name, column in cells.columns.items() if name != key}
+    wrong = {name: np.isnan(values) & ~is_empty(cells.columns[name]) for name, values in columns.items()}
+    faults = [number_fault(cells, cells.columns[name], bad) for name, bad in wrong.items()]
+    refuse(header.source, [cells.fault, *name_faults(cells, cells.columns[key]), *faults])
+    return [cells.columns[key].text(row) for row in range(len(cells.rows))], columns
 
 
 def _places(header: Header, needed: Sequence[str], optional: Sequence[str]) -> tuple[dict[str, int], list[str]]:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.cells import Cells, Column, Fault, Header, fault_in, refuse, stripped
-from bayes_toe.data.messages import MOST_SHOWN, bare, quoted
+from bayes_toe.data.cells import Cells, Column, Fault, Header, refuse, stripped, with_zeros
+from bayes_toe.data.messages import bare, quoted
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ def parquet_cells(header: Header, file: Any, places: Mapping[str, int], problems
         named = {name: schema.field(place).name for name, place in places.items()}
         table = file.read(columns=list(named.values()))
         columns = {name: _column(header.names[places[name]], table[table.schema.get_all_field_indices(named[name])[0]]) for name in named}
-    cells = Cells(header, columns, np.arange(1, table.num_rows + 1), Fault(0, ()))
-    return Cells(header, columns, cells.rows, _together([_zeros(cells, column) for column in columns.values()]))
+    return with_zeros(Cells(header, columns, np.arange(1, table.num_rows + 1), Fault(0, ())))
 
 
 @contextmanager
@@ -137,13 +136,3 @@ def _column(name: str, values: Any) -> Column:
     encoded = values.combine_chunks().dictionary_encode(null_encoding="encode")
     texts = encoded.dictionary.cast(pa.string()).to_pylist()
     return stripped(name, ("" if text is None else text for text in texts), encoded.indices.to_numpy().astype(np.int64))
-
-
-def _zeros(cells: Cells, column: Column) -> Fault:
-    bad = column.spread(["\0" in text for text in column.texts], np.bool_)
-    return fault_in(cells, column, bad, lambda _: "text without NUL characters")
-
-
-def _together(faults: Sequence[Fault]) -> Fault:
-    shown = sorted(line for fault in faults for line in fault.shown)[:MOST_SHOWN]
-    return Fault(sum(fault.count for fault in faults), tuple(shown))

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
@@ -37,12 +38,17 @@ class ReadOptions:
         The exact text that stands for this answer; other texts for it are then refused.
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
+    where : mapping of str to str
+        Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
+    subject_from : str, optional
+        For files without a column of subjects: how they are named, with {} where the subject stands and * for any other text, such as
+        "sub-{}_*.tsv"; with / the last folders are looked at, too.
 
     Raises
     ------
     InputError
-        If REF is not positive and finite, a code is empty, both codes are one text, or a column name is unknown or
-        repeated.
+        If REF is not positive and finite, a code is empty, both codes are one text, a column name is unknown or
+        repeated, or the name of files has not one {}.
 
     Examples
     --------
@@ -54,6 +60,8 @@ class ReadOptions:
     equal_code: str | None = None
     different_code: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+    where: Mapping[str, str] = field(default_factory=dict)
+    subject_from: str | None = None
 
     def __post_init__(self) -> None:
         for key in ("equal_code", "different_code"):
@@ -61,7 +69,12 @@ class ReadOptions:
             object.__setattr__(self, key, None if code is None else code.strip())
         columns = {ours.strip(): theirs.strip() for ours, theirs in self.columns.items()}
         object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "where", {name.strip(): text.strip() for name, text in self.where.items()})
         problems = [*_reference_problems(self.intensity), *_code_problems(self), *_name_problems(self.columns.items())]
+        if self.subject_from is not None and self.subject_from.count("{}") != 1:
+            problems.append(
+                f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'"
+            )
         if problems:
             raise InputError(problems)
 
@@ -97,6 +110,41 @@ def parse_columns(text: str) -> dict[str, str]:
     if problems:
         raise InputError(problems)
     return dict(pairs)
+
+
+def parse_where(texts: Iterable[str]) -> dict[str, str]:
+    """Which rows are read, as given on the command line, each COLUMN=TEXT.
+
+    Raises
+    ------
+    InputError
+        One line per entry that is malformed or names a column again.
+
+    Examples
+    --------
+    >>> parse_where(["task=comparison"])
+    {'task': 'comparison'}
+    """
+    pairs = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
+    names = [name for _, name, _ in pairs]
+    wrong = [text for text, name, value in pairs if not name or not value or names.count(name) > 1]
+    if wrong:
+        raise InputError([f"--where: found {quoted(text)}, allowed: COLUMN=TEXT, each column once" for text in wrong])
+    return {name: value for _, name, value in pairs}
+
+
+def subject_in(path: Path, pattern: str) -> str | None:
+    """The subject that a file's name tells; None where it does not fit.
+
+    Examples
+    --------
+    >>> subject_in(Path("bids/sub-07/beh/sub-07_task-same_events.tsv"), "sub-{}_*"), subject_in(Path("S1/trials.csv"), "{}/trials.csv")
+    ('07', 'S1')
+    """
+    tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
+    kinds = {"{}": "([^/]+?)", "*": "[^/]*"}
+    found = re.fullmatch("".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail)
+    return None if found is None else found[1]
 
 
 def looks_like(name: str, ours: str) -> bool:

@@ -23,6 +23,7 @@ from bayes_toe.data.cells import (
     Cells,
     Column,
     Fault,
+    Frame,
     Header,
     fault_in,
     number,
@@ -33,7 +34,8 @@ from bayes_toe.data.cells import (
 )
 from bayes_toe.data.columns import MISSING_WORDS, empty_fault, is_empty, number_fault, numbers
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted
-from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like
+from bayes_toe.data.read_options import COLUMNS, LOOKED_AT, ReadOptions, looks_like, subject_in
+from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, distinct_intervals, said_intervals, subjects_of_rows
 from bayes_toe.errors import InputError
 
@@ -45,8 +47,8 @@ _EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _SWITCH = re.compile(r"([01])[.,]0*")
 
 
-def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
-    r"""The study in a CSV file of trials or of counts; the header tells which.
+def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
+    r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
     ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
@@ -55,9 +57,11 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path, pandas.DataFrame or polars.DataFrame
         Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
-        the extra `parquet`): the same columns, of text or numbers; its rows count from 1.
+        the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
+        :mod:`bayes_toe.data.matlab`. Rows of a frame count from 0. Several files or frames in a list make one study, see
+        :mod:`bayes_toe.data.several_files`.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -82,8 +86,14 @@ def read_study(path: str | Path, options: ReadOptions | None = None) -> Study:
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
+    if isinstance(path, list | tuple):
+        return read_together(path, lambda one: read_study(one, options))
     header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS), LARGEST_STUDY)
-    cells = read_cells(header, text, *_places(header, options))
+    places, problems = _places(header, options)
+    subject = _subject_of_file(header, path, options)
+    cells = _rows_asked_for(read_cells(header, text, places, problems), options)
+    if subject is not None:
+        cells.columns["subject"] = Column("subject", [subject], np.zeros(len(cells.rows), np.int64))
     return _trial_study(cells, options) if "response" in cells.columns else _count_study(cells, options)
 
 
@@ -94,16 +104,68 @@ def _places(header: Header, options: ReadOptions) -> tuple[dict[str, int], list[
     """Where each column that we read is, and what is wrong with the header."""
     named = {ours: options.columns.get(ours, ours) for ours in COLUMNS}
     needed = _needed(header.names, named, options)
-    lines = [*_conflict(named, needed), *_read_twice(named, needed)]
+    lines = [*_conflict(named, needed), *_read_twice(named, needed), *_where_problems(header, options)]
+    if options.subject_from is not None:
+        needed.remove("subject")
+        if named["subject"] in header.names:
+            lines.append(f"column {bare(named['subject'])}: found together with --subject-from, allowed: one of them")
     for ours in COLUMNS:
         count = header.names.count(named[ours])
         if count == 0 and (ours in needed or ours in options.columns):
-            lines.append(_missing(header.names, named, ours))
+            lines.append(_missing(header, named, ours))
         elif count > 1 and ours in needed:
             lines.append(f"column {bare(named[ours])}: found {count} columns of this name, allowed: one")
     places = {ours: header.names.index(named[ours]) for ours in needed if named[ours] in header.names}
     marked = {_SYNTHETIC: header.names.index(_SYNTHETIC)} if _SYNTHETIC in header.names else {}
-    return places | marked, [f"{header.place}, {line}" for line in lines]
+    asked = {_asked(name): header.names.index(name) for name in options.where if name in header.names}
+    return places | marked | asked, [f"{header.place}, {line}" for line in lines]
+
+
+def _where_problems(header: Header, options: ReadOptions) -> list[str]:
+    found, missing = listed([quoted(name) for name in header.names]), [name for name in options.where if header.names.count(name) != 1]
+    return [f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these" for name in missing]
+
+
+def _asked(name: str) -> str:
+    """The key of a column by which rows are chosen; no column of ours has such a name."""
+    return f"where {name}"
+
+
+def _subject_of_file(header: Header, path: object, options: ReadOptions) -> str | None:
+    """The subject where the name of the file tells it; None where a column does."""
+    if options.subject_from is None:
+        return None
+    found = None if header.python else subject_in(Path(str(path)), options.subject_from)
+    if found is None:
+        raise InputError(f"{header.source}: found no subject in its name, allowed: a file named as --subject-from {options.subject_from}")
+    return found
+
+
+def _rows_asked_for(cells: Cells, options: ReadOptions) -> Cells:
+    """The rows that are to be read; all but them are left out before anything is checked.
+
+    Raises
+    ------
+    InputError
+        Where a column has the text that is asked for in no row.
+    """
+    kept = np.ones(len(cells.rows), np.bool_)
+    columns = dict(cells.columns)
+    for name, text in options.where.items():
+        column = columns.pop(_asked(name))
+        if text not in column.texts:
+            found = listed([*map(quoted, column.texts)])
+            raise InputError(
+                f"{cells.header.source}: column {bare(name)}: found {found}, allowed: {quoted(text)}, as --where has it, in some row"
+            )
+        kept &= column.spread([one == text for one in column.texts], np.bool_)
+    if options.where and not kept.any():
+        raise InputError(f"{cells.header.source}: found no row that is as --where has it in all of {', '.join(options.where)}")
+    return (
+        cells
+        if not options.where
+        else Cells(cells.header, {ours: one.only(kept) for ours, one in columns.items()}, cells.rows[kept], cells.fault)
+    )
 
 
 def _needed(names: Sequence[str], named: Mapping[str, str], options: ReadOptions) -> list[str]:
@@ -131,15 +193,23 @@ def _conflict(named: Mapping[str, str], needed: Sequence[str]) -> list[str]:
     return [f"column {response}: found together with {' and '.join(counts)}, allowed: {allowed}"]
 
 
-def _missing(names: Sequence[str], named: Mapping[str, str], ours: str) -> str:
+def _missing(header: Header, named: Mapping[str, str], ours: str) -> str:
     """What is said about a column that the header lacks, with the way out that fits."""
-    found = listed([quoted(name) for name in names])
+    names, found = header.names, listed([quoted(name) for name in header.names])
     theirs = next((bare(name) for name in names if name not in named.values() and looks_like(name, ours)), "NAME")
-    hint = f"a column of this name, or --columns {ours}={theirs}"
+    hint = "a column of this name, or " + (
+        f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if header.python else f"--columns {ours}={theirs}"
+    )
     if ours in ("s1", "s2") and any(named[other] in names for other in ("i1", "i2")):
-        hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need --intensity REF"
+        hint += f"; the amplitudes {bare(named['i1'])}, {bare(named['i2'])} need " + (
+            "ReadOptions(intensity=REF)" if header.python else "--intensity REF"
+        )
     if ours in ("i1", "i2") and any(named[other] in names for other in ("s1", "s2")):
-        hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without --intensity"
+        hint += f"; the log intensities {bare(named['s1'])}, {bare(named['s2'])} are read without " + (
+            "intensity" if header.python else "--intensity"
+        )
+    if ours == "subject" and theirs == "NAME" and not header.python:
+        hint += "; or --subject-from '{}.csv', where the name of the file tells it"
     if ours == "response":
         hint += f"; or counts in {bare(named['n_equal'])} and {bare(named['n_trials'])}"
     return f"column {bare(named[ours])}: missing, found {found}, allowed: {hint}"
@@ -241,17 +311,18 @@ def _answer(text: str, options: ReadOptions) -> int:
     return _DIFFERENT if word in _DIFFERENT_WORDS and options.different_code is None else _UNKNOWN
 
 
-def _allowed_answers(options: ReadOptions) -> str:
+def _allowed_answers(options: ReadOptions, header: Header) -> str:
     equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
     different = "different, 0" if options.different_code is None else quoted(options.different_code)
-    return f"{equal} (equal) or {different} (different), or empty; other codes by --equal-code, --different-code"
+    codes = "ReadOptions(equal_code=..., different_code=...)" if header.python else "--equal-code, --different-code"
+    return f"{equal} (equal) or {different} (different), or empty; other codes by {codes}"
 
 
 def _trial_study(cells: Cells, options: ReadOptions) -> Study:
     pairs, response = _pairs(cells, options), cells.columns["response"]
     answer = response.spread([_answer(text, options) for text in response.texts], np.int64)
     asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
-    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options))
+    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options, cells.header))
     refuse(cells.header.source, [cells.fault, *_pair_faults(cells, pairs, asked, options), unknown])
     _require_answers(cells, asked)
     notes = [
@@ -360,7 +431,8 @@ def _side_note(response: Column, answer: IntArray, value: int, word: str) -> str
 
 
 def _layout_notes(pairs: _Pairs, options: ReadOptions) -> list[str]:
-    notes = [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+    notes = [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
+    notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
     if options.intensity is None:
         return notes
     names = [bare(column.name) for column in (pairs.first, pairs.second)]

@@ -6,11 +6,12 @@ million trials cost what their distinct pairs cost.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,11 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.messages import listed
+from bayes_toe.data.notebook import MOST_ROWS, as_html, named_few
 from bayes_toe.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53
@@ -33,7 +38,7 @@ def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
     return array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Subject:
     """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2); with intervals, by (s1, s2, isi).
 
@@ -165,8 +170,11 @@ class Subject:
         """Share of trials answered 'equal', in 0..1."""
         return float(self.n_equal.sum() / self.n_trials.sum())
 
+    def __repr__(self) -> str:
+        return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_equal:.0%} 'equal'>"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Study:
     """Subjects of one experiment, with where they came from.
 
@@ -220,10 +228,11 @@ class Study:
     def __iter__(self) -> Iterator[Subject]:
         return iter(self.subjects)
 
-    def __getitem__(self, name: str) -> Subject:
-        if name not in self._by_name:
+    def __getitem__(self, name: str | int) -> Subject:
+        """A subject by name; a whole number stands for its digits, since files are full of them."""
+        if as_name(name) not in self._by_name:
             raise InputError(f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}")
-        return self._by_name[name]
+        return self._by_name[as_name(name)]
 
     @cached_property
     def _by_name(self) -> dict[str, Subject]:
@@ -247,9 +256,75 @@ class Study:
         some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
         return Study(some, self.source, self.synthetic, (*self.notes, f"only pairs with an interval of {isi:g} s"))
 
-    def select(self, names: Sequence[str]) -> Study:
-        """The same study with only these subjects, in the order asked for."""
-        return replace(self, subjects=tuple(self[name] for name in names))
+    def select(self, names: Sequence[str | int] | str | int) -> Study:
+        """The same study with only these subjects, or this one, in the order asked for."""
+        asked = [names] if isinstance(names, str | int) else names
+        return replace(self, subjects=tuple(self[name] for name in asked))
+
+    def frame(self) -> pd.DataFrame:
+        """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
+
+        Columns subject, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal, n_trials; of a synthetic study
+        also `synthetic`, which is 1.
+
+        Examples
+        --------
+        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).frame().to_dict("list")
+        {'subject': ['S01'], 's1': [0.0], 's2': [0.3], 'n_equal': [2], 'n_trials': [5]}
+        """
+        import pandas as pd
+
+        keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_equal", "n_trials")
+        owner = np.repeat(np.array(self.names, object), [one.n_pairs for one in self])
+        columns = {key: np.concatenate([getattr(one, key) for one in self]) for key in keys}
+        return pd.DataFrame({"subject": owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
+
+    def __repr__(self) -> str:
+        trials = sum(one.total_trials for one in self)
+        mark = ", synthetic" if self.synthetic else ""
+        return f"<Study {self.source!r}{mark}: {len(self):,} subjects ({named_few(self.names)}), {trials:,} trials>"
+
+    def _repr_html_(self) -> str:
+        import pandas as pd
+
+        shown = self.subjects[:MOST_ROWS]
+        rows = [(one.name, one.n_pairs, one.total_trials, one.fraction_equal) for one in shown]
+        return as_html(repr(self)[1:-1], pd.DataFrame(rows, columns=["subject", "pairs", "trials", "fraction 'equal'"]), len(self))
+
+
+def as_name(name: object) -> str:
+    """The name of a subject as somebody says it: a whole number is its digits.
+
+    Examples
+    --------
+    >>> as_name(1008), as_name("01")
+    ('1008', '01')
+    """
+    return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
+
+
+def require_study(given: object) -> None:
+    """Refuse what stands in the place of a study, with what makes one.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> require_study("x.csv")
+    Traceback (most recent call last):
+    ...
+    bayes_toe.errors.InputError: found 'x.csv', allowed: a Study, such as bt.read_study('x.csv')
+    """
+    if isinstance(given, Study):
+        return
+    if isinstance(given, str | os.PathLike):
+        raise InputError(f"found {str(given)!r}, allowed: a Study, such as bt.read_study({str(given)!r})")
+    found = f"found {type(given).__name__}, allowed: a Study, such as"
+    if isinstance(given, Subject):
+        raise InputError(f"{found} bt.Study([subject])")
+    raise InputError(f"{found} bt.Study(subjects)" if isinstance(given, list | tuple) else f"{found} bt.read_study(path or DataFrame)")
 
 
 def subjects_of_rows(names: Sequence[str], owner: IntArray, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> tuple[Subject, ...]:

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from bayes_toe.data.cells import runs
 from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.notebook import as_html, named_few
 from bayes_toe.data.parquet import is_parquet, require_parquet, write_parquet
+from bayes_toe.data.study import as_name
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -44,6 +46,18 @@ class Table(ABC, Generic[Row]):
 
     rows: tuple[Row, ...]
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.__repr__ = Table.__repr__  # type: ignore[method-assign]  # where a dataclass finds one, it makes none that lists everything
+
+    def __repr__(self) -> str:
+        names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
+        whose = "" if names in ([], [""]) else f" of {named_few(names)}"
+        return f"<{type(self).__name__}: {len(self.rows):,} rows{whose}; frame() gives them to pandas>"
+
+    def _repr_html_(self) -> str:
+        return as_html(type(self).__name__, self.frame())
+
     def __iter__(self) -> Iterator[Row]:
         return iter(self.rows)
 
@@ -69,10 +83,10 @@ class SubjectTable(Table[SubjectRow]):
         Where a subject is looked up that the table does not have.
     """
 
-    def __getitem__(self, name: str) -> SubjectRow:
-        if name not in self._by_name:
+    def __getitem__(self, name: str | int) -> SubjectRow:
+        if as_name(name) not in self._by_name:
             raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
-        return self._by_name[name]
+        return self._by_name[as_name(name)]
 
     @cached_property
     def _by_name(self) -> dict[str, SubjectRow]:

@@ -20,7 +20,7 @@ from bayes_toe.classical.exact_test import hypergeometric_tails
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import bare, counted, listed
 from bayes_toe.data.read_options import LOOKED_AT, looks_like
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.experiments.checks import Finding
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
@@ -71,6 +71,7 @@ def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ..
     >>> [finding.code for finding in check_answers(Study((Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99]),)))]
     ['raw_stimuli']
     """
+    require_study(study)
     file = (*_raw(study), *(() if prior is None else _far(study, prior)), *_columns(study.reading))
     found = [Finding("", code, message) for code, message in file]
     for subject in study:

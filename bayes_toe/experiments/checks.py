@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_toe.data.cells import runs
 from bayes_toe.data.messages import listed, quoted
-from bayes_toe.data.study import Study, Subject, said_intervals
+from bayes_toe.data.study import Study, Subject, require_study, said_intervals
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     >>> [finding.message for finding in check_study(Study((Subject("a", *counts), Subject("A", *counts))))]
     ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
+    require_study(study)
     return (*_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates
+from bayes_toe.data.notebook import as_html
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.alone import Alone, alone, told_by
@@ -78,7 +79,7 @@ class GroupSettings:
     correlations: bool = False
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Population:
     """The posterior of a group: draws, with everything that is needed to read them.
 
@@ -169,6 +170,14 @@ class Population:
     def table(self) -> PopulationTable:
         """What is said of the population: the rows of population.csv."""
         return population_table(self)
+
+    def __repr__(self) -> str:
+        missed = "" if self.converged else "; NOT CONVERGED"
+        whose = f"{self.study.source!r} under {self.model.name!r}"
+        return f"<Population of {whose}: {len(self.study):,} subjects, seed {self.settings.seed}{missed}>"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self)[1:-1], self.summary())
 
     def summary(self) -> pd.DataFrame:
         """The same as a frame: means, sds between subjects, effects of covariates, asymmetries, a further subject."""

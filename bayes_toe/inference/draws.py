@@ -19,9 +19,10 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import listed
+from bayes_toe.data.notebook import MOST_ROWS, as_html, named_few
 from bayes_toe.data.places import reporting, shown
 from bayes_toe.data.stores import named_store
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Draws:
     """Posterior draws of every subject of a study, under one model.
 
@@ -100,6 +101,12 @@ class Draws:
             )
         return Prior(**{"offset_sd": 1.0, "reference_interval": 1.0 if self.intervals else None, **values})  # as before these could be said
 
+    @property
+    def sampler(self) -> SamplerSettings:
+        """The settings that these draws were made with."""
+        stored, known = json.loads(self.tree.attrs["settings"])["sampler"], {one.name for one in fields(SamplerSettings)}
+        return SamplerSettings(**{name: value for name, value in stored.items() if name in known})
+
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
         return model_named(self.model).describe(self.prior)
@@ -130,15 +137,15 @@ class Draws:
         """Subjects of the study that there are no draws of because their work was lost, with the reason."""
         return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
 
-    def __getitem__(self, name: str) -> Draws:
+    def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone, without the pointwise groups; of a large file, no others are read."""
         return self.select(name)
 
-    def select(self, name: str) -> Draws:
+    def select(self, name: str | int) -> Draws:
         """The same."""
         import xarray as xr
 
-        pairs = self._pairs(name)
+        name, pairs = self._known(name), self._pairs(name)
         with self._reading():
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
         groups |= {f"/{key}": self.group(key).isel(obs=pairs) for key in ("observed_data", "constant_data")}
@@ -146,23 +153,29 @@ class Draws:
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
 
-    def subject(self, name: str) -> Subject:
+    @property
+    def study(self) -> Study:
+        """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
+        notes = tuple(line for line in str(self.tree.attrs.get("notes", "")).split("\n") if line)
+        return Study(tuple(map(self.subject, self.names)), str(self.tree.attrs["source"]), self.synthetic, notes)
+
+    def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        at = self._pairs(name)
+        name, at = self._known(name), self._pairs(name)
         observed, constant = self.group("observed_data"), self.group("constant_data")
         columns = (observed["s1"], observed["s2"], observed["n_equal"], constant["n_trials"])
         s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
         return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
 
-    def posterior(self, name: str) -> Posterior | FrequencyPosterior:
+    def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""
         return posterior_of(self.subject(name), self.prior, model=self.model)
 
-    def points(self, name: str) -> FloatArray:
+    def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k), from the stored quantities."""
         return self.posterior(name).points({key: self._stored(name, key) for key in self.parameters})
 
-    def natural(self, name: str) -> Natural:
+    def natural(self, name: str | int) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
 
         Raises
@@ -175,7 +188,7 @@ class Draws:
             raise InputError(f"model {self.model!r} has no {', '.join(missing)}; it has: {', '.join(self.parameters)}")
         return Natural(*(self.values(name, key) for key in NATURAL))
 
-    def values(self, name: str, parameter: str) -> FloatArray:
+    def values(self, name: str | int, parameter: str) -> FloatArray:
         """Draws of one quantity of one subject, shape (chains, draws).
 
         Parameters
@@ -190,7 +203,7 @@ class Draws:
         InputError
             For an unknown subject or parameter.
         """
-        self._require(name)
+        name = self._known(name)
         if parameter in self.parameters:
             return self._stored(name, parameter)
         target = self.posterior(name)
@@ -198,10 +211,9 @@ class Draws:
             raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}")
         return target.quantities(self.points(name))[parameter]
 
-    def fit(self, name: str) -> FitSummary:
+    def fit(self, name: str | int) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
-        self._require(name)
-        stats = self.group("sample_stats").sel(subject=name)
+        stats = self.group("sample_stats").sel(subject=self._known(name))
         return FitSummary(**{key: stats[column].item() for key, column in FIT_COLUMNS.items() if column in stats})
 
     def summary(self) -> pd.DataFrame:
@@ -240,9 +252,9 @@ class Draws:
                 write_tree(target, small, large, self._read(parts))
         return final
 
-    def _stored(self, name: str, parameter: str) -> FloatArray:
+    def _stored(self, name: str | int, parameter: str) -> FloatArray:
         with self._reading():
-            return np.asarray(self.group("posterior")[parameter].sel(subject=name).values, np.float64)
+            return np.asarray(self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64)
 
     def _read(self, parts: Iterator[Region]) -> Iterator[Region]:
         with self._reading():
@@ -264,13 +276,34 @@ class Draws:
         owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
         return {str(name): np.asarray(at) for name, at in owner.groupby(owner).indices.items()}
 
-    def _pairs(self, name: str) -> IndexArray:
-        self._require(name)
-        return self._places[name]
+    def _pairs(self, name: str | int) -> IndexArray:
+        return self._places[self._known(name)]
 
-    def _require(self, name: str) -> None:
-        if name not in self._places:
+    def _known(self, name: str | int) -> str:
+        """A subject's name, of whom there are draws."""
+        if as_name(name) not in self._places:
             raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, self.names)], 20)}")
+        return as_name(name)
+
+    def __repr__(self) -> str:
+        size = self.group("posterior").sizes
+        missed = f"; NOT CONVERGED: {named_few([*self.not_converged])}" if self.not_converged else ""
+        about = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}{missed}"
+        return f"<Draws of {self.model!r}: {len(self.names):,} subjects ({named_few(self.names)}), {about}>"
+
+    def _repr_html_(self) -> str:
+        import pandas as pd
+
+        rows = [self._row(name) for name in self.names[:MOST_ROWS]]
+        return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))
+
+    def _row(self, name: str) -> dict[str, str]:
+        """What a notebook shows of one subject: natural parameters and whether they may be read."""
+        row = {"subject": name}
+        for key in self.posterior(name).names.natural:
+            low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
+            row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
+        return {**row, "converged": "no" if name in self.not_converged else "yes"}
 
 
 def load(path: str | Path) -> Draws:

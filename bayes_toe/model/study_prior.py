@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_toe.data.study import Study
+from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import STIMULI
@@ -105,7 +105,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     Raises
     ------
     InputError
-        If there is no such preset, or the stimuli have no scale.
+        If there is no such preset, or the stimuli have no scale; for something else than a study.
 
     Examples
     --------
@@ -114,6 +114,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     >>> prior_for(study, "stimuli").describe()[:74]
     'mu1 ~ Normal(0.125, 0.5), sigma_p ~ HalfNormal(0.5), gamma ~ Uniform(0, 1)'
     """
+    require_study(study)
     if isinstance(prior, str) and prior not in PRESETS:
         raise InputError(f"prior {prior!r}: allowed: a Prior, or one of {', '.join(map(repr, PRESETS))}")
     given = PRESETS[PAPER if prior is None else prior] if prior is None or isinstance(prior, str) else prior

@@ -24,7 +24,15 @@ _LABEL = 0.105
 
 
 def filter_axes(
-    s1: float, s2: float, mu1: float, sigma_p: float, sigma_l: float, q0: float | None = None, *, ax: Axes | None = None
+    s1: float,
+    s2: float,
+    mu1: float,
+    sigma_p: float,
+    sigma_l: float,
+    q0: float | None = None,
+    *,
+    span: tuple[float, float] | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Beliefs of one trial from top to bottom, with the likelihood of each stimulus and the shift that decides. Source: Fig. 2.
 
@@ -39,6 +47,8 @@ def filter_axes(
         Parameters of the observer, natural-log intensity.
     q0 : float, optional
         Where given, P('equal') is written too.
+    span : (float, float), optional
+        From where to where the panel reaches, natural-log intensity; by default :func:`filter_span`.
     ax : matplotlib Axes, optional
         Drawn into, where given.
 
@@ -56,7 +66,7 @@ def filter_axes(
         ("evolved,\nbefore $s_2$", view.evolved, view.after_first, None),
         ("posterior\nafter $s_2$", view.after_second, view.evolved, s2),
     )
-    grid = _grid(view, s1, s2, sigma_l)
+    grid = _grid(view, s1, s2, sigma_l, filter_span(s1, s2, mu1, sigma_p, sigma_l) if span is None else span)
     narrowest = min(float(sd) for sd in (view.after_first.sd, view.after_second.sd))
     for base, (_, belief, before, stimulus) in zip(range(3, -1, -1), rows, strict=True):
         _draw_row(ax, base, grid, narrowest, belief, before)
@@ -127,11 +137,18 @@ def _apart(times: FloatArray) -> list[int]:
     return chosen
 
 
-def _grid(view: TrialView, s1: float, s2: float, sigma_l: float) -> FloatArray:
+def filter_span(s1: float, s2: float, mu1: float, sigma_p: float, sigma_l: float) -> tuple[float, float]:
+    """How far the beliefs of one trial reach, natural-log intensity; arguments as :func:`filter_axes` has them."""
+    view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
     beliefs = (view.prior, view.after_first, view.evolved, view.after_second)
     low = min(*(float(b.mean - 2.6 * b.sd) for b in beliefs), s1 - 2.8 * sigma_l, s2 - 2.8 * sigma_l)
     high = max(*(float(b.mean + 2.6 * b.sd) for b in beliefs), s1 + 2.8 * sigma_l, s2 + 2.8 * sigma_l)
-    return np.unique(np.concatenate([np.linspace(low, high, 400), *_fine(view, s1, s2, sigma_l)]))
+    return low, high
+
+
+def _grid(view: TrialView, s1: float, s2: float, sigma_l: float, span: tuple[float, float]) -> FloatArray:
+    points = np.unique(np.concatenate([np.linspace(*span, 400), *_fine(view, s1, s2, sigma_l)]))
+    return points[(points >= span[0]) & (points <= span[1])]
 
 
 def _fine(view: TrialView, s1: float, s2: float, sigma_l: float) -> list[FloatArray]:

@@ -7,16 +7,17 @@ panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plo
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
-from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, RIGHT, TOP, TRUTH, Content, Values, content
+from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, OVERLAID, RIGHT, TOP, TRUTH, Content, Values, content, overlaid
 from bayes_toe.plots.style import POSTERIOR
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 
 def corner(
     draws: Draws,
-    subject: str,
+    subject: str | Sequence[str],
     *,
     coordinates: str | Sequence[str] = "natural",
-    truths: Values | None = None,
+    truths: Values | Mapping[str, Values] | None = None,
     prior: Prior | None = None,
     fig: Figure | None = None,
 ) -> Figure:
@@ -38,11 +39,13 @@ def corner(
     Parameters
     ----------
     draws : Draws
-    subject : str
+    subject : str or sequence of str
+        One, or two to four in the same panels, told apart by colours and lines; upright lines are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
         Which quantities; a sequence names quantities of the model, such as `gain`, `offset` or `pull`.
     truths : mapping of str to float, optional
-        Known values of a synthetic subject. What follows from them is drawn too: natural parameters are enough for any quantity.
+        Known values of a synthetic subject; of several subjects, such a mapping by name. What follows from them is drawn too: natural
+        parameters are enough for any quantity.
     prior : Prior, optional
         Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms; `draws.prior` is the one
         that the draws were made under.
@@ -52,11 +55,13 @@ def corner(
     Raises
     ------
     InputError
-        For an unknown subject or quantity, no quantity at all, or a true value that cannot be one.
+        For an unknown subject or quantity, no quantity at all, or a true value that cannot be one; for more than four subjects.
     """
-    found = content(draws, subject, coordinates, truths, prior)
+    if not isinstance(subject, str):
+        return _overlay(overlaid(draws, subject, coordinates, _by_subject(truths), prior), fig)
+    found = content(draws, subject, coordinates, _of_one(truths), prior)
     figure = shown.figure_for(found) if fig is None else fig
-    axes = _panels(figure, found)
+    axes = _panels(figure, found, quantiles=shown.MARKED, color=POSTERIOR, fill_contours=True)
     _draw_prior(axes, found)
     _draw_truths(axes, found)
     for i, span in enumerate(found.spans):
@@ -65,7 +70,67 @@ def corner(
     return figure
 
 
-def _panels(figure: Figure, found: Content) -> npt.NDArray[Any]:
+def _overlay(found: Sequence[Content], fig: Figure | None) -> Figure:
+    """Several subjects in the same panels: outlines without areas."""
+    figure = shown.figure_for(found[0]) if fig is None else fig
+    for one, (colour, line) in zip(found, OVERLAID, strict=False):
+        style = {"linestyles": line, "linewidths": 1.6}
+        drawn = {"linestyle": line, "linewidth": 1.4}
+        axes = _panels(
+            figure,
+            one,
+            color=colour,
+            plot_density=False,
+            no_fill_contours=True,
+            contour_kwargs=style,
+            hist_kwargs={"color": colour, **drawn},
+        )
+        for ax, median in zip(axes.diagonal(), one.marked[1], strict=True):
+            ax.axvline(median, color=colour, lw=1.0, ls=line)
+    for i, (ax, span) in enumerate(zip(axes.diagonal(), found[0].spans, strict=True)):
+        edges = np.linspace(*span, shown.BINS + 1)
+        ax.set_ylim(0.0, 1.1 * float(max(np.histogram(one.samples[:, i], edges)[0].max() for one in found)))  # each call fits its own
+    for one, (colour, line) in zip(found, OVERLAID, strict=False):
+        if one is found[0] or any(not np.array_equal(mine, first) for mine, first in zip(one.believed, found[0].believed, strict=True)):
+            _draw_prior(axes, one, line)
+        _draw_overlaid_truths(axes, one, colour)
+    for i, span in enumerate(found[0].spans):
+        _draw_ticks(axes, i, span)
+    _lay_out(figure, axes, found[0].lines)
+    return figure
+
+
+def _draw_overlaid_truths(axes: npt.NDArray[Any], found: Content, colour: str) -> None:
+    """Squares where two true values cross, triangles below one: lines would be taken for medians."""
+    values, style = [found.known.get(name) for name in found.names], {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
+    for i, below in enumerate(values):
+        for j, across in enumerate(values[: i + 1]):
+            if across is not None and j == i:
+                axes[i, i].plot(across, 0.0, "^", ms=7, clip_on=False, **style)
+            elif across is not None and below is not None:
+                axes[i, j].plot(across, below, "s", ms=5, **style)
+
+
+def _of_one(truths: Values | Mapping[str, Values] | None) -> Values | None:
+    """True values of one subject, which are numbers."""
+    if truths is None:
+        return None
+    nested = [name for name, value in truths.items() if isinstance(value, Mapping)]
+    if nested:
+        raise InputError(
+            f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as truths[{nested[0]!r}]"
+        )
+    return cast("Values", truths)
+
+
+def _by_subject(truths: Values | Mapping[str, Values] | None) -> Mapping[str, Values] | None:
+    """True values of several subjects, by their names."""
+    if truths is None or all(isinstance(value, Mapping) for value in truths.values()):
+        return cast("Mapping[str, Values] | None", truths)
+    raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
+
+
+def _panels(figure: Figure, found: Content, **style: Any) -> npt.NDArray[Any]:
     """Histograms and contours; returns the Axes, of which those above the diagonal are empty."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # corner imports ArviZ, which announces its refactoring
@@ -77,20 +142,18 @@ def _panels(figure: Figure, found: Content) -> npt.NDArray[Any]:
         bins=shown.BINS,
         range=list(found.spans),
         labels=found.labels,
-        quantiles=shown.MARKED,
         levels=shown.LEVELS,
-        color=POSTERIOR,
         smooth=1.0,
         plot_datapoints=False,
-        fill_contours=True,
         label_kwargs={"fontsize": 13},
+        **style,
     )
     return np.array(figure.axes).reshape(len(found.names), len(found.names))
 
 
-def _draw_prior(axes: npt.NDArray[Any], found: Content) -> None:
+def _draw_prior(axes: npt.NDArray[Any], found: Content, line: str = "solid") -> None:
     for ax, span, counts in zip(axes.diagonal(), found.spans, found.believed, strict=False):
-        ax.stairs(counts, np.linspace(*span, shown.BINS + 1), color=shown.PRIOR, lw=1.4, label="prior")
+        ax.stairs(counts, np.linspace(*span, shown.BINS + 1), color=shown.PRIOR, lw=1.4, ls=line, label="prior")
         ax.set_ylim(top=max(ax.get_ylim()[1], 1.1 * counts.max()))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
@@ -17,7 +18,7 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering
-from bayes_toe.plots.style import WEAKER_FIRST, new_figure, plain
+from bayes_toe.plots.style import POSTERIOR, WEAKER_FIRST, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +48,9 @@ BINS = 40
 #: Shares of the posterior inside the contours; quantiles that lines mark.
 LEVELS, MARKED = (0.5, 0.9), (0.05, 0.5, 0.95)
 SPANNED = (0.005, 0.995)
+
+#: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
+OVERLAID = ((POSTERIOR, "solid"), ("#B8520A", "dashed"), ("#00704F", "dotted"), ("#A0458A", "dashdot"))
 
 #: Margins with room for tick and axis labels, the gap between panels, a panel, the widest line of the key.
 LEFT, BOTTOM, RIGHT, TOP, GAP = 0.95, 0.9, 0.15, 0.15, 0.1
@@ -111,17 +115,49 @@ class Content:
         return [label(name) for name in self.names]
 
 
-def content(draws: Draws, subject: str, coordinates: str | Sequence[str], truths: Values | None, prior: Prior | None) -> Content:
-    """What is to be drawn; arguments and errors as :func:`bayes_toe.plots.corner.corner` has them."""
+def content(
+    draws: Draws,
+    subject: str,
+    coordinates: str | Sequence[str],
+    truths: Values | None,
+    prior: Prior | None,
+    within: Sequence[tuple[float, float]] | None = None,
+) -> Content:
+    """What is to be drawn of one subject; arguments and errors as :func:`bayes_toe.plots.corner.corner` has them.
+
+    The panels reach as far as they need, or `within` what is given.
+    """
     target = draws.posterior(subject)
     names = _names(coordinates, target)
     samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
     known = {} if truths is None else known_from(truths, target)
     found = np.quantile(samples, [*SPANNED, *MARKED], axis=0)
-    spans = [span(low, high, support(target, name)) for name, low, high in zip(names, *found[:2].tolist(), strict=True)]
+    needed = [span(low, high, support(target, name)) for name, low, high in zip(names, *found[:2].tolist(), strict=True)]
+    spans = needed if within is None else within
     believed = [] if prior is None else _believed(posterior_of(target.subject, prior, model=draws.model), names, spans, len(samples))
     lines = _title(draws, subject) + _key(len(names), prior is not None, _truth_key(names, spans, known))
     return Content(names, samples, spans, found[2:], known, believed, lines)
+
+
+def overlaid(
+    draws: Draws, subjects: Sequence[str], coordinates: str | Sequence[str], truths: Mapping[str, Values] | None, prior: Prior | None
+) -> list[Content]:
+    """What is to be drawn of several subjects in the same panels: each with the spans and the words of all.
+
+    Raises
+    ------
+    InputError
+        As :func:`content`; for fewer than two subjects, more than :data:`OVERLAID` has styles for, or a repeated one.
+    """
+    if not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects):
+        raise InputError(f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once")
+    alone = [content(draws, name, coordinates, None, None) for name in subjects]
+    spans = [(min(low for low, _ in of), max(high for _, high in of)) for of in zip(*(one.spans for one in alone), strict=True)]
+    known = {} if truths is None else truths
+    found = [content(draws, name, coordinates, known.get(name), prior, spans) for name in subjects]
+    shown = any(name in one.known for one in found for name in one.names)
+    lines = _titles(draws, subjects) + _overlaid_key(len(spans), prior is not None, shown)
+    return [replace(one, lines=lines) for one in found]
 
 
 def _names(coordinates: str | Sequence[str], target: Answering) -> tuple[str, ...]:
@@ -213,6 +249,22 @@ def _title(draws: Draws, subject: str) -> list[Line]:
     lines.append(Line(draws.model, 11.0, colour="black"))
     lines += [Line("synthetic data", 11.0, colour="black")] if draws.synthetic else []
     return lines + ([Line("NOT CONVERGED", 13.0, "bold", "black")] if subject in draws.not_converged else [])
+
+
+def _titles(draws: Draws, subjects: Sequence[str]) -> list[Line]:
+    """Each subject in its colour, with its line in words, for who cannot tell the colours apart."""
+    lines = []
+    for name, (colour, line) in zip(subjects, OVERLAID, strict=False):
+        missed = ", NOT CONVERGED" if name in draws.not_converged else ""
+        lines.append(Line(f"{plain(name, 24)} ({line}{missed})", 12.0, "bold", colour))
+    about = f"{draws.model}, synthetic data" if draws.synthetic else draws.model
+    return [*lines, Line(about, 11.0, colour="black")]
+
+
+def _overlaid_key(count: int, with_prior: bool, with_truths: bool) -> list[Line]:
+    key = ["contours: 50 and 90 %" if count > 1 else "", "upright: medians", "grey: prior" if with_prior else ""]
+    key += [f"{'squares, ' if count > 1 else ''}triangles: true values" if with_truths else "", "intensities: natural log"]
+    return [Line(text) for text in key if text]
 
 
 def _key(count: int, with_prior: bool, about_truths: Sequence[str]) -> list[Line]:

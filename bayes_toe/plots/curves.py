@@ -30,6 +30,8 @@ Curve = Callable[[FloatArray, FloatArray], FloatArray]
 #: Inches left and right of the panels, between columns, below the lowest row, below a row for its words, above it for its name.
 _LEFT, _RIGHT, _APART, _BELOW, _WORDS, _NAME = 0.6, 0.2, 0.2, 0.85, 0.5, 0.22
 _LABEL_BELOW, _LABEL_LEFT = 0.28, 0.4
+#: Of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another.
+_ASIDE = 0.7
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
@@ -127,7 +129,7 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
         if at.any():
             if equal is not None:
                 draw_band(ax, x, equal(*pairs[order]), mark.colour, 0.3 * size)
-            draw_points(ax, stronger[at], counts, at, mark, size=size)
+            draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
         ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
@@ -162,11 +164,15 @@ def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float =
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
-def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5) -> None:
-    """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks in points."""
+def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5, aside: float = 0.0) -> None:
+    """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks, and how far beside their place they are, points."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
     k, n = counts.n_equal[at], counts.n_trials[at]
     crowded = len(counts.s1) > 60
     style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
-    ax.errorbar(
-        x, laplace_estimate(k, n), laplace_error(k, n), fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, **style
-    )
+    value, error = laplace_estimate(k, n), laplace_error(k, n)
+    ax.errorbar(x, value, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, transform=beside, **style)

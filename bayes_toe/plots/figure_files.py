@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+#: Those that commands offer; :func:`save_figure` takes what else matplotlib writes.
+FORMATS = ("pdf", "png", "svg")
 #: What would differ from one writing to the next, by format.
 _UNDATED: dict[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -89,6 +92,25 @@ def picture_beside(table: Path) -> Path:
     if picture == table:
         raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
     return picture
+
+
+def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
+    """The formats asked for, each once.
+
+    Raises
+    ------
+    InputError
+        For an unknown format, or none.
+
+    Examples
+    --------
+    >>> require_formats(["svg", "png", "svg"])
+    ('svg', 'png')
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats:
+        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}" if unknown else f"formats: allowed: {', '.join(FORMATS)}")
+    return tuple(dict.fromkeys(formats))
 
 
 def require_figure(path: str | Path, *, overwrite: bool = False) -> None:

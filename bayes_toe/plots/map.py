@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
+from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.sorted import MOST_NAMED
@@ -53,7 +53,8 @@ def map_axes(
     sigma_l: Mapping[str, float] | None = None,
     stimuli: npt.ArrayLike | None = None,
     names: Mapping[str, str] | None = None,
-    mass: float = 0.2,
+    mass: float = MASS,
+    truth: Mapping[str, tuple[float, float]] | None = None,
 ) -> Axes:
     """Ellipses of (mu_1, sigma_p), one a subject, each holding `mass` of its points around where they are densest. Source: Fig. 4.
 
@@ -73,6 +74,8 @@ def map_axes(
         of the eight farthest out.
     mass : float
         Share of the points in each ellipse.
+    truth : mapping of str to (float, float), optional
+        True mu_1 and sigma_p of synthetic subjects, shown as squares.
 
     Raises
     ------
@@ -84,13 +87,19 @@ def map_axes(
     ax = _panel(ax)
     found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
     centres = {name: _centre(found[name], *clouds[name]) for name in clouds}
-    _set_limits(ax, centres, found, None if stimuli is None else np.asarray(stimuli, np.float64))
+    known = {} if truth is None else {name: np.array(truth[name], np.float64) for name in clouds if name in truth}
+    _set_limits(ax, [*centres.values(), *known.values()], found, None if stimuli is None else np.asarray(stimuli, np.float64))
     colours = _colours(ax, clouds, sigma_l)
     weight = min(1.0, MOST_NAMED / len(clouds))
     for name in clouds:
         _draw_subject(ax, found[name], centres[name], colours[name], weight)
     ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
+    for name, place in known.items():
+        ax.plot(*zip(centres[name], place, strict=True), ":", color="black", lw=0.6, zorder=3)  # whose square it is
+        ax.plot(*place, "s", ms=3.5, color=colours[name], mec="black", mew=0.7, zorder=4)
+    said = [f"ellipses: {100.0 * mass:.3g} % of the draws each"] if any(one is not None for one in found.values()) else []
+    ax.set_title("; ".join([*said, *(["squares: true"] if known else [])]), fontsize=SMALL, loc="left")
     labels = {name: plain(name, 12) for name in _named(centres)} if names is None else dict(names)
     with any_characters():
         _write_names(ax, centres, labels)
@@ -109,8 +118,12 @@ def _named(centres: Mapping[str, FloatArray]) -> list[str]:
     return [known[i] for i in farthest([float(centres[name][0]) for name in known], MOST_INSETS)]
 
 
-def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None) -> Figure:
+def map_figure(
+    draws: Draws, *, mass: float = MASS, clouds: Clouds | None = None, truth: Mapping[str, Mapping[str, float]] | None = None
+) -> Figure:
     """Map of all subjects of a study, and the answers of up to eight beside it: those whose prior means lie farthest out.
+
+    Letters go up with the prior mean, and are the same in map and panels.
 
     Parameters
     ----------
@@ -119,16 +132,26 @@ def map_figure(draws: Draws, *, mass: float = 0.2, clouds: Clouds | None = None)
         Share of the points in each ellipse.
     clouds : mapping, optional
         As in :func:`map_axes`, for example bootstrap replicates; by default the posterior draws.
+    truth : mapping, optional
+        True natural parameters by subject, of which the map shows mu1 and sigma_p.
     """
     middle = {name: central(draws, name) for name in draws.names}
     chosen = farthest([float(middle[name].mu1) for name in draws.names], MOST_INSETS)
-    letters = {draws.names[i]: "ABCDEFGH"[rank] for rank, i in enumerate(chosen)}
-    names = {name: f"{letters[name]}: {plain(name, 12)}" if name in letters else plain(name, 12) for name in draws.names}
+    some = range(len(draws.names)) if len(draws.names) <= MOST_NAMED else chosen
+    order = sorted(some, key=lambda i: float(middle[draws.names[i]].mu1))
+    every = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
+    letters = {draws.names[i]: every[draws.names[i]] for i in chosen}
+    names = {name: f"{every[name]}: {plain(name, 12)}" if name in every else plain(name, 12) for name in draws.names}
     figure = new_figure(PAGE, 4.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
     _draw_insets(figure, grid[1], draws, letters)
-    study_map_axes(draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds)
+    study_map_axes(draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds, truth=truth)
     return figure
+
+
+def _letter(rank: int) -> str:
+    """A to Z, then AA, AB and so on."""
+    return (_letter(rank // 26 - 1) if rank > 25 else "") + chr(ord("A") + rank % 26)
 
 
 def study_map_axes(
@@ -136,8 +159,9 @@ def study_map_axes(
     ax: Axes | None = None,
     *,
     names: Mapping[str, str] | None = None,
-    mass: float = 0.2,
+    mass: float = MASS,
     clouds: Clouds | None = None,
+    truth: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Axes:
     """The panel :func:`map_axes` of all subjects of a study: likelihood noise at the medians of the identified coordinates.
 
@@ -150,6 +174,8 @@ def study_map_axes(
         As in :func:`map_axes`.
     clouds : mapping, optional
         Replicates in the place of the posterior draws.
+    truth : mapping, optional
+        As in :func:`map_figure`.
     """
     subjects = [draws.subject(name) for name in draws.names]
     ax = _panel(ax)
@@ -162,6 +188,7 @@ def study_map_axes(
         stimuli=np.concatenate([values for counts in subjects for values in (counts.s1, counts.s2)]),
         names=names,
         mass=mass,
+        truth=None if truth is None else {name: (of["mu1"], of["sigma_p"]) for name, of in truth.items() if {"mu1", "sigma_p"} <= set(of)},
     )
 
 
@@ -217,8 +244,8 @@ def _centre(ellipse: Ellipse | None, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike)
     return np.array([np.nanmedian(np.asarray(values, np.float64)) for values in (mu1, sigma_p)])
 
 
-def _set_limits(ax: Axes, centres: Mapping[str, FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
-    outlines = [e.outline() for e in found.values() if e is not None] + [np.array([c]) for c in centres.values()]
+def _set_limits(ax: Axes, places: Sequence[FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
+    outlines = [e.outline() for e in found.values() if e is not None] + [np.array([place]) for place in places]
     points = np.concatenate(outlines)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)

@@ -10,29 +10,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.analysis import Analysis
+from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
+from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
+from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
-from bayes_toe.plots.beliefs import filter_axes
+from bayes_toe.plots.beliefs import filter_axes, filter_span
 from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
-from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
 from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
 from bayes_toe.plots.subject import central, examples_figure
-from bayes_toe.workers import Progress, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-FORMATS = ("pdf", "png", "svg")
 CAPTIONS = "captions.md"
+Truth = Mapping[str, Mapping[str, float]]
 #: How many subjects the figures of single subjects show, where none are chosen.
 _EXAMPLES = 3
 _DPI = 300
@@ -47,26 +49,45 @@ class Material:
     evidence: EvidenceTable
     asymmetry: AsymmetryTable
     subjects: tuple[str, ...]
+    mass: float = MASS
+    truth: Truth | None = None
 
 
-def material_of(analysis: Analysis, subjects: Sequence[str] | None = None) -> Material:
-    """What the figures need of an analysis.
+def material_of(
+    analysis: Analysis | Draws,
+    subjects: Sequence[str] | None = None,
+    *,
+    mass: float = MASS,
+    truth: Truth | None = None,
+    workers: Workers = None,
+) -> Material:
+    """What the figures need of an analysis, or of saved draws: Appendix C's evidence is then computed, and nothing sampled.
 
     Parameters
     ----------
-    analysis : Analysis
+    analysis : Analysis or Draws
     subjects : sequence of str, optional
         Shown in the figures of single subjects; by default those of :func:`representative`.
+
+    mass : float
+        Share of the draws in each ellipse of the map.
+    truth : mapping, optional
+        True natural parameters by subject, shown in the map.
 
     Raises
     ------
     InputError
-        For an unknown or repeated subject, or none at all; for a study with intervals (column isi).
+        For an unknown or repeated subject, or none at all, or a share outside (0, 1); for a study with intervals (column isi); for draws of
+        another model.
     """
-    refuse_intervals(analysis.study, "the paper's figures")
-    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
-    chosen = representative(table) if subjects is None else require_subjects(subjects, analysis.study.names)
-    return Material(without_pointwise(analysis.draws), analysis.evidence, table, chosen)
+    draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
+    require_update(draws, "the paper's figures")
+    refuse_intervals(study, "the paper's figures")
+    require_mass(mass)
+    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
+    chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
+    evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
+    return Material(without_pointwise(draws), evidence, table, chosen, mass, truth)
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -134,8 +155,9 @@ def filter_figure(draws: Draws, subject: str) -> Figure:
     weak, strong = _pair_of(counts)
     orders = ((weak, strong), (strong, weak)) if weak < strong else ((weak, strong),)
     figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
+    lows, highs = zip(*(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True)
     for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
-        filter_axes(s1, s2, mu1, sigma_p, sigma_l, q0, ax=ax)
+        filter_axes(s1, s2, mu1, sigma_p, sigma_l, q0, span=(min(lows), max(highs)), ax=ax)
     figure.suptitle(plain(subject) + (" (synthetic)" if draws.synthetic else ""), fontsize=SMALL)
     return figure
 
@@ -169,7 +191,7 @@ FIGURES: Mapping[str, Callable[[Material], Figure]] = {
     "figure_1c_asymmetry": lambda of: asymmetry_figure(of.asymmetry, synthetic=of.draws.synthetic),
     "figure_2_filter": lambda of: filter_figure(of.draws, of.subjects[0]),
     "figure_3_examples": lambda of: examples_figure(of.draws, of.subjects),
-    "figure_4_map": lambda of: map_figure(of.draws),
+    "figure_4_map": lambda of: map_figure(of.draws, mass=of.mass, truth=of.truth),
     "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
     "figure_6_gamma": lambda of: gamma_figure(of.draws),
     "appendix_c_evidence": lambda of: evidence_pair_figure(of.evidence, synthetic=of.draws.synthetic),
@@ -183,22 +205,28 @@ def left_out(material: Material) -> dict[str, str]:
     return {"figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"}
 
 
-def figures(analysis: Analysis, subjects: Sequence[str] | None = None) -> dict[str, Figure]:
+def figures(
+    analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, mass: float = MASS, truth: Truth | None = None
+) -> dict[str, Figure]:
     """The paper's figures of an analysed study, by file name.
 
     Parameters
     ----------
-    analysis : Analysis
-        From :func:`bayes_toe.run`.
+    analysis : Analysis or Draws
+        From :func:`bayes_toe.run`, or draws that it saved, from :func:`bayes_toe.load`: nothing is sampled again.
     subjects : sequence of str, optional
         Shown in Figs. 3 and 5, the first one in Fig. 2; by default three in the paper's roles, see :func:`representative`.
+    mass : float
+        Share of the draws in each ellipse of Fig. 4; the paper's is 20 %.
+    truth : mapping, optional
+        True natural parameters by subject, such as :func:`~bayes_toe.example_truth` has them: squares in Fig. 4.
 
     Raises
     ------
     InputError
-        For an unknown or repeated subject.
+        For an unknown or repeated subject, or a share outside (0, 1).
     """
-    material = material_of(analysis, subjects)
+    material = material_of(analysis, subjects, mass=mass, truth=truth)
     return {name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)}
 
 
@@ -215,18 +243,17 @@ def products(formats: Sequence[str]) -> tuple[str, ...]:
     >>> products(["pdf"])[0]
     'figure_1c_asymmetry.pdf'
     """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}" if unknown else f"formats: allowed: {', '.join(FORMATS)}")
-    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in dict.fromkeys(formats)), CAPTIONS)
+    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)), CAPTIONS)
 
 
 def write_figures(
-    analysis: Analysis,
+    analysis: Analysis | Draws,
     folder: str | Path,
     *,
     subjects: Sequence[str] | None = None,
     formats: Sequence[str] = ("pdf", "png"),
+    mass: float = MASS,
+    truth: Truth | None = None,
     overwrite: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -235,10 +262,11 @@ def write_figures(
 
     Parameters
     ----------
-    analysis : Analysis
+    analysis : Analysis or Draws
+        As in :func:`figures`.
     folder : path
         Made where it is missing; other files in it are left alone.
-    subjects : sequence of str, optional
+    subjects, mass, truth
         As in :func:`figures`.
     formats : sequence of str
         Of pdf, png (300 dots an inch) and svg.
@@ -256,7 +284,7 @@ def write_figures(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    names, material = products(formats), material_of(analysis, subjects)
+    names, material = products(formats), material_of(analysis, subjects, mass=mass, truth=truth, workers=workers)
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
     required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))
@@ -283,12 +311,22 @@ def _draw(name: str, material: Material, formats: Sequence[str]) -> dict[str, by
 def captions(material: Material) -> str:
     """What each figure shows, with every level and band, as Markdown."""
     missing = left_out(material)
-    draws, chosen = material.draws, ", ".join(material.subjects)
+    draws = material.draws
     lines = [f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}", "", *_preamble(material), ""]
     for name in FIGURES:
-        text = f"Left out: {missing[name]}." if name in missing else _CAPTIONS[name].format(subjects=chosen, first=material.subjects[0])
+        text = f"Left out: {missing[name]}." if name in missing else _caption(name, material)
         lines += [f"**{name}.** {text}", ""]
     return "\n".join(lines)
+
+
+def _caption(name: str, material: Material) -> str:
+    chosen = ", ".join(material.subjects)
+    return _CAPTIONS[name].format(
+        subjects=chosen,
+        first=material.subjects[0],
+        mass=f"{100.0 * material.mass:.3g} %",
+        truth=" Squares: true values." if material.truth else "",
+    )
 
 
 def _preamble(material: Material) -> list[str]:
@@ -311,15 +349,15 @@ _CAPTIONS = {
     "subject's comparisons; large: the largest of the subject.",
     "figure_2_filter": "Beliefs of {first} (medians of the identified coordinates) in the pair with its largest asymmetry, in both orders. "
     "Violet: the belief; dotted: the belief of the row above; dashed: likelihood of the stimulus (triangle); arrow: shift of the mean from "
-    "mu_2 to mu_f, which decides. Heights go with the root of the precision. z is the normalised distance.",
+    "mu_2 to mu_f, which decides; both columns have one range. Heights go with the root of the precision. z is the normalised distance.",
     "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; bands: central "
     f"60 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm). Middle: prior at the medians of the "
     "identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l wide; an arrow points to a prior "
     "beyond the panel. Bottom: the same answers, divided by the median q0, over the normalised distance (posterior median, horizontal "
     "bars 60 % of the draws); curve: 2^(-z^2). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
-    "figure_4_map": "Ellipses: around the densest part, holding 20 % of the posterior draws of (mu_1, sigma_p); dots: their centres; "
+    "figure_4_map": "Ellipses: around the densest part, holding {mass} of the posterior draws of (mu_1, sigma_p); dots: their centres; "
     "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
-    "subjects whose prior means lie farthest out.",
+    "subjects whose prior means lie farthest out.{truth}",
     "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of P('equal'), with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "

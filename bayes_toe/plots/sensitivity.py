@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Of the scales and shapes of a prior in their order; a prior with more of them starts anew.
-_COLOURS, _MARKERS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00"), ("o", "s", "^", "D")
+#: Of the values of a prior in their order; a prior with more of them starts anew.
+_COLOURS, _MARKERS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333"), ("o", "s", "^", "D", "v")
+_GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
+_ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
+_EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 
@@ -28,8 +32,9 @@ _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = None) -> Axes:
     """Log Bayes factor (nats) of one subject against the factor on each scale of the prior, the other values as given.
 
-    Bands: two standard errors. Filled marks: re-weighted draws; open ones: draws made anew under that prior. Dotted line: the prior given.
-    Grey: less than 3 nats, not strong. A cross marks where the sign turns, with the value of the prior there.
+    Locations are shifted from left to right, by one prior standard deviation at the ends. Bands: two standard errors. Filled marks:
+    re-weighted draws; open ones: draws made anew under that prior. Dotted line: the prior given. Grey: less than 3 nats, no strong
+    evidence for either side. A cross marks where the sign turns, with the value of the prior there.
 
     Parameters
     ----------
@@ -40,16 +45,19 @@ def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = No
     """
     own = ax is None
     ax = panel(ax, high=2.6)
-    ax.axhspan(-STRONG, STRONG, color="#EEEEEE", lw=0, zorder=0)
+    ax.axhspan(-STRONG, STRONG, color="#EEEEEE", lw=0, zorder=0, label=_WEAK)
     ax.axhline(0.0, color="black", lw=0.8, zorder=1)
-    ax.axvline(1.0, color=EQUAL, lw=0.8, ls=":", zorder=1)
+    ax.axvline(1.0, color=EQUAL, lw=0.8, ls=":", zorder=1, label=_GIVEN)
     ax.set_xscale("log")
-    for place, varied in enumerate(table.scales):
-        _draw_scale(ax, table.of(subject, varied), place)
-        _mark_turns(ax, table, subject, place)
-    factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
-    _dress_factors(ax, min(factors), max(factors))
-    _set_limits(ax, [row for varied in table.scales for row in table.of(subject, varied)])
+    low, high = _factors(table, subject)
+    scans = {varied: _Scan.of(table.of(subject, varied), getattr(table.prior, varied), high) for varied in table.varied}
+    for place, scan in enumerate(scans.values()):
+        _draw_scan(ax, scan, place)
+    _dress_factors(ax, low, high)
+    _set_limits(ax, [row for scan in scans.values() for row in scan.rows])
+    turns = {place: (scan, found) for place, (varied, scan) in enumerate(scans.items()) if (found := table.turns(subject, varied))}
+    for rank, (place, (scan, found)) in enumerate(turns.items()):
+        _mark_turns(ax, scan, found, _COLOURS[place % len(_COLOURS)], rank)
     ax.set(xlabel="factor on the prior's scale", ylabel="log Bayes factor (nats)")
     if own:
         legend_above(ax, columns=2)
@@ -67,10 +75,21 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         sensitivity_axes(table, name, ax).set(xlabel="", ylabel="")
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
-    figure.supxlabel("factor on the prior's scale" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS)
+    figure.supxlabel(
+        "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS
+    )
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    columns = 2 if across > 1 else 1
-    figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, frameon=False, fontsize=LETTERS)
+    scans = [label for label in found if label not in _EXPLAINED]  # first, whichever subject has which of the others
+    order = [*scans, *(label for label in _EXPLAINED if label in found)]
+    columns = min(across, 3)
+    figure.legend(
+        [found[label] for label in order],
+        order,
+        loc="outside upper center",
+        ncols=columns,
+        frameon=False,
+        fontsize=LETTERS if columns > 1 else SMALL,
+    )
     return figure
 
 
@@ -79,29 +98,66 @@ def save_sensitivity(table: SensitivityTable, path: str | Path, *, synthetic: bo
     return save_figure(sensitivity_figure(table, synthetic=synthetic), path, overwrite=overwrite)
 
 
-def _draw_scale(ax: Axes, rows: Sequence[SensitivityRow], place: int) -> None:
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """One value of the prior, varied: where its rows stand across, as factors, and what it is called."""
+
+    rows: Sequence[SensitivityRow]
+    given: float
+    half: float
+    reach: float
+
+    @classmethod
+    def of(cls, rows: Sequence[SensitivityRow], given: float, reach: float) -> _Scan:
+        return cls(rows, given, max(abs(row.value - given) for row in rows), reach)
+
+    @property
+    def label(self) -> str:
+        label = self.rows[0].prior.declared_as(self.rows[0].varied).label
+        return label if self._scale else f"{label}, from {self.rows[0].value:.3g} to {self.rows[-1].value:.3g}".replace("-", "−")
+
+    @property
+    def _scale(self) -> bool:
+        return self.rows[0].prior.declared_as(self.rows[0].varied).positive
+
+    def across(self, value: float) -> float:
+        """Where a value of the prior stands: a scale at its factor, a location as far to the side as it is shifted."""
+        if self._scale:
+            return value / self.given
+        return float(self.reach ** ((value - self.given) / self.half)) if self.half > 0.0 else 1.0
+
+
+def _factors(table: SensitivityTable, subject: str) -> tuple[float, float]:
+    """Smallest and largest factor on a scale."""
+    factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
+    return min(factors), max(factors)
+
+
+def _draw_scan(ax: Axes, scan: _Scan, place: int) -> None:
     colour, marker = _COLOURS[place % len(_COLOURS)], _MARKERS[place % len(_MARKERS)]
-    label = rows[0].prior.declared_as(rows[0].varied).label
-    factor = np.array([row.factor for row in rows], np.float64)
-    value = np.array([row.log_bayes_factor for row in rows], np.float64)  # None becomes NaN: a gap
-    error = np.array([row.se for row in rows], np.float64)
-    ax.fill_between(factor, value - 2.0 * error, value + 2.0 * error, color=colour, alpha=0.3, lw=0)
-    ax.plot(factor, value, "-", color=colour, lw=1.0)
-    for old in (True, False):
-        at = np.array([(row.method == REWEIGHTED) == old for row in rows])
-        said = f"{label}, {'re-weighted' if old else 'sampled anew'}"
-        ax.plot(
-            factor[at], value[at], marker, ms=3.2, color=colour, mfc=colour if old else "white", mew=0.8, label=said if at.any() else None
-        )
+    at = np.array([scan.across(row.value) for row in scan.rows])
+    value = np.array([row.log_bayes_factor for row in scan.rows], np.float64)  # None becomes NaN: a gap
+    error = np.array([row.se for row in scan.rows], np.float64)
+    anew = np.array([row.method != REWEIGHTED for row in scan.rows])
+    style: dict[str, Any] = {"ms": 3.2, "color": colour, "mew": 0.8}
+    ax.fill_between(at, value - 2.0 * error, value + 2.0 * error, color=colour, alpha=0.3, lw=0)
+    ax.plot(at, value, "-", color=colour, lw=1.0)
+    ax.plot(at[~anew], value[~anew], marker, mfc=colour, label=scan.label, **style)
+    if anew.any():
+        ax.plot(at[anew], value[anew], marker, mfc="white", **style)
+        ax.plot([], [], "o", ms=3.2, color=EQUAL, mfc="white", mew=0.8, label=_ANEW)
 
 
-def _mark_turns(ax: Axes, table: SensitivityTable, subject: str, place: int) -> None:
-    varied, colour, above = table.scales[place], _COLOURS[place % len(_COLOURS)], place % 2 == 0
-    given = getattr(table.prior, varied)
-    for value in table.turns(subject, varied):
-        ax.plot(value / given, 0.0, "x", ms=6.5, mew=1.6, color=colour, zorder=4)
-        style: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "textcoords": "offset points"}
-        ax.annotate(f"{value:.2g}", (value / given, 0.0), (0, 5 if above else -5), fontsize=SMALL, color=colour, **style)
+def _mark_turns(ax: Axes, scan: _Scan, turns: Sequence[float], colour: str, rank: int) -> None:
+    """Crosses with the value of the prior; words of each scan at a height of their own, on the side where the panel has room."""
+    bottom, top = ax.get_ylim()
+    way, away = (1 if top > -bottom else -1), 5 + 8 * rank
+    for value in turns:
+        at = scan.across(value)
+        ax.plot(at, 0.0, "x", ms=6.5, mew=1.6, color=colour, zorder=4)
+        style: dict[str, Any] = {"ha": "center", "va": "bottom" if way > 0 else "top", "textcoords": "offset points"}
+        ax.annotate(f"{value:.2g}".replace("-", "−"), (at, 0.0), (0, way * away), fontsize=SMALL, color=colour, **style)
+    ax.plot([], [], "x", ms=6.5, mew=1.6, color=EQUAL, label=_TURNS)
 
 
 def _dress_factors(ax: Axes, low: float, high: float) -> None:

@@ -51,6 +51,8 @@ def test_run_writes_everything(results):
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     assert "seed 1" in printed
     assert "grouped rows, comma-separated" in printed
+    said = "in short: 2 of 2 subjects have an order effect (counted where evidence is at least positive: P above 0.73 against each rival)"
+    assert printed.splitlines()[-1] == f"{said}; H1 describes the answers of all"
     assert not re.search(r"\d+%", printed)  # no progress bar where nobody looks
 
 
@@ -105,6 +107,37 @@ def test_corner_of_one_subject_and_of_a_wrong_one(folder, results):
     assert wrong.returncode == 2
     assert wrong.stderr.count("\n") == 1
     assert not (folder / "two").exists()
+
+
+def test_corner_of_two_subjects_with_prior_and_truth_in_any_quantities(folder, results):
+    (folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n", encoding="utf-8")
+    posterior = results[0] / "posterior.nc"
+    asked = ("--subject", "B", "--subject", "A", "--parameters", "gain, offset", "--show-prior", "--truth", "truth.csv")
+    done = inside("corner", posterior, "-o", "both", *asked, "--format", "svg", "--format", "pdf", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1 corner plot in both" in done.stdout
+    assert {p.name for p in (folder / "both").iterdir() if not p.name.startswith(".")} == {"B+A.svg", "B+A.pdf"}
+    words = (folder / "both" / "B+A.svg").read_text(encoding="utf-8")
+    assert all(said in words for said in ("B (solid)", "A (dashed)", "grey: prior", "squares, triangles: true values", "offset"))
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--parameters", "gain,mu_1"), "found 'mu_1', allowed: each once, of mu1, sigma_p"),
+        (("--parameters", "gain,gain"), "found 'gain', allowed: each once"),
+        (("--parameters", "gain", "--coordinates", "natural"), "allowed: one of them"),
+        (("--format", "gif"), "format 'gif': allowed: pdf, png, svg"),
+        (("--subject", "A", "--subject", "Z"), "no subject 'Z'"),
+        (("--truth", "study.csv"), "row 1: found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1"),
+    ],
+    ids=lambda value: "-".join(value).replace("--", "") if isinstance(value, tuple) else "",
+)
+def test_corner_refuses_in_one_line(folder, results, option, said):
+    done = inside("corner", results[0] / "posterior.nc", "-o", "none", *option, cwd=folder)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    assert not (folder / "none").exists()
 
 
 @pytest.fixture(scope="module")
@@ -231,6 +264,32 @@ def test_figures_of_chosen_subjects_in_one_format(folder):
     again = inside(*args, "--subject", "B", "--format", "svg", cwd=folder)
     assert again.returncode == 2
     assert "overwrite" in again.stderr
+
+
+def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch):
+    monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
+    posterior = ("--posterior", results[0] / "posterior.nc", "--workers", "1")
+    done = inside("figures", "study.csv", *posterior, "-o", "saved", "--format", "svg", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "seed 1; figures and captions" in done.stdout
+    done = inside("sensitivity", *posterior, "-o", "saved.csv", "--steps", "3", "--reach", "1.5", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "saved.csv").query("varied == 'mu1_sd' and value == 10.0").log_bayes_factor
+    np.testing.assert_allclose(table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01)  # as `evidence` has it
+
+
+def test_draws_of_something_else_are_refused_in_one_line(results, folder, small_study):
+    grouped_csv(folder / "c.csv", small_study)
+    (folder / "wide.toml").write_text("mu1_sd = 20.0\n", encoding="utf-8")
+    for command, given, said in [
+        ("figures", ("c.csv",), "found no draws of subject 'C'; allowed: the posterior of c.csv"),
+        ("sensitivity", ("--prior", "wide.toml"), "found draws under mu1 ~ Normal(0, 10)"),
+        ("figures", ("--seed", "2"), "found draws of seed 1, allowed: that seed, or none, given 2"),
+    ]:
+        done = inside(command, *given, "--posterior", results[0] / "posterior.nc", "-o", "none.csv", cwd=folder)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert said in done.stderr
+    assert "STUDY.csv: missing" in inside("sensitivity", "-o", "none.csv", cwd=folder).stderr
 
 
 @pytest.mark.parametrize(

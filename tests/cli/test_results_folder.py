@@ -8,9 +8,11 @@ import pandas as pd
 import pytest
 from commands import inside
 
+import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.attention import flagged
-from bayes_toe.cli.results_folder import Drawing, Drawn, draw_corners, write_results
+from bayes_toe.cli.corner_folder import draw_corners
+from bayes_toe.cli.results_folder import Drawing, Drawn, write_results
 from bayes_toe.comparison.presets import UnderPresets
 from bayes_toe.errors import InputError
 
@@ -87,9 +89,9 @@ def test_a_drawing_job_carries_a_key_and_a_process_opens_the_file_once(analysis,
     loads, load = [], results_folder.load
     monkeypatch.setattr(results_folder, "load", lambda path: loads.append(path) or load(path))
     results_folder._opened.cache_clear()
-    draw_corners(file, {"A": "a.png", "B": "b.png"}, tmp_path, workers=1)
+    draw_corners(file, {("A",): "a", ("B",): "b"}, tmp_path, workers=1)
     assert loads == [file]
-    assert (tmp_path / "a.png").read_bytes() == results_folder.png(results_folder.corner(analysis.draws, "A"), dpi=110)
+    assert (tmp_path / "a.png").read_bytes() == results_folder.png(bt.plots.corner(analysis.draws, "A"), dpi=110)
     assert len(pickle.dumps(Drawing(file, 1, "A"))) < 500
     assert Drawing(file, 1, "A").draws.names == ("A", "B", "C")
     assert len(loads) == 2  # the file may be another one: its time is

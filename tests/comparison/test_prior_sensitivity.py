@@ -212,14 +212,16 @@ def test_figures_show_every_value_and_mark_the_turns(table):
     turning = SensitivityTable(tuple(rows), bt.Prior(mu1_sd=1.0), 1)
     ax = bt.plots.sensitivity_axes(turning, "S")
     crosses = [line for line in ax.lines if line.get_marker() == "x"]
-    assert [float(line.get_xdata()) if np.ndim(line.get_xdata()) == 0 else line.get_xdata()[0] for line in crosses] == pytest.approx(
-        [2**1.5]
-    )
+    # Across are factors; the mean, from 1 to 2 about 0, stands as far to the right as it is shifted, with 8 at the end.
+    assert [np.ravel(line.get_xdata())[0] for line in crosses if np.size(line.get_xdata())] == pytest.approx([2**1.5, 8 ** (1.25 / 2)])
     figure = bt.plots.sensitivity_figure(table)
     assert [ax.get_title() for ax in figure.axes] == ["A", "B", "C"]
     for ax, name in zip(figure.axes, "ABC", strict=True):
-        shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() in "os"])
-        assert len(shown) == 10
+        shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() in ("o", "s", "v")])
+        assert len(shown) == 15
         low, high = ax.get_ylim()
         assert np.all((shown > low) & (shown < high)), name
         assert all(a < b for a, b in pairwise(ax.get_xticks()))
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[:6] == ["sd of mu1", "scale of sigma_p", "a of gamma", "b of gamma", "mean of mu1, from −10 to 10", "the prior given"]
+    assert "within 3 nats of 0: not strong" in words

@@ -436,7 +436,7 @@ def test_missing_columns_are_all_named() -> None:
         " row 1, column s2",
     ]
     assert "found 'id', 'x', 'response'" in problems[0]
-    assert problems[0].endswith("--columns subject=NAME")
+    assert problems[0].endswith("--columns subject=NAME; or --subject-from '{}.csv', where the name of the file tells it")
 
 
 def test_amplitudes_without_a_reference_are_explained() -> None:

@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.corner_content import LABELS, TRUTH, support
+from bayes_toe.plots.corner_content import LABELS, OVERLAID, TRUTH, support
 from bayes_toe.plots.figure_files import png
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
@@ -127,3 +127,48 @@ def test_a_noise_slope_may_be_negative_and_a_lapse_rate_is_a_share(small_study):
     target = posterior_of(small_study["A"], model="none + sloped + both ways")
     assert support(target, "noise_slope") == (-np.inf, np.inf)
     assert support(target, "lapse_rate") == (0.0, 1.0)
+
+
+# --- several subjects in the same panels -------------------------------------------------------------------------------------------
+
+
+def test_several_subjects_share_their_panels(analysis):
+    figure = bt.plots.corner(analysis.draws, ["A", "C"], coordinates=["gain", "offset"], prior=bt.Prior(), truths={"C": TRUE})
+    axes = np.array(figure.axes).reshape(2, 2)
+    for i, name in enumerate(["gain", "offset"]):
+        values = [analysis.draws.values(one, name).ravel() for one in ("A", "C")]
+        low, high = axes[i, i].get_xlim()
+        assert all(low < np.quantile(one, 0.01) and np.quantile(one, 0.99) < high for one in values)
+        upright = {line.get_color(): line.get_xdata()[0] for line in axes[i, i].lines if len(line.get_xdata()) == 2}
+        assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx([np.median(one) for one in values])
+        tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
+        assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
+    [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s"]
+    assert (square.get_color(), float(square.get_xdata()[0])) == (OVERLAID[1][0], pytest.approx(float(derived_gain())))
+    assert "A (solid)" in words(figure)
+    assert "squares, triangles: true values" in words(figure)
+
+
+def derived_gain():
+    return derived(Natural(*map(np.float64, TRUE.values())))["gain"]
+
+
+def test_panels_of_several_subjects_are_those_of_one(analysis):
+    drawn = bt.plots.corner(analysis.draws, ["A", "B", "C"])
+    assert [ax.get_xlabel() for ax in drawn.axes[-4:]] == [LABELS[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
+    styles = {text.get_color() for text in drawn.texts}
+    assert {colour for colour, _ in OVERLAID[:3]} <= styles
+
+
+@pytest.mark.parametrize(
+    ("subjects", "truths", "said"),
+    [
+        (["A"], None, "allowed: 2 to 4, each once"),
+        (["A", "A"], None, "found 'A', 'A'; allowed"),
+        (["A", "B"], TRUE, "a mapping of each one's values by its name"),
+        ("A", {"A": TRUE}, "its own, such as truths"),
+    ],
+)
+def test_what_cannot_be_overlaid_is_refused(analysis, subjects, truths, said):
+    with pytest.raises(InputError, match=said):
+        bt.plots.corner(analysis.draws, subjects, truths=truths)

@@ -23,9 +23,10 @@ from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.asymmetry import asymmetry_height
+from bayes_toe.plots.curves import order_panel
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
-from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, left_out, material_of, products, representative
+from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, filter_figure, left_out, material_of, products, representative
 from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST
 from bayes_toe.plots.subject import central, main_weaker
 
@@ -137,6 +138,35 @@ def test_the_map_takes_bootstrap_replicates_too(analysis):
         known = np.isfinite(mu1) & np.isfinite(sigma_p)
         held = patch.get_path().contains_points(np.column_stack([mu1[known], sigma_p[known]])).sum()
         assert held / len(mu1) == pytest.approx(0.2, abs=0.02)
+
+
+def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(analysis):
+    material = material_of(analysis, mass=0.5)
+    ax = max(FIGURES["figure_4_map"](material).axes, key=lambda one: len(one.patches))
+    assert ax.get_title(loc="left") == "ellipses: 50 % of the draws each"
+    assert "holding 50 % of the posterior draws" in captions(material)
+    order = sorted("ABC", key=lambda name: float(central(analysis.draws, name).mu1))
+    assert {text.get_text() for text in ax.texts} - {""} == {f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)}
+    known = material_of(analysis, truth={"A": {"mu1": -9.0, "sigma_p": 0.25}, "B": {"mu1": 1.0}})
+    ax = max(FIGURES["figure_4_map"](known).axes, key=lambda one: len(one.patches))
+    assert [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == "s"] == [[[-9.0, 0.25]]]
+    assert ax.get_title(loc="left").endswith("; squares: true")
+    assert "Squares: true values." in captions(known)
+    with pytest.raises(InputError, match="mass=1"):
+        material_of(analysis, mass=1.0)
+
+
+def test_marks_of_both_orders_stand_beside_each_other():
+    counts = bt.Subject("x", [0.0, 0.3, 0.3], [0.3, 0.0, 0.3], [5, 5, 5], [10, 10, 10])
+    ax = order_panel(Figure().subplots(), counts, None, 0.0)
+    x = {one.get_label(): one.lines[0].get_transform().transform([0.3, 0.5])[0] for one in ax.containers}
+    step = ax.get_figure().dpi / 72 * 0.7 * 5.5
+    assert [x[one] - x["equal stimuli"] for one in ("weaker first", "stronger first")] == pytest.approx([-step, step])
+
+
+def test_both_columns_of_the_filter_view_have_one_range(analysis):
+    left, right = filter_figure(analysis.draws, "A").axes
+    assert left.get_xlim() == right.get_xlim()
 
 
 def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_the_edge():

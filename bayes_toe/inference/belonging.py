@@ -1,0 +1,77 @@
+"""Whether saved draws are those that somebody means: of this study, under this prior, this model and this seed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.prior import Prior
+
+_COLUMNS = ("s1", "s2", "isi", "n_equal", "n_trials")
+
+
+def require_belonging(
+    draws: Draws, where: str, *, study: Study | None = None, prior: Prior | None = None, seed: int | None = None, model: str | None = None
+) -> None:
+    """Refuse draws that belong to something else; what is not given is not asked for.
+
+    Parameters
+    ----------
+    draws : Draws
+    where : str
+        What the draws are called in the message.
+    study : Study, optional
+        Must have the same subjects with the same counts, in any order; subjects that failed have no draws.
+    prior, seed, model : optional
+
+    Raises
+    ------
+    InputError
+        In one line: what was found, and what is allowed.
+    """
+    if model is not None and draws.model != model:
+        raise InputError(f"{where}: found draws of the model {draws.model!r}, allowed: {model!r}")
+    if study is not None and (wrong := _other_study(draws, study)):
+        raise InputError(f"{where}: {wrong}; allowed: the posterior of {study.source}")
+    if prior is not None and draws.prior != prior:
+        raise InputError(f"{where}: found draws under {draws.prior.describe()}; allowed: that prior, or none, given {prior.describe()}")
+    if seed is not None and draws.seed != seed:
+        raise InputError(f"{where}: found draws of seed {draws.seed}, allowed: that seed, or none, given {seed}")
+
+
+def require_update(draws: Draws, what: str) -> None:
+    """Refuse draws of another model than the predictive update, for what knows no other.
+
+    Raises
+    ------
+    InputError
+    """
+    require_belonging(draws, what, model=PREDICTIVE_UPDATE.name)
+
+
+def _other_study(draws: Draws, study: Study) -> str:
+    """What is not the same; nothing where all is."""
+    known = {*draws.names, *draws.failed}
+    absent, others = [name for name in study.names if name not in known], known.difference(study.names)
+    if absent:
+        return f"found no draws of {_named(absent)}"
+    if others:
+        return f"found draws of {_named(sorted(others))}, whom {study.source} does not have"
+    different = [name for name in draws.names if not _same(draws.subject(name), study[name])]
+    return f"found draws of {_named(different)} from other answers" if different else ""
+
+
+def _same(one: Subject, other: Subject) -> bool:
+    """Whether both have the same counts of the same pairs."""
+    pairs = [(getattr(one, name), getattr(other, name)) for name in _COLUMNS]
+    return all(mine is theirs is None if mine is None or theirs is None else np.array_equal(mine, theirs) for mine, theirs in pairs)
+
+
+def _named(names: Iterable[str]) -> str:
+    return f"subject {listed([quoted(name) for name in names], 3)}"

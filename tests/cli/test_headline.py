@@ -1,0 +1,36 @@
+"""The one sentence that a study supports counts nobody whose answers the model does not describe."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bayes_toe.cli.headline import NEXT, in_short
+
+EFFECT, NONE, OPEN = (-9.0, -3.0, 0.0), (0.0, -3.0, -2.0), (0.0, -0.5, -0.2)
+
+
+def table(*rows):
+    return [SimpleNamespace(log_evidence_orders=found, misfit=misfit) for found, misfit in rows]
+
+
+@pytest.mark.parametrize(
+    ("rows", "start", "end"),
+    [
+        (
+            [(EFFECT, False), (NONE, False), (OPEN, False), (None, False)],
+            "1 of 4 subjects has an order effect, 1 has none, 2 are undecided (",
+            "of all",
+        ),
+        ([(EFFECT, True), (EFFECT, False), (EFFECT, False)], "2 of the 2 subjects whose answers H1 describes have an order effect (", NEXT),
+        ([(EFFECT, True)], "H1 describes the answers of none of 1 subject; next: bayes-toe compare", NEXT),
+    ],
+    ids=["all", "some", "none"],
+)
+def test_one_sentence(rows, start, end):
+    said = in_short(table(*rows))
+    assert said.startswith(start)
+    assert said.endswith(end)
+
+
+def test_synthetic_subjects_are_called_so():
+    assert in_short(table((EFFECT, False), (EFFECT, False)), synthetic=True).startswith("2 of 2 synthetic subjects have")

@@ -1,0 +1,61 @@
+"""What a person sees at a prompt and in a notebook: short, escaped, and what to do next where something else was meant."""
+
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.data.tables import Table
+
+
+def subclasses(kind):
+    return {kind, *(below for one in kind.__subclasses__() for below in subclasses(one))}
+
+
+def test_everything_fits_on_a_line(analysis):
+    table = bt.asymmetry(analysis.study)
+    for one in (analysis, analysis.study, analysis.study["A"], analysis.draws, analysis.evidence, analysis.fits, table):
+        assert len(repr(one)) < 220
+        assert "\n" not in repr(one)
+    assert repr(analysis.study) == "<Study 'three kinds': 3 subjects ('A', 'B', 'C'), 1,950 trials>"
+    assert repr(analysis.draws).startswith("<Draws of 'predictive update': 3 subjects ('A', 'B', 'C'), ")
+    assert repr(analysis.evidence) == "<EvidenceTable: 3 rows of 'A', 'B', 'C'; frame() gives them to pandas>"
+    assert all(kind.__repr__ is Table.__repr__ for kind in subclasses(Table))
+
+
+def test_notebooks_show_small_tables_and_run_nothing():
+    wild = bt.Study([bt.Subject("<script>", [0.0, 0.3], [0.3, 0.0], [3, 1], [5, 5])], source="<b>")
+    draws = bt.sample(wild, draws=100, seed=1, workers=1)
+    for one in (wild, draws, bt.asymmetry(wild)):
+        assert "<table" in one._repr_html_()
+        assert "<script>" not in one._repr_html_()
+        assert "&lt;script&gt;" in one._repr_html_()
+    many = bt.Study([bt.Subject(f"S{i}", [0.0], [0.3], [3], [5]) for i in range(50)])
+    assert many._repr_html_().count("<tr") == 21
+    assert "and 30 more rows" in many._repr_html_()
+
+
+def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
+    named = [bt.Subject(name, one.s1, one.s2, one.n_equal, one.n_trials) for name, one in zip(("1008", "01"), small_study, strict=False)]
+    study = bt.Study(named)
+    draws = bt.sample(study, draws=100, seed=1, workers=1)
+    assert (draws[1008].names, draws.subject(1008).name, draws.values(1008, "gain").size > 99) == (("1008",), "1008", True)
+    assert study.select(1008).names == study.select([1008]).names == ("1008",)
+    assert bt.asymmetry(study)[1008].subject == "1008"
+    with pytest.raises(bt.InputError, match=r"no subject 1 .*there are: '1008', '01'"):
+        study[1]  # which of 1, 01 and 001 would that be?
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("x.csv", r"found 'x.csv', allowed: a Study, such as bt.read_study\('x.csv'\)"),
+        (bt.Subject("x", [0.0], [0.3], [1], [2]), r"found Subject, allowed: a Study, such as bt.Study\(\[subject\]\)"),
+        ([], r"found list, allowed: a Study, such as bt.Study\(subjects\)"),
+        (3, r"found int, allowed: a Study, such as bt.read_study\(path or DataFrame\)"),
+    ],
+    ids=["path", "subject", "list", "number"],
+)
+def test_every_verb_says_what_a_study_is(given, said):
+    verbs = (bt.run, bt.sample, bt.evidence, bt.compare, bt.sensitivity, bt.fit, bt.asymmetry, bt.population, bt.average, bt.prior_for)
+    for verb in (*verbs, bt.parts_sensitivity, bt.prior_predictive, bt.check_study, bt.check_answers):
+        with pytest.raises(bt.InputError, match=said):
+            verb(given)
