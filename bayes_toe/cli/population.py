@@ -54,7 +54,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     correlations: Annotated[
         bool | None,
         typer.Option(
-            "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 100 trials each."
+            "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 500 trials each."
         ),
     ] = None,
     hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 METHODS = ("joint", "reweight")
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
-MANY, LONG = 30, 100
+MANY, LONG = 30, 500
 _FEWEST, _MOST_DRAWS = 2, 100_000
 _ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
@@ -239,7 +239,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     method : {"joint", "reweight"}
         Sample the joint posterior, or weight draws of the subjects' own posteriors.
     correlations : bool, optional
-        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 100 trials or more each, by the
+        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 500 trials or more each, by the
         method "joint".
 
     Raises
@@ -311,7 +311,7 @@ def _model(name: str) -> Model:
 
 
 def _tells_correlations(group: Study, method: str) -> bool:
-    """Of fewer subjects, or of fewer trials, answers tell next to nothing of correlations, and sampling costs several times as much."""
+    """Of fewer subjects, or of fewer trials, answers tell less of correlations, and sampling them costs many times as much."""
     return method == "joint" and sum(one.total_trials >= LONG for one in group) >= MANY
 
 
