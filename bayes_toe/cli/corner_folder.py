@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from bayes_toe.cli.results_folder import Drawing, Truth, corner_files
-from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.number_table import read_some_numbers
+from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.corner import corner
@@ -61,24 +58,6 @@ def coordinates_of(coordinates: str | None, parameters: str | None, draws: Draws
     if wrong:
         raise InputError(f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of {', '.join(allowed)}")
     return names
-
-
-def read_truth(path: Path, draws: Draws, subjects: Sequence[str]) -> Truth:
-    """True values by subject from a CSV file: a column subject, and one for each quantity that is known.
-
-    Raises
-    ------
-    InputError
-        One line per problem; also where there is no such quantity, or no true value of any of these subjects.
-    """
-    allowed = draws.posterior(draws.names[0]).names.all
-    names, columns = read_some_numbers(path, "subject", allowed)
-    found = {
-        name: {key: float(values[row]) for key, values in columns.items() if not np.isnan(values[row])} for row, name in enumerate(names)
-    }
-    if not any(found.get(name) for name in subjects):
-        raise InputError(f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, allowed: a row of each")
-    return found
 
 
 def corner_pictures(draws: Draws, chosen: Sequence[str], *, together: bool) -> dict[tuple[str, ...], str]:

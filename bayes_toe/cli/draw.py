@@ -37,7 +37,7 @@ def figures(
     [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
     """
     from bayes_toe.classical.ellipse import require_mass
-    from bayes_toe.cli.corner_folder import read_truth
+    from bayes_toe.cli.truth import read_truth
     from bayes_toe.inference.draws import Draws
     from bayes_toe.plots.paper_figures import FIGURES, products, write_figures
 
@@ -46,7 +46,7 @@ def figures(
     task.require_folder(output, products(chosen))
     found = _sampled(study, subject, task) if posterior is None else saved_draws(posterior, study, task)
     draws = found if isinstance(found, Draws) else found.draws
-    known = None if truth is None else read_truth(truth, draws, draws.names)
+    known = None if truth is None else read_truth(truth, [draws], draws.names)
     summaries.say_draws(task.console, draws)
     with task.progress("drawing", len(FIGURES)) as tick:
         write_figures(
@@ -94,7 +94,8 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
     """
-    from bayes_toe.cli.corner_folder import Look, coordinates_of, corner_pictures, draw_corners, read_truth
+    from bayes_toe.cli.corner_folder import Look, coordinates_of, corner_pictures, draw_corners
+    from bayes_toe.cli.truth import read_truth
     from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.inference.draws import load
     from bayes_toe.plots.figure_files import require_formats
@@ -104,7 +105,7 @@ def corner(
     chosen = loaded.names if subject is None else tuple(subject)
     for name in chosen if subject else ():
         loaded.subject(name)  # refuses who is not there
-    known = {} if truth is None else read_truth(truth, loaded, chosen)
+    known = {} if truth is None else read_truth(truth, [loaded], chosen)
     look = Look(coordinates_of(coordinates, parameters, loaded), show_prior, known, chosen_formats)
     pictures = corner_pictures(loaded, chosen, together=subject is not None and len(chosen) > 1)
     files = [f"{stem}.{suffix}" for stem in pictures.values() for suffix in chosen_formats]
@@ -136,15 +137,15 @@ def explore(
 
     [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
     """
+    from bayes_toe.cli.truth import read_truth
     from bayes_toe.explorer.page import entries, page, require_bokeh
-    from bayes_toe.explorer.truth import read_truth
     from bayes_toe.groups.population_file import load_population
     from bayes_toe.inference.draws import load
 
     require_bokeh()
     task.require_files(output)
-    known = None if truth is None else read_truth(truth)
     loaded = [load(path) for path in posteriors]
+    known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
     group = None if population is None else load_population(population)
     found = entries(loaded, subjects=subject, truths=known, population=group)
     with task.progress("packing", len(found)) as tick:

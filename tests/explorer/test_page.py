@@ -17,7 +17,6 @@ from bayes_toe.explorer.contours import contours, frame
 from bayes_toe.explorer.curves import slice_count, slices
 from bayes_toe.explorer.entry import Entry, badges
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
-from bayes_toe.explorer.truth import read_truth
 from bayes_toe.inference.predictive_checks import FitSummary
 
 
@@ -197,10 +196,3 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetr
     again = inside("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
     assert again.returncode == 2
     assert "a.html: exists" in again.stderr
-
-
-def test_a_truth_without_a_quantity_is_refused(tmp_path):
-    path = tmp_path / "truth.csv"
-    path.write_text("subject,mu\nA,1\n", encoding="utf-8")
-    with pytest.raises(bt.InputError, match="no quantity among the columns, allowed: mu1, sigma_p"):
-        read_truth(path)
