@@ -42,4 +42,7 @@ from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
 from .model.study_prior import prior_for as prior_for
+from .planning.power import power as power
+from .planning.study_design import StudyDesign as StudyDesign
+from .planning.study_design import read_study_design as read_study_design
 from .version import __version__ as __version__

@@ -27,6 +27,9 @@ from .population import forest_axes as forest_axes
 from .population import new_subject_axes as new_subject_axes
 from .population import population_figure as population_figure
 from .population import predictive_check_axes as predictive_check_axes
+from .power import interval_width_axes as interval_width_axes
+from .power import power_axes as power_axes
+from .power import power_figure as power_figure
 from .prior_predictive import prior_predictive_axes as prior_predictive_axes
 from .prior_predictive import prior_predictive_figure as prior_predictive_figure
 from .sensitivity import sensitivity_axes as sensitivity_axes
