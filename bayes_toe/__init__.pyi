@@ -45,4 +45,5 @@ from .model.study_prior import prior_for as prior_for
 from .planning.power import power as power
 from .planning.study_design import StudyDesign as StudyDesign
 from .planning.study_design import read_study_design as read_study_design
+from .planning.trial_list import trial_list as trial_list
 from .version import __version__ as __version__

@@ -1,4 +1,4 @@
-"""Commands for a study that is still to be made: power."""
+"""Commands for a study that is still to be made: power, trials."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import writes
-from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
+from bayes_toe.cli.options import Seed, writes
+from bayes_toe.cli.task import KeepingTableTask, WritingTask, leave_unless_whole
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 
@@ -30,6 +30,13 @@ class PlanningTask(KeepingTableTask):
     """Simulation for assumed observers."""
 
     observers: Observers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListingTask(WritingTask):
+    """A random order."""
+
+    seed: Seed = None
 
 
 def power(
@@ -76,6 +83,40 @@ def power(
         terminal.say(task.console, terminal.safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
     leave_unless_whole(task, table.failed, {})
+
+
+def trials(
+    *,
+    design: Annotated[Path, typer.Argument(metavar="DESIGN.csv", help="Columns s1,s2,n_trials (and isi).")],
+    output: Annotated[Path, writes("trials.csv", "Trials to show, for PsychoPy or jsPsych; its column response is empty.")] = Path(
+        "trials.csv"
+    ),
+    blocks: Annotated[int, typer.Option("--blocks", min=1, help="Blocks of as many trials as can be.")] = 10,
+    subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, each with an order of trials of its own.")] = 1,
+    intensity: Annotated[
+        float | None, typer.Option("--intensity", metavar="REF", help="Columns i1,i2 with raw amplitudes, i = REF e^s, beside s1,s2.")
+    ] = None,
+    task: ListingTask,
+) -> None:
+    """A randomised, counterbalanced list of trials, which run reads once the answers are filled in.
+
+    [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
+    """
+    from bayes_toe.planning.study_design import read_study_design
+    from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials, trial_list
+    from bayes_toe.seeds import root_seed
+
+    task.require_files(output)
+    if intensity is not None and not 0.0 < intensity < float("inf"):
+        raise InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
+    seed, read, width = root_seed(task.seed), read_study_design(design), max(2, len(str(subjects)))
+    names = [f"S{number + 1:0{width}d}" for number in range(subjects)]
+    lists = [trial_list(read, blocks=blocks, subject=name, seed=seed) for name in names]
+    save_trials(lists, output, reference=intensity, overwrite=task.overwrite)
+    who = f"{subjects} subject{'' if subjects == 1 else 's'}, {read.total} trials each in {blocks} blocks"
+    terminal.say(task.console, f"{who}: both orders of two stimuli equally often in a block where the design has them so, at most "
+                 f"{MOST_EQUAL} equal pairs in a row")  # fmt: skip
+    task.say_written("trials in", output, seed=seed)
 
 
 def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:
