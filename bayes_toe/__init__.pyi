@@ -42,6 +42,9 @@ from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
 from .model.study_prior import prior_for as prior_for
+from .planning.optimal import OptimalDesign as OptimalDesign
+from .planning.optimal import Wish as Wish
+from .planning.optimal import optimal_design as optimal_design
 from .planning.power import power as power
 from .planning.study_design import StudyDesign as StudyDesign
 from .planning.study_design import read_study_design as read_study_design

@@ -29,6 +29,7 @@ COMMANDS = (
     draw.corner,
     describe.predict,
     planning.power,
+    planning.design,
     planning.trials,
     synthetic.simulate,
     synthetic.calibrate,

@@ -1,4 +1,4 @@
-"""Commands for a study that is still to be made: power, trials."""
+"""Commands for a study that is still to be made: power, design, trials."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import typer
 
 from bayes_toe.cli import terminal
 from bayes_toe.cli.options import Seed, writes
-from bayes_toe.cli.task import KeepingTableTask, WritingTask, leave_unless_whole
+from bayes_toe.cli.task import KeepingTableTask, ModelTask, TableTask, WritingTask, leave_unless_whole
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
+    from bayes_toe.arrays import FloatArray
     from bayes_toe.planning.study_design import StudyDesign
 
+_AIMS = ("update", "gain", "mu1", "width", "parameters")
 _POWER = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
@@ -30,6 +32,51 @@ class PlanningTask(KeepingTableTask):
     """Simulation for assumed observers."""
 
     observers: Observers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignTask(TableTask, ModelTask):
+    """Search and simulation for assumed observers."""
+
+    observers: Observers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOptions:
+    """Which pairs can be shown."""
+
+    lowest: Annotated[float | None, typer.Option("--lowest", help="Weakest stimulus, natural-log intensity.")] = None
+    highest: Annotated[float | None, typer.Option("--highest", help="Strongest stimulus.")] = None
+    step: Annotated[float, typer.Option("--step", help="Between levels, natural-log intensity.")] = 0.05
+    levels: Annotated[
+        Path | None,
+        typer.Option("--levels", metavar="levels.csv", help="What hardware can show, column s, or i with --intensity."),
+    ] = None
+    intensity: Annotated[float | None, typer.Option("--intensity", metavar="REF", help="Of --levels: amplitudes, s = ln(i / REF).")] = None
+    max_pairs: Annotated[int, typer.Option("--max-pairs", help="Different pairs.")] = 25
+    isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals to choose from, seconds, e.g. 0.5,2.")] = None
+
+    def levels_in_log(self) -> FloatArray:
+        """Levels, natural-log intensity."""
+        from bayes_toe.planning.optimal import grid, read_levels
+
+        if self.levels is not None:
+            if self.lowest is not None or self.highest is not None:
+                raise InputError("--levels and --lowest, --highest: allowed is one of the two ways to say what can be shown")
+            return read_levels(self.levels, self.intensity)
+        if self.lowest is None or self.highest is None or self.intensity is not None:
+            raise InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
+        return grid(self.lowest, self.highest, self.step)
+
+    def intervals(self) -> tuple[float, ...]:
+        """Inter-stimulus intervals, seconds."""
+        try:
+            found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
+        except ValueError:
+            found = (0.0,)
+        if any(not 0.0 < one < float("inf") for one in found):
+            raise InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +132,45 @@ def power(
     leave_unless_whole(task, table.failed, {})
 
 
+def design(
+    *,
+    output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
+    space: LevelOptions,
+    aim: Annotated[str, typer.Option("--for", metavar="|".join(_AIMS), help="Name the update, or know a quantity, or all.")] = "update",
+    keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
+    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
+    task: DesignTask,
+) -> None:
+    """The pairs that tell most of what is asked, among those that can be shown, beside the paper's, all, and random ones.
+
+    [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
+    """
+    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.planning.optimal import Wish, optimal_design
+    from bayes_toe.planning.study_design import read_study_design
+    from bayes_toe.plots.design import design_figure
+    from bayes_toe.plots.figure_files import save_figure
+
+    files = _beside(output)
+    task.require_files(*files)
+    prior, levels = preset_or_file(task.prior), space.levels_in_log()
+    wish = Wish(aim, space.max_pairs, None if keep is None else read_study_design(keep), space.intervals())
+    with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
+        found = optimal_design(
+            levels, trials, wish, task.observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
+        )
+    with task.together(*files) as folder:
+        found.design.save(folder / files[0].name)
+        found.power.save(folder / files[1].name, spreadsheet_safe=task.spreadsheet_safe)
+        (folder / files[2].name).write_text(found.text(), encoding="utf-8")
+        save_figure(design_figure(found), folder / files[3].name)
+    for line in found.said():
+        terminal.say(task.console, terminal.safe(line))
+    task.say_written("written:", *files, seed=found.seed)
+    leave_unless_whole(task, found.power.failed, {})
+
+
 def trials(
     *,
     design: Annotated[Path, typer.Argument(metavar="DESIGN.csv", help="Columns s1,s2,n_trials (and isi).")],
@@ -117,6 +203,14 @@ def trials(
     terminal.say(task.console, f"{who}: both orders of two stimuli equally often in a block where the design has them so, at most "
                  f"{MOST_EQUAL} equal pairs in a row")  # fmt: skip
     task.say_written("trials in", output, seed=seed)
+
+
+def _beside(output: Path) -> tuple[Path, ...]:
+    """The design, what it was compared with, why it is so, the figure."""
+    if output.suffix != ".csv":
+        raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
+    compared = output.with_name(f"{output.stem}_compared.csv")
+    return output, compared, output.with_suffix(".md"), output.with_suffix(".png")
 
 
 def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:

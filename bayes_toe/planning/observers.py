@@ -206,7 +206,7 @@ def _in_ranges(ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: floa
             name = f"{kind} {number + 1}"
             rng = generator(seed, name, "observer")
             values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items()}
-            yield Observer(name, kind, _composition(kind, values), _natural(values, at), at)
+            yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at)
 
 
 def _composition(kind: str, values: Mapping[str, float]) -> str:
@@ -214,7 +214,7 @@ def _composition(kind: str, values: Mapping[str, float]) -> str:
     return " + ".join([kind, *(part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values)])
 
 
-def _natural(values: Mapping[str, float], at: float) -> dict[str, float]:
+def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
     """What a model is written in, from what a file says: mu1 = at + c/p, sigma_p = w K^(3/2), sigma_l = sigma_p p^(1/2) / K."""
     rest = dict(values)
     if "pull" not in rest:

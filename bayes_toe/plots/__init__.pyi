@@ -8,6 +8,9 @@ from .comparison import comparison_figure as comparison_figure
 from .comparison import model_frequency_axes as model_frequency_axes
 from .corner import corner as corner
 from .curves import curves as curves
+from .design import compared_axes as compared_axes
+from .design import design_axes as design_axes
+from .design import design_figure as design_figure
 from .evidence import evidence_figure as evidence_figure
 from .evidence import order_effect_axes as order_effect_axes
 from .figure_files import save_figure as save_figure
