@@ -42,6 +42,7 @@ from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
 from .model.study_prior import prior_for as prior_for
+from .planning.adaptive import Adaptive as Adaptive
 from .planning.optimal import OptimalDesign as OptimalDesign
 from .planning.optimal import Wish as Wish
 from .planning.optimal import optimal_design as optimal_design
