@@ -139,6 +139,11 @@ class Adaptive:
         return len(self._answers)
 
     @property
+    def answers(self) -> list[tuple[Any, ...]]:
+        """The pair and the answer, True for 'equal', of every trial in order: s1, s2, isi where there are several, equal."""
+        return [(*pair, equal) for pair, equal in self._answers]
+
+    @property
     def subject(self) -> Subject:
         """The answers, as every verb of the package takes them."""
         return _subject(self._answers)
@@ -174,7 +179,7 @@ class Adaptive:
             "model": list(self._clouds),
             "prior": asdict(self.prior),
             **{key: getattr(self, key) for key in ("seed", "about", "draws")},
-            "answers": [[*pair, equal] for pair, equal in self._answers],
+            "answers": self.answers,
         }
         with whole_file(path, overwrite=overwrite) as target:
             target.write_text(json.dumps(content), encoding="utf-8")
