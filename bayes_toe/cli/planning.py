@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _AIMS = ("update", "gain", "mu1", "width", "parameters")
 _POWER = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
+_STOPPING = "power_stopping.csv"
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -95,6 +96,12 @@ def power(
     output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
     trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300",
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100,
+    stop: Annotated[
+        float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
+    ] = None,
+    look: Annotated[
+        int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
+    ] = 50,
     task: PlanningTask,
 ) -> None:
     """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
@@ -106,30 +113,43 @@ def power(
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.planning.observers import observers_from
     from bayes_toe.planning.power import power as simulate
+    from bayes_toe.planning.stopping import Rule, stopping
     from bayes_toe.plots.figure_files import save_figure
     from bayes_toe.plots.power import power_figure
 
-    task.require_folder(output, _POWER)
+    task.require_folder(output, (*_POWER, _STOPPING))
     keep = task.partial(output)
     prior = preset_or_file(task.prior)
     designs, numbers = _designs(design), _numbers(trials)
+    rule = None if stop is None else Rule(stop, numbers[-1], look)
     kinds = dict.fromkeys(one.kind for one in observers_from(task.observers, 1, 0))  # refuses a bad file before any work
     with task.progress("simulating and analysing", len(designs) * len(numbers) * len(kinds) * data_sets) as tick:
         table = simulate(
             designs, numbers, task.observers,
             data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
-    with whole_folder(output, _POWER, required=_POWER, overwrite=task.overwrite) as target:
+    stopped = None
+    if rule is not None:
+        with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
+            stopped = stopping(
+                designs, rule, task.observers,
+                data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
+            )  # fmt: skip
+    made = _POWER if stopped is None else (*_POWER, _STOPPING)
+    with whole_folder(output, (*_POWER, _STOPPING), required=made, overwrite=task.overwrite) as target:
+        if stopped is not None:
+            stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
         table.save(target / _POWER[0], spreadsheet_safe=task.spreadsheet_safe)
         write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
         for name in _POWER[2:]:
             save_figure(power_figure(table), target / name)
     task.say_taken(keep)
-    task.finish(keep, table.failed)
-    for line in table.sentences():
+    failed = table.failed if stopped is None else {**table.failed, **stopped.failed}
+    task.finish(keep, failed)
+    for line in (*table.sentences(), *(() if stopped is None else stopped.sentences())):
         terminal.say(task.console, terminal.safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
-    leave_unless_whole(task, table.failed, {})
+    leave_unless_whole(task, failed, {})
 
 
 def design(

@@ -10,14 +10,12 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.number_table import read_numbers
-from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
 from bayes_toe.planning.information import AIMS, Pairs, information
 from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
-from bayes_toe.planning.power import power, simulated
+from bayes_toe.planning.power import design_prior, power, simulated
 from bayes_toe.planning.power_table import DataSet, PowerTable
 from bayes_toe.planning.reasons import FULL, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, apportioned, paper_study_design
@@ -191,11 +189,7 @@ def optimal_design(
 
 
 def _people(source: str | Path | None, seed: int, prior: Prior | str | None) -> tuple[Observer, ...]:
-    return observers_from(source, ASSUMED, seed, prior=_numbers(prior, paper_study_design()))
-
-
-def _numbers(prior: Prior | str | None, design: StudyDesign) -> Prior:
-    return prior_for(Study((design.unanswered,)), prior)
+    return observers_from(source, ASSUMED, seed, prior=design_prior(paper_study_design(), prior))
 
 
 class _Maker:
@@ -208,7 +202,7 @@ class _Maker:
         self.levels = levels
         self.pairs = self._admissible()
         every = StudyDesign(self.pairs.s1, self.pairs.s2, np.ones(len(self.pairs), np.int64), self.pairs.isi)
-        self.prior = _numbers(prior, every)
+        self.prior = design_prior(every, prior)
         self.fixed = self._fixed()
         if trials - int(self.fixed.sum()) < _FEWEST:
             kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""

@@ -73,14 +73,12 @@ def power(
     >>> len(table.rows), table["the paper's pairs", 130, "update", "named, P > 0.95"].data_sets
     (3, 1)
     """
-    designs = _named(design)
-    if data_sets < 1:
-        raise InputError(f"data_sets={data_sets}: allowed is at least 1")
+    designs = named_designs(design)
     asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
     with keeping(keep, "simulated data sets") as kept:
         root = kept.seed(seed)
-        chosen = _observers(observers, data_sets, root, prior)
-        jobs = [partial(simulated, name, one, observer, root, _prior_of(one, prior)) for name, one in asked for observer in chosen]
+        chosen = assumed(observers, data_sets, root, prior)
+        jobs = [partial(simulated, name, one, observer, root, design_prior(one, prior)) for name, one in asked for observer in chosen]
         done = kept.work(jobs, workers, progress, [(job.args[2].name,) for job in jobs])
         return PowerTable(tuple(done), tuple(designs), root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()})
 
@@ -120,17 +118,22 @@ def _between(values: FloatArray, shares: FloatArray) -> float:
     return float(values[order[min(high, len(order) - 1)]] - values[order[low]])
 
 
-def _named(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Mapping[str, StudyDesign]:
+def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Mapping[str, StudyDesign]:
+    """Designs by name; the paper's where there is none."""
     if design is None:
         return {"the paper's pairs": paper_study_design()}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
 
 
-def _observers(given: str | Path | Sequence[Observer] | None, size: int, seed: int, prior: Prior | str | None) -> Sequence[Observer]:
+def assumed(given: str | Path | Sequence[Observer] | None, size: int, seed: int, prior: Prior | str | None) -> Sequence[Observer]:
+    """The observers given, or so many of each kind of a source."""
+    if size < 1:
+        raise InputError(f"data_sets={size}: allowed is at least 1")
     if given is None or isinstance(given, str | Path):
-        return observers_from(given, size, seed, prior=_prior_of(paper_study_design(), prior))
+        return observers_from(given, size, seed, prior=design_prior(paper_study_design(), prior))
     return given
 
 
-def _prior_of(design: StudyDesign, prior: Prior | str | None) -> Prior:
+def design_prior(design: StudyDesign, prior: Prior | str | None) -> Prior:
+    """The prior in numbers, for the stimuli of a design."""
     return prior_for(Study((design.unanswered,)), prior)

@@ -27,6 +27,8 @@ DATA_SET_COLUMNS = ("design", "trials", "observer", "kind", *_LOG_EVIDENCES, *_P
 #: Probability from which a kind counts as named, and Bayes factors against the best of its rivals.
 CERTAIN, FACTORS = 0.95, (3, 10, 30)
 NAMED, WRONG = f"named, P > {CERTAIN}", f"another named, P > {CERTAIN}"
+#: Kinds in a sentence.
+WORDS = {"none": "no order effect", "constant error": "a constant error", UPDATE: "an update"}
 _LEVEL = 0.95  # of the intervals of Monte Carlo error
 
 
@@ -169,8 +171,7 @@ class PowerTable(Table[DataSet]):
         keys = [kind for kind in self.kinds if (design, trials, kind) in self._groups]
         main = UPDATE if UPDATE in keys else keys[-1]
         named = self[design, trials, main, NAMED]
-        what = {"none": "no order effect", "constant error": "a constant error", UPDATE: "an update"}[main]
-        line = f"with {design} {trials} trials name {what} in {said_share(named)}"
+        line = f"with {design} {trials} trials name {WORDS[main]} in {said_share(named)}"
         others = [row for kind in keys if kind != main for row in self._groups[design, trials, kind]]
         wrong = sum(row.named() == main for row in others)
         return line + (f", and wrongly in {wrong} of {len(others)} others" if others else "")
