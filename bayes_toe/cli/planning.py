@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bayes_toe.planning.study_design import StudyDesign
 
 _AIMS = ("update", "gain", "mu1", "width", "parameters")
-_POWER = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
+_POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
 _STOPPING = "power_stopping.csv"
 Observers = Annotated[
     str | None,
@@ -96,6 +96,7 @@ def power(
     output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
     trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300",
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100,
+    subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16",
     stop: Annotated[
         float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
     ] = None,
@@ -113,6 +114,7 @@ def power(
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.planning.observers import observers_from
     from bayes_toe.planning.power import power as simulate
+    from bayes_toe.planning.power_of_studies import power_of_studies
     from bayes_toe.planning.stopping import Rule, stopping
     from bayes_toe.plots.figure_files import save_figure
     from bayes_toe.plots.power import power_figure
@@ -120,7 +122,7 @@ def power(
     task.require_folder(output, (*_POWER, _STOPPING))
     keep = task.partial(output)
     prior = preset_or_file(task.prior)
-    designs, numbers = _designs(design), _numbers(trials)
+    designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
     rule = None if stop is None else Rule(stop, numbers[-1], look)
     kinds = dict.fromkeys(one.kind for one in observers_from(task.observers, 1, 0))  # refuses a bad file before any work
     with task.progress("simulating and analysing", len(designs) * len(numbers) * len(kinds) * data_sets) as tick:
@@ -128,7 +130,7 @@ def power(
             designs, numbers, task.observers,
             data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
-    stopped = None
+    studies, stopped = power_of_studies(table, sizes), None
     if rule is not None:
         with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
             stopped = stopping(
@@ -141,12 +143,13 @@ def power(
             stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
         table.save(target / _POWER[0], spreadsheet_safe=task.spreadsheet_safe)
         write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
-        for name in _POWER[2:]:
+        studies.save(target / _POWER[2], spreadsheet_safe=task.spreadsheet_safe)
+        for name in _POWER[3:]:
             save_figure(power_figure(table), target / name)
     task.say_taken(keep)
     failed = table.failed if stopped is None else {**table.failed, **stopped.failed}
     task.finish(keep, failed)
-    for line in (*table.sentences(), *(() if stopped is None else stopped.sentences())):
+    for line in (*table.sentences(), *studies.sentences(), *(() if stopped is None else stopped.sentences())):
         terminal.say(task.console, terminal.safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
     leave_unless_whole(task, failed, {})
@@ -248,11 +251,11 @@ def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:
     return {name: read_study_design(file) for name, file in zip(names, files, strict=True)}
 
 
-def _numbers(text: str) -> list[int]:
+def _numbers(option: str, text: str) -> list[int]:
     try:
         numbers = [int(part) for part in text.split(",")]
     except ValueError:
         numbers = [0]
     if min(numbers) < 1:
-        raise InputError(f"--trials: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
+        raise InputError(f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
     return sorted(set(numbers))

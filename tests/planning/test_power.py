@@ -6,9 +6,11 @@ import pytest
 from commands import inside
 
 import bayes_toe as bt
+from bayes_toe.comparison.exact_random_effects import exact_random_effects
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.power import power
+from bayes_toe.planning.power_of_studies import power_of_studies
 from bayes_toe.planning.power_table import NAMED, WRONG, DataSet, PowerTable, share
 from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
@@ -61,6 +63,16 @@ def test_counts():
         table["d", 100, "update", "luck"]
 
 
+def test_whole_studies_name_what_single_subjects_cannot():
+    rows = made_up("update", *[(0.02, 0.08, 0.9)] * 16) + made_up("none", *[(0.4, 0.3, 0.3)] * 5)
+    found = {(row.observers, row.subjects): row for row in power_of_studies(PowerTable(tuple(rows), ("d",), 0), (4, 8, 16))}
+    assert list(found) == [("update", 4), ("update", 8), ("update", 16), ("none", 4)]
+    assert [row.studies for row in found.values()] == [4, 2, 1, 1]
+    assert (found["update", 16].named, found["none", 4].named, found["update", 16].another_named) == (1.0, 0.0, 0.0)
+    exact = exact_random_effects([row.log_evidence for row in rows[:8]], models=tuple("abc"), subjects=tuple("12345678")).protected
+    assert found["update", 8].named == float(exact[2] > 0.95)
+
+
 def test_withheld_evidence_is_counted_as_not_named_and_said():
     rows = [*made_up("update", (0.01, 0.01, 0.98)), DataSet("d", 100, "update 2", "update", None, None, None)]
     table = PowerTable(tuple(rows), ("d",), 0)
@@ -87,6 +99,7 @@ def test_the_command(tmp_path, designs):
         "power.pdf",
         "power.png",
         "power_data_sets.csv",
+        "power_subjects.csv",
     ]
     table, sets = (pd.read_csv(tmp_path / "out" / name) for name in ("power.csv", "power_data_sets.csv"))
     assert (set(table.trials), len(sets), list(sets.columns[:4])) == ({65, 130}, 6, ["design", "trials", "observer", "kind"])
