@@ -35,8 +35,8 @@ class Particles:
     centre, interval : float
         Of offsets, natural-log intensity, and of pull and width, seconds.
     x : array, shape (draws, k)
-    log_likelihood, log_weight : array, shape (draws,)
-        Of all answers; posterior over the density that draws came from.
+    log_posterior, log_weight : array, shape (draws,)
+        Joint density of draws and answers; the same over the density that draws came from. Both -inf outside of the support.
     generation : int
         How often they were made anew.
     """
@@ -46,7 +46,7 @@ class Particles:
     centre: float
     interval: float
     x: FloatArray
-    log_likelihood: FloatArray
+    log_posterior: FloatArray
     log_weight: FloatArray
     fitted: FittedProposal | None = None
     generation: int = 0
@@ -55,8 +55,9 @@ class Particles:
     def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
         """Before any answer."""
         nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64))
-        x = Posterior(nobody, model, prior, centre, interval).sample_prior(rng, draws)
-        return cls(model, prior, centre, interval, x, np.zeros(draws), np.zeros(draws))
+        target = Posterior(nobody, model, prior, centre, interval)
+        x = target.sample_prior(rng, draws)
+        return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))
 
     def target(self, pairs: Subject) -> Posterior:
         """The posterior of these answers, or the rule by which these pairs are answered."""
@@ -80,17 +81,16 @@ class Particles:
     def answered(self, single: Subject, subject: Subject, rng: np.random.Generator) -> None:
         """Take in one more answer; `single` is this answer, `subject` all of them."""
         more = self.target(single).log_likelihood(self.x)
-        self.log_likelihood, self.log_weight = self.log_likelihood + more, self.log_weight + more
+        self.log_posterior, self.log_weight = self.log_posterior + more, self.log_weight + more
         made = 1.0 if self.fitted is None else self.fitted.efficiency
         if self.effective < _ENOUGH * made * len(self.x):
             self._renew(subject, rng)
 
     def _renew(self, subject: Subject, rng: np.random.Generator) -> None:
         target = self.target(subject)
-        fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_likelihood, rng)
+        fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
         if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
             fitted = fit_proposal(target, rng, draws=len(self.x))
         draws = fitted.draws
-        self.x, self.log_weight, self.fitted = draws.x, draws.log_weights, fitted
-        self.log_likelihood = draws.log_posterior - draws.log_prior
+        self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
         self.generation += 1

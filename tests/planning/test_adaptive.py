@@ -96,6 +96,21 @@ def test_a_file_brings_a_session_back(tmp_path, done):
     assert np.array_equal(again.subject.n_equal, done.subject.n_equal)
 
 
+def test_draws_outside_of_the_support_weigh_nothing(done):
+    from copy import copy
+
+    [cloud] = map(copy, done._clouds.values())
+    cloud.log_posterior, cloud.log_weight, before = cloud.log_posterior.copy(), cloud.log_weight.copy(), cloud.generation
+    cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
+    single = bt.Subject.from_trials("one", [0.0], [0.1], [True])
+    for number in range(40):  # until they are made anew
+        cloud.answered(single, single, np.random.default_rng(number))
+        assert not np.isnan(cloud.log_posterior).any()
+        assert not np.isnan(cloud.log_weight).any()
+    assert np.isfinite(cloud.log_evidence)
+    assert cloud.generation > before
+
+
 def test_intervals_are_part_of_a_pair():
     made = Adaptive([(0.0, 0.0, 0.5), (0.0, 0.3, 2.0), (1.0, 0.8, 0.5)], seed=1)
     pair = made.next()
