@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 _TITLES = {"none": "observers without order effect", "constant error": "with a constant error", "update": "who update"}
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
-_WIDTHS = {"gain": "gain", "mu1": "mu1 (natural log)", "width": "width (natural log)"}
+_WIDTHS = ("gain", "mu1", "width")
 
 
 def power_figure(table: PowerTable) -> Figure:
     """How often each kind of observers is named, and the expected 90 % intervals of the update's quantities."""
     kinds = table.kinds
     told = "update" in kinds and any(name.startswith("90 % width") for name in table.quantities)
-    figure = new_figure(PAGE, 4.6 if told else 2.7)
+    figure = new_figure(PAGE, (4.5 if told else 2.5) + 0.17 * len(table.designs))  # a line of the legend each
     above, *below = figure.subfigures(2 if told else 1, 1, squeeze=False).ravel()
     for column, (ax, kind) in enumerate(zip(above.subplots(1, len(kinds), sharey=True, squeeze=False).ravel(), kinds, strict=True)):
         power_axes(table, kind, ax=ax)
@@ -52,7 +52,7 @@ def interval_width_axes(table: PowerTable, quantity: str, *, ax: Axes | None = N
         found = [table[design, trials, "update", f"90 % width of {quantity}"] for trials in table.trials]
         _line(ax, 2 * index, found, "")
     ax.set_yscale("log")
-    ax.set_ylabel(f"90 % width of {_WIDTHS[quantity]}")
+    ax.set_ylabel(f"90 % interval of {quantity}")
     return _by_trials(ax, table)
 
 

@@ -33,7 +33,7 @@ def test_lines_are_the_shares(table):
     assert first.get_ydata().tolist() == [table["a$b", n, "update", NAMED].value for n in (100, 400)]
     assert len(ax.containers) == 4
     widths = bt.plots.interval_width_axes(table, "mu1")
-    assert widths.get_ylabel() == "90 % width of mu1 (natural log)"
+    assert widths.get_ylabel() == "90 % interval of mu1"
 
 
 def test_the_figure_has_a_panel_a_kind_and_a_quantity(table):
