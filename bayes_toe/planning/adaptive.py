@@ -20,7 +20,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.particles import Particles
+from bayes_toe.planning.particles import ENOUGH, URGENT, Particles
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator, root_seed
 
@@ -113,9 +113,13 @@ class Adaptive:
             raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
         single = _subject([(shown_pair, bool(equal))])  # refuses what is not finite
         self._answers.append((shown_pair, bool(equal)))
-        every = self.subject
-        for name, cloud in self._clouds.items():
-            cloud.answered(single, every, generator(self.seed, "adaptive", name, "particles", self.trials))
+        for cloud in self._clouds.values():
+            cloud.answered(single)
+        left = {name: cloud.left for name, cloud in self._clouds.items()}
+        worst = min(left, key=lambda name: left[name])  # nobody waits for several models where one may follow at the next trial
+        for name, share in left.items():
+            if share < URGENT or (name == worst and share < ENOUGH):
+                self._clouds[name].renew(self.subject, generator(self.seed, "adaptive", name, "particles", self.trials))
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""

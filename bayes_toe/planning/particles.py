@@ -14,8 +14,8 @@ from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 
-#: Share of the draws that counted when they were made, that have to count; below it they are made anew.
-_ENOUGH = 0.5
+#: Share of the draws that counted when they were made: below the first they are made anew, below the second at once.
+ENOUGH, URGENT = 0.5, 0.1
 #: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
 _POOR = 0.25
 
@@ -78,15 +78,18 @@ class Particles:
         """How many draws count."""
         return efficiency(self.log_weight) * len(self.x)
 
-    def answered(self, single: Subject, subject: Subject, rng: np.random.Generator) -> None:
-        """Take in one more answer; `single` is this answer, `subject` all of them."""
-        more = self.target(single).log_likelihood(self.x)
-        self.log_posterior, self.log_weight = self.log_posterior + more, self.log_weight + more
-        made = 1.0 if self.fitted is None else self.fitted.efficiency
-        if self.effective < _ENOUGH * made * len(self.x):
-            self._renew(subject, rng)
+    def answered(self, more: Subject) -> None:
+        """Take in further answers."""
+        gained = self.target(more).log_likelihood(self.x)
+        self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
 
-    def _renew(self, subject: Subject, rng: np.random.Generator) -> None:
+    @property
+    def left(self) -> float:
+        """Share of the draws that counted when they were made, that count still."""
+        return self.effective / (len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency))
+
+    def renew(self, subject: Subject, rng: np.random.Generator) -> None:
+        """Make the draws anew, for all answers so far."""
         target = self.target(subject)
         fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
         if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:

@@ -18,7 +18,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import PLAIN, Observer
-from bayes_toe.planning.particles import Particles
+from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.power import DATA_SETS, assumed, design_prior, named_designs
 from bayes_toe.planning.power_table import CERTAIN, WORDS, share
 from bayes_toe.planning.study_design import StudyDesign
@@ -165,7 +165,9 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: Rule, seed
     for begin, end in _looks(rule):
         new, every = (_answers(design, order[some], equal[some]) for some in (slice(begin, end), slice(end)))
         for kind, cloud in zip(PLAIN, clouds, strict=True):
-            cloud.answered(new, every, generator(seed, observer.name, kind, "particles", end))
+            cloud.answered(new)
+            if cloud.left < ENOUGH:
+                cloud.renew(every, generator(seed, observer.name, kind, "particles", end))
         p, trials = softmax([cloud.log_evidence for cloud in clouds]), end
         if p.max() > rule.certain:
             break

@@ -104,7 +104,9 @@ def test_draws_outside_of_the_support_weigh_nothing(done):
     cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
     single = bt.Subject.from_trials("one", [0.0], [0.1], [True])
     for number in range(40):  # until they are made anew
-        cloud.answered(single, single, np.random.default_rng(number))
+        cloud.answered(single)
+        if cloud.left < 0.5:
+            cloud.renew(done.subject, np.random.default_rng(number))
         assert not np.isnan(cloud.log_posterior).any()
         assert not np.isnan(cloud.log_weight).any()
     assert np.isfinite(cloud.log_evidence)
