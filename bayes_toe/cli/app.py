@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from bayes_toe.cli import describe, draw, infer, population, synthetic
+from bayes_toe.cli import describe, draw, infer, planning, population, synthetic
 from bayes_toe.cli.command import as_command
 from bayes_toe.cli.stopping import main as main
 
@@ -29,6 +29,9 @@ COMMANDS = (
     draw.corner,
     draw.explore,
     describe.predict,
+    planning.power,
+    planning.design,
+    planning.trials,
     synthetic.simulate,
     synthetic.calibrate,
     describe.check,

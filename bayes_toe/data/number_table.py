@@ -12,13 +12,16 @@ from bayes_toe.data.cells import Header, read_cells, read_header, refuse
 from bayes_toe.data.columns import is_empty, name_faults, number_fault, numbers
 from bayes_toe.data.messages import bare, listed, quoted
 
+_NUMBER, _COUNT = "a finite number", "a whole number of at least 1"
+
 
 def read_numbers(
-    path: str | Path, names: Sequence[str], key: str | None = None, *, optional: Sequence[str] = ()
+    path: str | Path, names: Sequence[str], key: str | None = None, *, optional: Sequence[str] = (), counts: Sequence[str] = ()
 ) -> tuple[list[str], dict[str, FloatArray]]:
     r"""Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
 
-    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Other columns are ignored.
+    Columns that are `counts` hold whole numbers of at least 1. Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order
+    mark. Other columns are ignored.
 
     Returns
     -------
@@ -46,7 +49,11 @@ def read_numbers(
     cells = read_cells(header, text, *_places(header, needed, optional))
     texts = None if key is None else cells.columns[key]
     columns = {name: numbers(cells, column) for name, column in cells.columns.items() if name != key}
-    faults = [number_fault(cells, cells.columns[name], np.isnan(values)) for name, values in columns.items()]
+    bad = {
+        name: ~((values >= 1) & (values == np.floor(values))) if name in counts else np.isnan(values) for name, values in columns.items()
+    }
+    kinds = {name: _COUNT if name in counts else _NUMBER for name in columns}
+    faults = [number_fault(cells, cells.columns[name], bad[name], kinds[name]) for name in columns]
     refuse(header.source, [cells.fault, *([] if texts is None else name_faults(cells, texts)), *faults])
     return [] if texts is None else [texts.text(row) for row in range(len(cells.rows))], columns
 

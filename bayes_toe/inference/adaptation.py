@@ -105,6 +105,17 @@ def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitted
     return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
 
 
+def refreshed(fitted: FittedProposal, posterior: Target, log_posterior: FloatArray, rng: np.random.Generator) -> FittedProposal:
+    """A proposal for a posterior like the one that it was fitted to, by one round of EM on the draws that it has, and new draws from it.
+
+    `log_posterior` is that of the new posterior at the old draws, shape (draws,); the centre and the prior are the same. For posteriors to
+    which a few answers come at a time: most of a fit's work is saved, and how good it is the new draws tell.
+    """
+    known = replace(fitted.draws, log_posterior=log_posterior)
+    begun = replace(fitted, proposal=replace(fitted.proposal, posterior=posterior), draws=known)
+    return _judged(_refitted([begun], STAGES[0]), rng, len(known.x))
+
+
 def _good(fitted: FittedProposal, promised: float) -> bool:
     return fitted.pareto_k < _CALM and fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
 

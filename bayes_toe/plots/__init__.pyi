@@ -8,6 +8,9 @@ from .comparison import comparison_figure as comparison_figure
 from .comparison import model_frequency_axes as model_frequency_axes
 from .corner import corner as corner
 from .curves import curves as curves
+from .design import compared_axes as compared_axes
+from .design import design_axes as design_axes
+from .design import design_figure as design_figure
 from .evidence import evidence_figure as evidence_figure
 from .evidence import order_effect_axes as order_effect_axes
 from .figure_files import save_figure as save_figure
@@ -27,6 +30,9 @@ from .population import forest_axes as forest_axes
 from .population import new_subject_axes as new_subject_axes
 from .population import population_figure as population_figure
 from .population import predictive_check_axes as predictive_check_axes
+from .power import interval_width_axes as interval_width_axes
+from .power import power_axes as power_axes
+from .power import power_figure as power_figure
 from .prior_predictive import prior_predictive_axes as prior_predictive_axes
 from .prior_predictive import prior_predictive_figure as prior_predictive_figure
 from .sensitivity import sensitivity_axes as sensitivity_axes

@@ -8,7 +8,7 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
-IMAGES = {"compositions": 2, "corner_exploration": 5, "paper": 13, "quickstart": 3}
+IMAGES = {"compositions": 2, "corner_exploration": 5, "paper": 13, "planning": 2, "quickstart": 3}
 
 
 def _outputs(notebook):

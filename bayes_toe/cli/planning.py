@@ -1,0 +1,261 @@
+"""Commands for a study that is still to be made: power, design, trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bayes_toe.cli import terminal
+from bayes_toe.cli.options import Seed, writes
+from bayes_toe.cli.task import KeepingTableTask, ModelTask, TableTask, WritingTask, leave_unless_whole
+from bayes_toe.data.messages import quoted
+from bayes_toe.errors import InputError
+
+if TYPE_CHECKING:
+    from bayes_toe.arrays import FloatArray
+    from bayes_toe.planning.study_design import StudyDesign
+
+_AIMS = ("update", "gain", "mu1", "width", "parameters")
+_POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
+_STOPPING = "power_stopping.csv"
+Observers = Annotated[
+    str | None,
+    typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningTask(KeepingTableTask):
+    """Simulation for assumed observers."""
+
+    observers: Observers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignTask(TableTask, ModelTask):
+    """Search and simulation for assumed observers."""
+
+    observers: Observers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOptions:
+    """Which pairs can be shown."""
+
+    lowest: Annotated[float | None, typer.Option("--lowest", help="Weakest stimulus, natural-log intensity.")] = None
+    highest: Annotated[float | None, typer.Option("--highest", help="Strongest stimulus.")] = None
+    step: Annotated[float, typer.Option("--step", help="Between levels, natural-log intensity.")] = 0.05
+    levels: Annotated[
+        Path | None,
+        typer.Option("--levels", metavar="levels.csv", help="What hardware can show, column s, or i with --intensity."),
+    ] = None
+    intensity: Annotated[float | None, typer.Option("--intensity", metavar="REF", help="Of --levels: amplitudes, s = ln(i / REF).")] = None
+    max_pairs: Annotated[int, typer.Option("--max-pairs", help="Different pairs.")] = 25
+    isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals to choose from, seconds, e.g. 0.5,2.")] = None
+
+    def levels_in_log(self) -> FloatArray:
+        """Levels, natural-log intensity."""
+        from bayes_toe.planning.optimal import grid, read_levels
+
+        if self.levels is not None:
+            if self.lowest is not None or self.highest is not None:
+                raise InputError("--levels and --lowest, --highest: allowed is one of the two ways to say what can be shown")
+            return read_levels(self.levels, self.intensity)
+        if self.lowest is None or self.highest is None or self.intensity is not None:
+            raise InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
+        return grid(self.lowest, self.highest, self.step)
+
+    def intervals(self) -> tuple[float, ...]:
+        """Inter-stimulus intervals, seconds."""
+        try:
+            found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
+        except ValueError:
+            found = (0.0,)
+        if any(not 0.0 < one < float("inf") for one in found):
+            raise InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListingTask(WritingTask):
+    """A random order."""
+
+    seed: Seed = None
+
+
+def power(
+    *,
+    design: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[DESIGN.csv]...", help="Columns s1,s2,n_trials (and isi); none means the paper's pairs."),
+    ] = None,
+    output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
+    trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300",
+    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100,
+    subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16",
+    stop: Annotated[
+        float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
+    ] = None,
+    look: Annotated[
+        int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
+    ] = 50,
+    task: PlanningTask,
+) -> None:
+    """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
+
+    [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
+    """
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.planning.observers import observers_from
+    from bayes_toe.planning.power import power as simulate
+    from bayes_toe.planning.power_of_studies import power_of_studies
+    from bayes_toe.planning.stopping import Rule, stopping
+    from bayes_toe.plots.figure_files import save_figure
+    from bayes_toe.plots.power import power_figure
+
+    task.require_folder(output, (*_POWER, _STOPPING))
+    keep = task.partial(output)
+    prior = preset_or_file(task.prior)
+    designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
+    rule = None if stop is None else Rule(stop, numbers[-1], look)
+    kinds = dict.fromkeys(one.kind for one in observers_from(task.observers, 1, 0))  # refuses a bad file before any work
+    with task.progress("simulating and analysing", len(designs) * len(numbers) * len(kinds) * data_sets) as tick:
+        table = simulate(
+            designs, numbers, task.observers,
+            data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
+        )  # fmt: skip
+    studies, stopped = power_of_studies(table, sizes), None
+    if rule is not None:
+        with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
+            stopped = stopping(
+                designs, rule, task.observers,
+                data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
+            )  # fmt: skip
+    made = _POWER if stopped is None else (*_POWER, _STOPPING)
+    with whole_folder(output, (*_POWER, _STOPPING), required=made, overwrite=task.overwrite) as target:
+        if stopped is not None:
+            stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
+        table.save(target / _POWER[0], spreadsheet_safe=task.spreadsheet_safe)
+        write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
+        studies.save(target / _POWER[2], spreadsheet_safe=task.spreadsheet_safe)
+        for name in _POWER[3:]:
+            save_figure(power_figure(table), target / name)
+    task.say_taken(keep)
+    failed = table.failed if stopped is None else {**table.failed, **stopped.failed}
+    task.finish(keep, failed)
+    for line in (*table.sentences(), *studies.sentences(), *(() if stopped is None else stopped.sentences())):
+        terminal.say(task.console, terminal.safe(line))
+    task.say_written("tables and figure in", output, seed=table.seed)
+    leave_unless_whole(task, failed, {})
+
+
+def design(
+    *,
+    output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
+    space: LevelOptions,
+    aim: Annotated[str, typer.Option("--for", metavar="|".join(_AIMS), help="Name the update, or know a quantity, or all.")] = "update",
+    keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
+    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
+    task: DesignTask,
+) -> None:
+    """The pairs that tell most of what is asked, among those that can be shown, beside the paper's, all, and random ones.
+
+    [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
+    """
+    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.planning.optimal import Wish, optimal_design
+    from bayes_toe.planning.study_design import read_study_design
+    from bayes_toe.plots.design import design_figure
+    from bayes_toe.plots.figure_files import save_figure
+
+    files = _beside(output)
+    task.require_files(*files)
+    prior, levels = preset_or_file(task.prior), space.levels_in_log()
+    wish = Wish(aim, space.max_pairs, None if keep is None else read_study_design(keep), space.intervals())
+    with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
+        found = optimal_design(
+            levels, trials, wish, task.observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
+        )
+    with task.together(*files) as folder:
+        found.design.save(folder / files[0].name)
+        found.power.save(folder / files[1].name, spreadsheet_safe=task.spreadsheet_safe)
+        (folder / files[2].name).write_text(found.text(), encoding="utf-8")
+        save_figure(design_figure(found), folder / files[3].name)
+    for line in found.said():
+        terminal.say(task.console, terminal.safe(line))
+    task.say_written("written:", *files, seed=found.seed)
+    leave_unless_whole(task, found.power.failed, {})
+
+
+def trials(
+    *,
+    design: Annotated[Path, typer.Argument(metavar="DESIGN.csv", help="Columns s1,s2,n_trials (and isi).")],
+    output: Annotated[Path, writes("trials.csv", "Trials to show, for PsychoPy or jsPsych; its column response is empty.")] = Path(
+        "trials.csv"
+    ),
+    blocks: Annotated[int, typer.Option("--blocks", min=1, help="Blocks of as many trials as can be.")] = 10,
+    subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, each with an order of trials of its own.")] = 1,
+    intensity: Annotated[
+        float | None, typer.Option("--intensity", metavar="REF", help="Columns i1,i2 with raw amplitudes, i = REF e^s, beside s1,s2.")
+    ] = None,
+    task: ListingTask,
+) -> None:
+    """A randomised, counterbalanced list of trials, which run reads once the answers are filled in.
+
+    [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
+    """
+    from bayes_toe.planning.study_design import read_study_design
+    from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials, trial_list
+    from bayes_toe.seeds import root_seed
+
+    task.require_files(output)
+    if intensity is not None and not 0.0 < intensity < float("inf"):
+        raise InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
+    seed, read, width = root_seed(task.seed), read_study_design(design), max(2, len(str(subjects)))
+    names = [f"S{number + 1:0{width}d}" for number in range(subjects)]
+    lists = [trial_list(read, blocks=blocks, subject=name, seed=seed) for name in names]
+    save_trials(lists, output, reference=intensity, overwrite=task.overwrite)
+    who = f"{subjects} subject{'' if subjects == 1 else 's'}, {read.total} trials each in {blocks} blocks"
+    terminal.say(task.console, f"{who}: both orders of two stimuli equally often in a block where the design has them so, at most "
+                 f"{MOST_EQUAL} equal pairs in a row")  # fmt: skip
+    task.say_written("trials in", output, seed=seed)
+
+
+def _beside(output: Path) -> tuple[Path, ...]:
+    """The design, what it was compared with, why it is so, the figure."""
+    if output.suffix != ".csv":
+        raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
+    compared = output.with_name(f"{output.stem}_compared.csv")
+    return output, compared, output.with_suffix(".md"), output.with_suffix(".png")
+
+
+def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:
+    """Designs by the names of their files; the paper's where there is none."""
+    from bayes_toe.planning.study_design import paper_study_design, read_study_design
+
+    if not files:
+        return {"the paper's pairs": paper_study_design()}
+    if len(files) == 1:
+        return {"these pairs": read_study_design(files[0])}
+    names = [file.stem for file in files]
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise InputError(f"designs: found {quoted(repeated[0])} twice, allowed: files with different names")
+    return {name: read_study_design(file) for name, file in zip(names, files, strict=True)}
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = [0]
+    if min(numbers) < 1:
+        raise InputError(f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
+    return sorted(set(numbers))

@@ -1,0 +1,280 @@
+"""The next pair, chosen by what its answer is expected to tell, trial after trial."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import entr, logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.places import shown
+from bayes_toe.data.study import Subject
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.errors import InputError
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.model.posterior import Model
+from bayes_toe.model.prior import Prior
+from bayes_toe.planning.particles import ENOUGH, URGENT, Particles
+from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.seeds import generator, root_seed
+
+#: A pair: s1 and s2 (natural-log intensities), and the interval (seconds) where there are several.
+Pair = tuple[float, ...]
+#: What answers may be asked about, beside the name of a quantity.
+PARAMETERS, WHICH_MODEL = "parameters", "model"
+DRAWS = 4000
+_JUDGES = 512  # draws of a model by which pairs are compared
+_BINS = 16  # of a quantity
+_FORMAT = "bayes-toe adaptive 1"
+
+
+class Adaptive:
+    """Chooses pairs one by one and keeps the posterior up to date.
+
+    Parameters
+    ----------
+    pairs : StudyDesign or array_like, shape (pairs, 2 or 3)
+        What can be shown: s1, s2 and, where there are several, intervals. Numbers of trials play no role.
+    model : str or sequence of str
+        One model, or several that are equally probable beforehand.
+    prior : Prior, optional
+    seed : int, optional
+    about : str, optional
+        "parameters", all of them; the name of a quantity, such as "gain"; "model", which of several. By default the last where there are
+        several, else the first.
+    draws : int
+        Particles of each model.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed.
+
+    Examples
+    --------
+    >>> levels = np.linspace(-0.5, 1.0, 7)
+    >>> session = Adaptive([(a, b) for a in levels for b in levels], seed=1)
+    >>> pair = session.next()
+    >>> session.answer(pair, equal=True)
+    >>> session.trials, len(session.information())
+    (1, 49)
+    """
+
+    def __init__(
+        self,
+        pairs: StudyDesign | npt.ArrayLike,
+        model: str | Sequence[str] = PREDICTIVE_UPDATE.name,
+        prior: Prior | None = None,
+        *,
+        seed: int | None = None,
+        about: str | None = None,
+        draws: int = DRAWS,
+    ) -> None:
+        self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs)
+        self.prior, self.seed, self.draws = Prior() if prior is None else prior, root_seed(seed), draws
+        names = [model] if isinstance(model, str) else list(model)
+        models = [_allowed(name) for name in dict.fromkeys(names)]
+        self.about = about if about is not None else PARAMETERS if len(models) == 1 else WHICH_MODEL
+        if draws < _JUDGES:
+            raise InputError(f"draws={draws}: allowed is at least {_JUDGES}")
+        centre = float(self.pairs.s1.mean())
+        isi = self.pairs.isi
+        interval = 1.0 if isi is None else float(np.exp(np.log(isi).mean()))
+        own = self.prior.reference_interval
+        interval = interval if own is None else own
+        self._clouds = {
+            one.name: Particles.of_prior(one, self.prior, centre, interval, draws, generator(self.seed, "adaptive", one.name, "prior"))
+            for one in models
+        }
+        self._answers: list[tuple[Pair, bool]] = []
+        self._seen: dict[str, tuple[int, FloatArray, FloatArray]] = {}
+        _require_about(self.about, list(self._clouds.values()), self.pairs.unanswered)
+
+    # --- A session --------------------------------------------------------------------------------------
+
+    def next(self) -> Pair:
+        """The pair whose answer is expected to tell most; of equals any, by chance."""
+        worth = self.information()
+        best = np.flatnonzero(worth >= worth.max() - 1e-12)
+        return self._pair(int(generator(self.seed, "adaptive", "next", self.trials).choice(best)))
+
+    def answer(self, pair: Sequence[float], equal: bool) -> None:
+        """Take in the answer to a pair, also to one that was not proposed."""
+        if not isinstance(equal, bool | np.bool_):
+            raise InputError(f"equal={equal!r}: allowed is True or False")
+        shown_pair = tuple(float(value) for value in pair)
+        if len(shown_pair) != (2 if self.pairs.isi is None else 3):
+            raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
+        single = _subject([(shown_pair, bool(equal))])  # refuses what is not finite
+        self._answers.append((shown_pair, bool(equal)))
+        for cloud in self._clouds.values():
+            cloud.answered(single)
+        left = {name: cloud.left for name, cloud in self._clouds.items()}
+        worst = min(left, key=lambda name: left[name])  # nobody waits for several models where one may follow at the next trial
+        for name, share in left.items():
+            if share < URGENT or (name == worst and share < ENOUGH):
+                self._clouds[name].renew(self.subject, generator(self.seed, "adaptive", name, "particles", self.trials))
+
+    def information(self) -> FloatArray:
+        """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
+        share = list(self.probabilities.values())
+        found = [self._judged(name) for name in self._clouds]
+        mean = [weights @ equal for weights, equal, _ in found]
+        total = np.asarray(sum(p * q for p, q in zip(share, mean, strict=True)))
+        if self.about == WHICH_MODEL:
+            rest = sum(p * _entropy(q) for p, q in zip(share, mean, strict=True))
+        elif self.about == PARAMETERS:
+            rest = sum(p * (weights @ entropy) for p, (weights, _, entropy) in zip(share, found, strict=True))
+        else:
+            rest = self._left_by_quantity(*found[0][:2])
+        return np.asarray(_entropy(total) - rest)
+
+    # --- What is known ----------------------------------------------------------------------------------
+
+    @property
+    def trials(self) -> int:
+        """Answers so far."""
+        return len(self._answers)
+
+    @property
+    def answers(self) -> list[tuple[Any, ...]]:
+        """The pair and the answer, True for 'equal', of every trial in order: s1, s2, isi where there are several, equal."""
+        return [(*pair, equal) for pair, equal in self._answers]
+
+    @property
+    def subject(self) -> Subject:
+        """The answers, as every verb of the package takes them."""
+        return _subject(self._answers)
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Posterior probability of each model, equally probable beforehand."""
+        values = np.array([cloud.log_evidence for cloud in self._clouds.values()])
+        return dict(zip(self._clouds, np.exp(values - logsumexp(values)).tolist(), strict=True))
+
+    def quantiles(self, quantity: str, levels: Sequence[float] = (0.05, 0.5, 0.95), *, model: str | None = None) -> list[float]:
+        """Posterior quantiles of a quantity under a model, by default the first."""
+        cloud = self._clouds[model_named(model).name if model is not None else next(iter(self._clouds))]
+        values = cloud.target(self.pairs.unanswered).quantities(cloud.x)
+        if quantity not in values:
+            raise InputError(f"quantity {quantity!r}: allowed: {', '.join(values)}")
+        order = np.argsort(values[quantity])
+        places = np.minimum(np.searchsorted(np.cumsum(cloud.shares[order]), levels), len(order) - 1)
+        return [float(value) for value in values[quantity][order][places]]
+
+    def effective(self) -> dict[str, float]:
+        """How many particles of each model count."""
+        return {name: cloud.effective for name, cloud in self._clouds.items()}
+
+    # --- Files ------------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
+        """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
+        columns = [self.pairs.s1, self.pairs.s2, *([] if self.pairs.isi is None else [self.pairs.isi])]
+        content = {
+            "format": _FORMAT,
+            "pairs": np.stack(columns, axis=1).tolist(),
+            "model": list(self._clouds),
+            "prior": asdict(self.prior),
+            **{key: getattr(self, key) for key in ("seed", "about", "draws")},
+            "answers": self.answers,
+        }
+        with whole_file(path, overwrite=overwrite) as target:
+            target.write_text(json.dumps(content), encoding="utf-8")
+        return Path(path)
+
+    @classmethod
+    def resume(cls, path: str | Path) -> Adaptive:
+        """The session of a file, as it was: every answer is taken in again, in a few milliseconds each.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read or was not written by :meth:`save`.
+        """
+        try:
+            content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+            if content["format"] != _FORMAT:
+                raise ValueError(f"format {content['format']!r}")
+            made = cls(
+                content["pairs"], content["model"], Prior(**content["prior"]),
+                seed=content["seed"], about=content["about"], draws=content["draws"],
+            )  # fmt: skip
+            for *pair, equal in content["answers"]:
+                made.answer(pair, equal)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save") from error
+        return made
+
+    # --- Parts ------------------------------------------------------------------------------------------
+
+    def _pair(self, index: int) -> Pair:
+        columns = (self.pairs.s1, self.pairs.s2, *(() if self.pairs.isi is None else (self.pairs.isi,)))
+        return tuple(float(column[index]) for column in columns)
+
+    def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weights of some particles, (draws,), their P(equal) of every pair, (draws, pairs), and the entropy of these answers.
+
+        The first particles are as good as any others, and stay until all are made anew, and so do their answers.
+        """
+        cloud = self._clouds[name]
+        if name not in self._seen or self._seen[name][0] != cloud.generation:
+            equal = np.exp(cloud.target(self.pairs.unanswered).log_answers(cloud.x[:_JUDGES])[0])
+            self._seen[name] = cloud.generation, equal, _entropy(equal)
+        weights = cloud.log_weight[:_JUDGES]
+        return np.exp(weights - logsumexp(weights)), *self._seen[name][1:]
+
+    def _left_by_quantity(self, weights: FloatArray, equal: FloatArray) -> FloatArray:
+        """Entropy that is left where the quantity is known, as far as bins of equal probability tell it."""
+        [cloud] = self._clouds.values()
+        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[:_JUDGES])[self.about]
+        order = np.argsort(values)
+        bins = np.empty(len(values), np.int64)
+        bins[order] = np.minimum((_BINS * np.cumsum(weights[order])).astype(np.int64), _BINS - 1)
+        membership = np.where(bins == np.arange(_BINS)[:, None], weights, 0.0)
+        share = membership.sum(axis=1)
+        some = share > 0
+        return np.asarray(share[some] @ _entropy(membership[some] @ equal / share[some, None]))
+
+
+def _entropy(q: FloatArray) -> FloatArray:
+    """Of an answer that is 'equal' with this probability, nats."""
+    return np.asarray(entr(q) + entr(1.0 - q))
+
+
+def _design(pairs: npt.ArrayLike) -> StudyDesign:
+    try:
+        columns = np.asarray(pairs, np.float64).T
+    except (TypeError, ValueError) as error:
+        raise InputError(f"pairs: allowed are rows of s1 and s2, and isi where there are several intervals ({error})") from error
+    if columns.ndim != 2 or len(columns) not in (2, 3):
+        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2), or (pairs, 3) with intervals")
+    return StudyDesign(columns[0], columns[1], np.ones(columns.shape[1], np.int64), *columns[2:])
+
+
+def _subject(answers: Sequence[tuple[Pair, bool]]) -> Subject:
+    columns = np.array([pair for pair, _ in answers]).T
+    return Subject.from_trials("adaptive", columns[0], columns[1], [equal for _, equal in answers], *columns[2:])
+
+
+def _allowed(name: str) -> Model:
+    found = model_named(name)
+    if not isinstance(found, Model) or dict(found.levels)["spread"] != "binomial":
+        raise InputError(f"model {found.name!r}: allowed are models with parameters, by which answers are independent")
+    return found
+
+
+def _require_about(about: str, clouds: Sequence[Particles], pairs: Subject) -> None:
+    if about in (PARAMETERS, WHICH_MODEL):
+        if about == WHICH_MODEL and len(clouds) == 1:
+            raise InputError(f"about={about!r}: allowed with at least two models")
+        return
+    names = clouds[0].target(pairs).names.all
+    if len(clouds) > 1 or about not in names:
+        raise InputError(f"about={about!r}: allowed: {PARAMETERS}, {WHICH_MODEL}, or of one model: {', '.join(names)}")

@@ -1,0 +1,272 @@
+"""Assumed observers: whom a study is planned for. From ranges in a file, from draws of an earlier study, or from the prior.
+
+An observer does not depend on the design: offsets, and slopes of the noise, count from an intensity that is the observer's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.words import KINDS
+from bayes_toe.data.messages import quoted
+from bayes_toe.data.stores import named_store
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_file import real, shown, toml_table
+from bayes_toe.planning.study_design import StudyDesign, paper_study_design
+from bayes_toe.seeds import generator
+
+#: Kinds of observers by the word for them in files, in the order of the three plain models, and what these are.
+NONE, CONSTANT_ERROR, UPDATE = "none", "constant error", "update"
+PLAIN: Mapping[str, Model] = {NONE: SYMMETRIC, CONSTANT_ERROR: CONSTANT_BIAS, UPDATE: PREDICTIVE_UPDATE}
+SAID = dict(zip(PLAIN, KINDS, strict=True))
+#: Middle of the paper's stimuli, natural-log intensity: from where default offsets count.
+MIDDLE = 0.25
+#: Ranges of those who are assumed where nothing is said. Pulls and widths are those of subjects with a clear order effect.
+_SHARED = {"width": (0.25, 0.35), "q0": (0.85, 0.98)}
+DEFAULT: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    NONE: _SHARED,
+    CONSTANT_ERROR: {"offset": (0.05, 0.15), **_SHARED},
+    UPDATE: {"pull": (0.30, 0.38), "offset": (0.0, 0.15), **_SHARED},
+}
+_SECOND = 1.0  # reference interval of observers that no earlier study has, seconds
+_RANGES = {
+    "pull": (0.0, MAX_PULL, f"above 0 and below {MAX_PULL:.6f}"),
+    "offset": (-np.inf, np.inf, "finite"),
+    "mu1": (-np.inf, np.inf, "finite"),
+    "width": (0.0, np.inf, "above 0"),
+    "q0": (0.0, 1.0, "above 0 and below 1"),
+    "noise_slope": (-np.inf, np.inf, "finite"),
+    "lapse_rate": (0.0, 1.0, "above 0 and below 1"),
+}
+_OPTIONAL = ("noise_slope", "lapse_rate")
+_NEEDED = {NONE: ("width", "q0"), CONSTANT_ERROR: ("offset", "width", "q0"), UPDATE: ("pull", "offset", "width", "q0")}
+_LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
+
+
+@dataclass(frozen=True)
+class Observer:
+    """One assumed observer.
+
+    Attributes
+    ----------
+    name : str
+        Unique; random streams are keyed by it.
+    kind : str
+        "none", "constant error" or "update".
+    model : str
+        By whose rules answers are given; it may have more parts than the plain model of the kind.
+    quantities : mapping of str to float
+        What this model needs, by name.
+    centre : float
+        Intensity from which offset and slope of the noise count, natural-log units.
+    interval : float, optional
+        Reference interval of the quantities, seconds, used where a design has intervals.
+    """
+
+    name: str
+    kind: str
+    model: str
+    quantities: Mapping[str, float]
+    centre: float
+    interval: float = _SECOND
+
+    def target(self, pairs: Subject) -> Posterior:
+        """The model by which pairs are answered."""
+        record = model_named(self.model)
+        assert isinstance(record, Model)  # free frequencies are refused where observers are made
+        return Posterior(pairs, record, Prior(reference_interval=self.interval), self.centre, self.interval)
+
+    def point(self, target: Posterior) -> FloatArray:
+        """The observer in the coordinates of the model, shape (1, k)."""
+        return target.points({name: np.array([value]) for name, value in self.quantities.items()})
+
+    def equal(self, design: StudyDesign) -> FloatArray:
+        """P(equal) of every pair, shape (pairs,)."""
+        target = self.target(design.unanswered)
+        return np.asarray(np.exp(target.log_answers(self.point(target))[0][0]))
+
+    def answers(self, design: StudyDesign, rng: np.random.Generator) -> Subject:
+        """Simulated counts."""
+        target = self.target(design.unanswered)
+        x = self.point(target)
+        q = np.exp(target.realised_answers(rng, x, target.log_answers(x))[0][0])
+        return design.answered(rng.binomial(design.n_trials, q), self.name)
+
+
+def observers_from(source: str | Path | None, size: int, seed: int, *, prior: Prior | None = None) -> tuple[Observer, ...]:
+    """Assumed observers, `size` of each kind that the source has.
+
+    Parameters
+    ----------
+    source : str or Path, optional
+        A TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior'. By default pulls of 0.30 to 0.38,
+        offsets of 0 to 0.15 at an intensity of 0.25, widths of 0.25 to 0.35 and q0 of 0.85 to 0.98; constant errors of 0.05 to 0.15.
+    size : int
+    seed : int
+    prior : Prior, optional
+        That 'prior' means.
+
+    Raises
+    ------
+    InputError
+        If the source is not allowed.
+
+    Examples
+    --------
+    >>> observers = observers_from(None, 2, seed=1)
+    >>> [one.kind for one in observers]
+    ['none', 'none', 'constant error', 'constant error', 'update', 'update']
+    >>> observers[-1].equal(paper_study_design()).shape
+    (13,)
+    """
+    if source is None:
+        return tuple(_in_ranges(DEFAULT, MIDDLE, size, seed))
+    if str(source) == "prior":
+        return tuple(_of_prior(Prior() if prior is None else prior, size, seed))
+    if named_store(Path(source)) or Path(source).suffix == ".nc":
+        return tuple(_of_draws(Path(source), size, seed))
+    if Path(source).suffix == ".toml":
+        return tuple(_in_ranges(*read_ranges(source), size, seed))
+    raise InputError(f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)")
+
+
+# --- Ranges -----------------------------------------------------------------------------------------
+
+
+def read_ranges(path: str | Path) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
+    r"""Ranges of each kind from a TOML file, and the intensity from which offsets count; within a range observers are uniform.
+
+    Raises
+    ------
+    InputError
+        One line per problem.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "people.toml")
+    ...     _ = file.write_text("at = 0.5\n[none]\nwidth = 0.3\nq0 = [0.9, 0.95]\n", encoding="utf-8")
+    ...     read_ranges(file)
+    ({'none': {'width': (0.3, 0.3), 'q0': (0.9, 0.95)}}, 0.5)
+    """
+    found = dict(toml_table(path, _LINES))
+    at, problems = real(found.pop("at", MIDDLE)), []
+    if not np.isfinite(at):
+        problems.append("key at: allowed: a finite number, the intensity from which offsets count")
+    if not found:
+        problems.append(f"found no kind of observers, allowed: {_LINES}")
+    for kind, ranges in found.items():
+        problems += _kind_problems(kind, ranges)
+    if problems:
+        raise InputError([f"{path}: {line}" for line in problems])
+    return {kind: {name: _range(value) for name, value in ranges.items()} for kind, ranges in found.items()}, at
+
+
+def _kind_problems(kind: str, ranges: object) -> Iterator[str]:
+    if kind not in PLAIN or not isinstance(ranges, Mapping):
+        yield f"key {quoted(kind)}: allowed: at, and the sections [{'], ['.join(PLAIN)}]"
+        return
+    needed = [name for name in _NEEDED[kind] if name != "offset" or "mu1" not in ranges]
+    allowed = {*_NEEDED[kind], *_OPTIONAL, *(("mu1",) if kind == UPDATE else ())}
+    yield from (f"[{kind}]: {name} is missing" for name in needed if name not in ranges)
+    if "mu1" in ranges and "offset" in ranges:
+        yield f"[{kind}]: offset and mu1 say the same, allowed: one of them"
+    for name, value in ranges.items():
+        if name not in allowed:
+            yield f"[{kind}]: key {quoted(name)}: unknown, allowed: {', '.join(sorted(allowed))}"
+            continue
+        low, high = _range(value)
+        least, most, said = _RANGES[name]
+        if not (least < low <= high < most):
+            yield f"[{kind}]: {name}: found {shown(value)}, allowed: a number {said}, or [LOWEST, HIGHEST] of such"
+
+
+def _range(value: Any) -> tuple[float, float]:
+    """Lowest and highest; NaN where a value is neither a number nor two."""
+    if isinstance(value, list):
+        return (real(value[0]), real(value[1])) if len(value) == 2 else (np.nan, np.nan)
+    return real(value), real(value)
+
+
+def _in_ranges(ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, size: int, seed: int) -> Iterator[Observer]:
+    for kind in (kind for kind in PLAIN if kind in ranges):
+        for number in range(size):
+            name = f"{kind} {number + 1}"
+            rng = generator(seed, name, "observer")
+            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items()}
+            yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at)
+
+
+def _composition(kind: str, values: Mapping[str, float]) -> str:
+    """The plain model of a kind with the parts that values ask for."""
+    return " + ".join([kind, *(part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values)])
+
+
+def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
+    """What a model is written in, from what a file says: mu1 = at + c/p, sigma_p = w K^(3/2), sigma_l = sigma_p p^(1/2) / K."""
+    rest = dict(values)
+    if "pull" not in rest:
+        return rest
+    p, gain = rest.pop("pull"), 1.0 - values["pull"]
+    sigma_p = rest.pop("width") * gain**1.5
+    mu1 = at + rest.pop("offset") / p if "offset" in rest else rest.pop("mu1")
+    return {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * float(np.sqrt(p)) / gain, **rest}
+
+
+# --- Prior and draws --------------------------------------------------------------------------------
+
+
+def _of_prior(prior: Prior, size: int, seed: int) -> Iterator[Observer]:
+    pairs = paper_study_design().unanswered
+    for kind, model in PLAIN.items():
+        target = Posterior(pairs, model, prior, MIDDLE)
+        for number in range(size):
+            name = f"{kind} {number + 1}"
+            x = target.sample_prior(generator(seed, name, "observer"), 1)
+            yield Observer(name, kind, model.name, _needed(target, x), MIDDLE)
+
+
+def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
+    """Single draws of subjects taken at random; of those with an order effect also their likes without it, pull or error taken away."""
+    from bayes_toe.inference.draws import load
+
+    draws = load(path)
+    record = model_named(draws.model)
+    if not isinstance(record, Model):
+        raise InputError(f"{path}: draws of {draws.model!r}, which has no parameters of an observer; allowed: those of another model")
+    order, rest = dict(record.levels)["order"], [word for part, word in record.levels if part != "order"]
+    kind = order if order in PLAIN else UPDATE
+    for like in list(PLAIN)[: list(PLAIN).index(kind) + 1]:
+        for number in range(size):
+            name = f"{like} {number + 1}"
+            rng = generator(seed, name, "observer")
+            target = draws.posterior(draws.names[int(rng.integers(len(draws.names)))])
+            assert isinstance(target, Posterior)
+            points = draws.points(target.subject.name).reshape(-1, len(target.coordinates))
+            found = target.quantities(points[[int(rng.integers(len(points)))]])
+            model = " + ".join([order if like == kind else like, *rest])
+            kept = target if like == kind else Posterior(target.subject, model_named(model), target.prior, target.sbar)  # type: ignore[arg-type]
+            values = {key: float(found[key][0]) for key in kept.names.natural}
+            yield Observer(name, like, model, values, target.sbar, target.reference)
+
+
+def _needed(target: Posterior, x: FloatArray) -> dict[str, float]:
+    found = target.quantities(x)
+    return {name: float(found[name][0]) for name in target.names.natural}
+
+
+def of_kind(observers: Sequence[Observer], kind: str) -> list[Observer]:
+    """Those of one kind."""
+    return [one for one in observers if one.kind == kind]

@@ -1,0 +1,380 @@
+"""The design that tells most of what is asked: exchange by closed-form information, finalists by simulation, rivals beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import log_softmax
+
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.number_table import read_numbers
+from bayes_toe.errors import InputError
+from bayes_toe.model.prior import Prior
+from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
+from bayes_toe.planning.information import AIMS, Pairs, information
+from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
+from bayes_toe.planning.power import design_prior, power, simulated
+from bayes_toe.planning.power_table import DataSet, PowerTable
+from bayes_toe.planning.reasons import FULL, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
+from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, apportioned, paper_study_design
+from bayes_toe.seeds import generator, root_seed
+from bayes_toe.workers import Progress, Workers
+
+#: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
+ASSUMED, JUDGED = 20, 20
+_STARTS = 4  # at random, beside those that are built
+_MOST_PAIRS = 20_000  # admissible ones
+_FEWEST = 4  # trials, and pairs, without which four parameters cannot be told
+_PILOT = 10  # simulated observers who update, of whom a design has to name one
+_HOPELESS, _LITTLE = 0.05, 0.7  # share named below which, and posterior over prior sd above which, a range tells nothing
+_LEVELS = 5  # of the full factorial
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What a design is for.
+
+    Parameters
+    ----------
+    aim : str
+        "update": to name the order effect; "gain", "mu1", "width": to know it narrowly; "parameters": all four.
+    max_pairs : int
+        Different pairs.
+    keep : StudyDesign, optional
+        Pairs that stay, with at least their trials.
+    isi : tuple of float
+        Inter-stimulus intervals to choose from, seconds; empty where there is one, which is then the unit.
+    """
+
+    aim: str = "update"
+    max_pairs: int = 25
+    keep: StudyDesign | None = None
+    isi: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.aim not in AIMS:
+            raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
+        if self.max_pairs < _FEWEST:
+            raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}, as many as there are parameters")
+        if self.keep is not None and (self.keep.isi is not None) != bool(self.isi):
+            raise InputError("--keep: either it has a column isi and --isi names intervals, or neither")
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalDesign:
+    """An optimised design beside others.
+
+    Attributes
+    ----------
+    design : StudyDesign
+    wish : Wish
+    candidates : mapping of str to Candidate
+        The optimised design first, then those it was compared with.
+    power : PowerTable
+        Of all of them, by simulation.
+    plane : Pairs
+        Every admissible pair.
+    worth : array, shape (pairs of the plane,)
+        What one more trial of each adds to the score by which designs are chosen.
+    reasons : tuple of str
+        Why these pairs, in words.
+    seed : int
+    """
+
+    design: StudyDesign
+    wish: Wish
+    candidates: Mapping[str, Candidate]
+    power: PowerTable
+    plane: Pairs
+    worth: FloatArray
+    reasons: tuple[str, ...]
+    seed: int
+
+    def said(self) -> list[str]:
+        """Why these pairs, and what they and others would name, a line each."""
+        shown = replace(self.power, designs=tuple(name for name in self.power.designs if name != SECOND))
+        return [*self.reasons, *shown.sentences()]
+
+    def text(self) -> str:
+        """The design, why it is so, and what it and others would name, as a file of Markdown."""
+        names = DESIGN_COLUMNS if self.design.isi is not None else DESIGN_COLUMNS[:3]
+        columns = [getattr(self.design, name).tolist() for name in names]
+        rows = [" | ".join(f"{value:g}" for value in row) for row in zip(*columns, strict=True)]
+        table = [" | ".join(names), " | ".join("---" for _ in names), *rows]
+        said = [f"* {line}" for line in self.said()]
+        head = f"# A design of {self.design.total} trials, for: {self.wish.aim}"
+        return "\n".join([head, "", *said, "", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""])
+
+
+def grid(lowest: float, highest: float, step: float) -> FloatArray:
+    """Levels from lowest to highest, natural-log intensity.
+
+    Raises
+    ------
+    InputError
+        If the range holds fewer than two.
+
+    Examples
+    --------
+    >>> grid(-0.1, 0.1, 0.1).tolist()
+    [-0.1, 0.0, 0.1]
+    """
+    if not (np.isfinite([lowest, highest]).all() and lowest < highest):
+        raise InputError(f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the smaller one")
+    if not 0.0 < step <= highest - lowest:
+        raise InputError(f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}")
+    return np.asarray(np.round(lowest + step * np.arange(np.floor((highest - lowest) / step + 1e-9) + 1), 12) + 0.0)
+
+
+def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
+    """Levels in the column s of a CSV file, natural-log intensity; or amplitudes in the column i where their reference is given.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two, or a cell holds no number.
+    """
+    name = "s" if reference is None else "i"
+    found = read_numbers(path, (name,))[1][name]
+    if reference is not None and (found <= 0).any():
+        raise InputError(f"{path}: column i: allowed are positive numbers")
+    levels = np.unique(found if reference is None else np.log(found / reference))
+    if len(levels) < 2:
+        raise InputError(f"{path}: column {name}: found {len(levels)} level, allowed: at least two different ones")
+    return np.asarray(levels)
+
+
+def optimal_design(
+    levels: FloatArray,
+    trials: int = 650,
+    wish: Wish | None = None,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    data_sets: int = JUDGED,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+) -> OptimalDesign:
+    """The design of so many trials that tells most of what is wished for about assumed observers.
+
+    Parameters
+    ----------
+    levels : array, shape (levels,)
+        Intensities that can be shown, natural log; see :func:`grid` and :func:`read_levels`.
+    trials : int
+    wish : Wish, optional
+    observers
+        As :func:`bayes_toe.planning.power.power` takes them.
+    data_sets : int
+        Simulated observers of each kind by whom the finalists are judged.
+    seed, prior, workers, progress
+        As there.
+
+    Raises
+    ------
+    InputError
+        If trials, levels or observers are such that no design tells anything: with the reason.
+    """
+    asked, root = Wish() if wish is None else wish, root_seed(seed)
+    people = observers if observers is not None and not isinstance(observers, str | Path) else _people(observers, root, prior)
+    maker = _Maker(np.unique(np.asarray(levels, np.float64)), trials, asked, people, root, prior)
+    candidates = maker.candidates()
+    judges = people if observers is not None and not isinstance(observers, str | Path) else observers
+    designs = {name: one.design for name, one in candidates.items()}
+    table = power(designs, [trials], judges, data_sets=data_sets, seed=root, prior=prior, workers=workers, progress=progress)
+    return maker.chosen(candidates, table)
+
+
+def proposed(levels: FloatArray, trials: int, wish: Wish, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
+    """The optimised design and those that it is compared with, by the closed form alone: seconds, where simulation takes minutes.
+
+    Examples
+    --------
+    >>> people = observers_from(None, 2, seed=1)
+    >>> found = proposed(grid(-0.75, 1.25, 0.25), 200, Wish("gain", max_pairs=8), people)
+    >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
+    (200, True)
+    """
+    return _Maker(np.unique(np.asarray(levels, np.float64)), trials, wish, people, seed, None).candidates()
+
+
+def _people(source: str | Path | None, seed: int, prior: Prior | str | None) -> tuple[Observer, ...]:
+    return observers_from(source, ASSUMED, seed, prior=design_prior(paper_study_design(), prior))
+
+
+class _Maker:
+    """Admissible pairs, their information, and designs made of them."""
+
+    def __init__(
+        self, levels: FloatArray, trials: int, wish: Wish, people: Sequence[Observer], seed: int, prior: Prior | str | None
+    ) -> None:
+        self.trials, self.wish, self.people, self.seed = trials, wish, people, seed
+        self.levels = levels
+        self.pairs = self._admissible()
+        every = StudyDesign(self.pairs.s1, self.pairs.s2, np.ones(len(self.pairs), np.int64), self.pairs.isi)
+        self.prior = design_prior(every, prior)
+        self.fixed = self._fixed()
+        if trials - int(self.fixed.sum()) < _FEWEST:
+            kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""
+            raise InputError(f"--trials {trials}{kept}: allowed is at least {_FEWEST} to distribute, for as many parameters")
+        self.most = min(wish.max_pairs, trials - int(self.fixed.sum()) + int((self.fixed > 0).sum()))
+        if (self.fixed > 0).sum() >= self.most:
+            raise InputError(f"--max-pairs {wish.max_pairs}: --keep has {int((self.fixed > 0).sum())} already; allowed is more")
+        self.information = information(self.pairs, people, wish.aim, self.prior)
+
+    def candidates(self) -> dict[str, Candidate]:
+        """Designs to compare: the best two, then the paper's, a full factorial, random pairs."""
+        found = self._optima()
+        self._require_hope(found[0])
+        best = {OPTIMISED: found[0], **({SECOND: found[1]} if len(found) > 1 else {})}
+        return {**best, **{name: self._candidate(design) for name, design in self._rivals()}}
+
+    def chosen(self, candidates: dict[str, Candidate], table: PowerTable) -> OptimalDesign:
+        """The best of the finalists by simulation, if it is clearly better than the first by the closed form, else that one."""
+        found = dict(candidates)
+        if SECOND in found and _clearly_better(table, SECOND, OPTIMISED, self.wish.aim):
+            found = {OPTIMISED: found[SECOND], SECOND: found[OPTIMISED]} | {k: v for k, v in found.items() if k not in (OPTIMISED, SECOND)}
+            table = _renamed(table, {OPTIMISED: SECOND, SECOND: OPTIMISED})
+        design = found[OPTIMISED].design
+        worth = self.information.worth(self.information.total(self._counts(design)))
+        reasons = tuple(reasons_for(found, self.people, self.wish.aim))
+        return OptimalDesign(design, self.wish, found, table, self.pairs, worth, reasons, self.seed)
+
+    def _admissible(self) -> Pairs:
+        times = max(1, len(self.wish.isi))
+        if len(self.levels) ** 2 * times > _MOST_PAIRS:
+            raise InputError(
+                f"{len(self.levels)} levels make {len(self.levels) ** 2 * times:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
+            )
+        s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(self.levels, self.levels, indexing="ij"))
+        isi = np.repeat(np.array(self.wish.isi), len(self.levels) ** 2) if self.wish.isi else None
+        keep = self.wish.keep
+        if keep is None:
+            return Pairs(s1, s2, isi)
+        columns = [np.stack([s1, s2, *([] if isi is None else [isi])])]
+        columns.append(np.stack([keep.s1, keep.s2, *([] if keep.isi is None else [keep.isi])]))
+        every = np.unique(np.concatenate(columns, axis=1), axis=1)
+        return Pairs(every[0], every[1], every[2] if len(every) > 2 else None)
+
+    def _fixed(self) -> IntArray:
+        return np.zeros(len(self.pairs), np.int64) if self.wish.keep is None else self._counts(self.wish.keep).astype(np.int64)
+
+    def _counts(self, design: StudyDesign) -> FloatArray:
+        """Trials of a design by admissible pair."""
+        place = {key: i for i, key in enumerate(_keys(self.pairs))}
+        counts = np.zeros(len(self.pairs))
+        for key, n in zip(_keys(Pairs(design.s1, design.s2, design.isi)), design.n_trials, strict=True):
+            counts[place[key]] += n
+        return counts
+
+    def _optima(self) -> list[Candidate]:
+        """What exchange made of several beginnings, best first, each different from those before."""
+        task = Task(self.information, self.trials - int(self.fixed.sum()), self.most, self.fixed)
+        begun = [built(task), *(scattered(task, generator(self.seed, "design", number)) for number in range(_STARTS))]
+        begun += [counts for counts in [self._like_the_papers(task)] if counts is not None]
+        ended = [trials_of(task, exchanged(task, counts)) for counts in begun]
+        scores = [self.information.score(self.information.total(n.astype(np.float64))) for n in ended]
+        found: list[IntArray] = []
+        for index in np.argsort(scores)[::-1]:
+            if all(np.abs(ended[index] - other).sum() > 0.2 * self.trials for other in found):
+                found.append(ended[index])
+        return [self._candidate(self._design(n)) for n in found[:2]]
+
+    def _like_the_papers(self, task: Task) -> IntArray | None:
+        """The paper's pairs at the nearest levels, where these reach as far."""
+        paper = paper_study_design()
+        if self.wish.isi or self.fixed.any() or paper.s1.min() < self.levels[0] - 1e-9 or paper.s1.max() > self.levels[-1] + 1e-9:
+            return None
+        s1, s2 = (self.levels[np.abs(values[:, None] - self.levels).argmin(axis=1)] for values in (paper.s1, paper.s2))
+        place = {key: i for i, key in enumerate(_keys(self.pairs))}
+        some = list(dict.fromkeys(place[a, b] for a, b in zip(s1.tolist(), s2.tolist(), strict=True)))[: task.most]
+        return np.bincount(np.resize(some, task.portions), minlength=len(self.pairs))
+
+    def _design(self, n: IntArray) -> StudyDesign:
+        some = np.flatnonzero(n)
+        isi = None if self.pairs.isi is None else self.pairs.isi[some]
+        return StudyDesign(self.pairs.s1[some], self.pairs.s2[some], n[some], isi)
+
+    def _candidate(self, design: StudyDesign) -> Candidate:
+        own = information(Pairs(design.s1, design.s2, design.isi), self.people, self.wish.aim, self.prior)
+        total = own.total(design.n_trials.astype(np.float64))
+        return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
+
+    def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
+        """Of the paper's stimuli too where a range does not have them: they say what the range is worth."""
+        isi = self.wish.isi[0] if self.wish.isi else None
+        paper = paper_study_design()
+        rng = generator(self.seed, "random pairs")
+        random = rng.choice(len(self.pairs), min(self.wish.max_pairs, len(self.pairs)), replace=False)
+        places = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
+        s1, s2 = (values.ravel() for values in np.meshgrid(places, places, indexing="ij"))
+        columns = {PAPER: (paper.s1, paper.s2), FULL: (s1, s2), RANDOM: (self.pairs.s1[random], self.pairs.s2[random])}
+        for name, (first, second) in columns.items():
+            some = np.unique(np.stack([first, second]), axis=1)
+            if some.shape[1] <= self.trials:
+                n = apportioned(np.ones(some.shape[1]), self.trials)
+                yield name, StudyDesign(some[0], some[1], n, None if isi is None else np.full(some.shape[1], isi))
+
+    def _names_anybody(self, best: Candidate, total: FloatArray) -> bool:
+        """Whether one of a few simulated observers who update is named; the closed form is too hopeful where there are few trials."""
+        if self.information.named(total) < _HOPELESS:
+            return False
+        some = [one for one in self.people if one.kind == UPDATE][:_PILOT]
+        return any(simulated(OPTIMISED, best.design, one, self.seed, self.prior).named() == UPDATE for one in some)
+
+    def _require_hope(self, best: Candidate) -> None:
+        """Refuse a range or a number of trials with which even the best design tells next to nothing."""
+        total = self.information.total(self._counts(best.design))
+        start = np.sqrt(self.information.variance(self.information.prior)[self.information.updates].mean())
+        width = np.mean([_width(one) for one in self.people if one.kind == UPDATE])
+        pull, span = self.information.pull[self.information.updates].mean(), float(np.ptp(self.levels))
+        about = (
+            f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
+            f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
+            "more trials"
+        )
+        if self.wish.aim == "update" and not self._names_anybody(best, total):
+            raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
+        if self.wish.aim in ("gain", "mu1", "width") and best.sd > _LITTLE * start:
+            raise InputError(f"{about} (the sd of {self.wish.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+
+
+def _keys(pairs: Pairs) -> list[tuple[float, ...]]:
+    columns = [pairs.s1, pairs.s2, *([] if pairs.isi is None else [pairs.isi])]
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _width(one: Observer) -> float:
+    """Width of an observer's curve, natural log."""
+    target = one.target(paper_study_design().unanswered)
+    return float(target.quantities(one.point(target))["width"][0])
+
+
+# --- Judged by simulation -----------------------------------------------------------------------------
+
+
+def _clearly_better(table: PowerTable, one: str, other: str, aim: str) -> bool:
+    """Whether the simulated utility of a design is higher by more than two standard errors, the same observers having answered both."""
+    by = {name: {row.observer: _simulated_utility(row, aim) for row in table if row.design == name} for name in (one, other)}
+    difference = np.array([by[one][name] - by[other][name] for name in by[one] if name in by[other]])
+    difference = difference[np.isfinite(difference)]
+    return len(difference) > 1 and difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(len(difference))
+
+
+def _simulated_utility(row: DataSet, aim: str) -> float:
+    """Log probability of the true kind, or minus the log width of the intervals that are to be narrow; NaN where there is none."""
+    if aim == "update":
+        return float("nan") if row.log_evidence is None else float(log_softmax(row.log_evidence)[list(PLAIN).index(row.kind)])
+    if row.kind != UPDATE or row.widths is None:
+        return float("nan")
+    widths = dict(zip(("gain", "mu1", "width"), row.widths, strict=True))
+    return -float(np.log(widths[aim])) if aim in widths else -float(np.log(row.widths).sum())
+
+
+def _renamed(table: PowerTable, names: Mapping[str, str]) -> PowerTable:
+    rows = tuple(replace(row, design=names.get(row.design, row.design)) for row in table)
+    return replace(table, rows=rows)

@@ -1,0 +1,99 @@
+"""The posterior of one model while answers come one by one: weighted draws, made anew where too few of them count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
+from bayes_toe.inference.adaptation import fit_proposal, refreshed
+from bayes_toe.inference.proposal import FittedProposal, efficiency
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+
+#: Share of the draws that counted when they were made: below the first they are made anew, below the second at once.
+ENOUGH, URGENT = 0.5, 0.1
+#: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
+_POOR = 0.25
+
+
+@dataclass(eq=False)
+class Particles:
+    """Draws of one model with their weights.
+
+    The first ones are of the prior. When an answer comes their weights change; when fewer than half of those count that did, the mixture
+    that they came from is refitted to them and all are drawn from it again, each with its weight: the program's global move without
+    rejections, so that no error is handed on from one generation to the next.
+
+    Attributes
+    ----------
+    model : Model
+    prior : Prior
+    centre, interval : float
+        Of offsets, natural-log intensity, and of pull and width, seconds.
+    x : array, shape (draws, k)
+    log_posterior, log_weight : array, shape (draws,)
+        Joint density of draws and answers; the same over the density that draws came from. Both -inf outside of the support.
+    generation : int
+        How often they were made anew.
+    """
+
+    model: Model
+    prior: Prior
+    centre: float
+    interval: float
+    x: FloatArray
+    log_posterior: FloatArray
+    log_weight: FloatArray
+    fitted: FittedProposal | None = None
+    generation: int = 0
+
+    @classmethod
+    def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
+        """Before any answer."""
+        nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64))
+        target = Posterior(nobody, model, prior, centre, interval)
+        x = target.sample_prior(rng, draws)
+        return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))
+
+    def target(self, pairs: Subject) -> Posterior:
+        """The posterior of these answers, or the rule by which these pairs are answered."""
+        return Posterior(pairs, self.model, self.prior, self.centre, self.interval)
+
+    @property
+    def shares(self) -> FloatArray:
+        """Weights that sum to 1, shape (draws,)."""
+        return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
+
+    @property
+    def log_evidence(self) -> float:
+        """Of all answers, nats."""
+        return float(logsumexp(self.log_weight) - np.log(len(self.x)))
+
+    @property
+    def effective(self) -> float:
+        """How many draws count."""
+        return efficiency(self.log_weight) * len(self.x)
+
+    def answered(self, more: Subject) -> None:
+        """Take in further answers."""
+        gained = self.target(more).log_likelihood(self.x)
+        self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
+
+    @property
+    def left(self) -> float:
+        """Share of the draws that counted when they were made, that count still."""
+        return self.effective / (len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency))
+
+    def renew(self, subject: Subject, rng: np.random.Generator) -> None:
+        """Make the draws anew, for all answers so far."""
+        target = self.target(subject)
+        fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
+        if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
+            fitted = fit_proposal(target, rng, draws=len(self.x))
+        draws = fitted.draws
+        self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
+        self.generation += 1

@@ -1,0 +1,139 @@
+"""What a design will tell: assumed observers answer it, and every answer is analysed as the program analyses a study's.
+
+Of each simulated subject the evidences without order effect, with a constant error and with the update, by the pipeline of the commands
+with fewer judging draws: their standard errors are below 0.02 nat, and what is asked is whether factors of 3 and more are passed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.words import probabilities
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
+from bayes_toe.inference.proposal import WeightedDraws
+from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.kept import keeping
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
+from bayes_toe.planning.power_table import DataSet, PowerTable
+from bayes_toe.planning.study_design import StudyDesign, paper_study_design
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+TRIALS, DATA_SETS = (325, 650, 1300), 100
+#: Independent draws behind each evidence.
+DRAWS = 4000
+#: Quantities of the update of which the expected width of the 90 % interval is told.
+WIDTHS = ("gain", "mu1", "width")
+
+
+def power(
+    design: StudyDesign | Mapping[str, StudyDesign] | None = None,
+    trials: Sequence[int] = TRIALS,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    data_sets: int = DATA_SETS,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> PowerTable:
+    """How often a design names the order effect of assumed observers, how often wrongly, and how narrow posteriors become.
+
+    Parameters
+    ----------
+    design : StudyDesign or mapping of str to StudyDesign, optional
+        Or several by name; by default the paper's 13 pairs.
+    trials : sequence of int
+        Numbers of trials of one subject, shared among the pairs as the design shares its own.
+    observers : str, path or sequence of Observer, optional
+        As :func:`bayes_toe.planning.observers.observers_from` takes it, or observers themselves.
+    data_sets : int
+        Observers of each kind, each with one simulated data set a design and number of trials.
+    seed, prior, workers, progress, keep
+        As in :func:`bayes_toe.analysis.evidence`; the prior is that of the analysis, and that which observers 'prior' are drawn from.
+
+    Raises
+    ------
+    InputError
+        If there are fewer trials than pairs, or something is not allowed.
+
+    Examples
+    --------
+    >>> table = power(trials=[130], data_sets=1, seed=1, workers=1)
+    >>> len(table.rows), table["the paper's pairs", 130, "update", "named, P > 0.95"].data_sets
+    (3, 1)
+    """
+    designs = named_designs(design)
+    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    with keeping(keep, "simulated data sets") as kept:
+        root = kept.seed(seed)
+        chosen = assumed(observers, data_sets, root, prior)
+        jobs = [partial(simulated, name, one, observer, root, design_prior(one, prior)) for name, one in asked for observer in chosen]
+        done = kept.work(jobs, workers, progress, [(job.args[2].name,) for job in jobs])
+        return PowerTable(tuple(done), tuple(designs), root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()})
+
+
+def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
+    """One observer's answers to a design, analysed; streams are keyed by seed, observer and number of trials."""
+    subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
+    evidence, widths = analysed(subject, seed, prior)
+    p = None if evidence is None else probabilities(evidence)
+    return DataSet(name, design.total, observer.name, observer.kind, evidence, p, widths)
+
+
+def analysed(subject: Subject, seed: int, prior: Prior) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+    """Log evidences of the three kinds (nats) and widths of 90 % intervals under the update; None where weights cannot be trusted."""
+    found, widths = [], None
+    for kind, model in PLAIN.items():
+        result, fitted = fitted_result(model.posterior(subject, prior), seed, Wanted(evidence_draws=DRAWS))
+        assert result.evidence is not None  # it was asked for
+        found.append(result.evidence.value)
+        if kind == UPDATE and fitted.proposal.trusted:
+            target = fitted.proposal.proposal.posterior
+            assert isinstance(target, Posterior)
+            widths = interval_widths(target, fitted.proposal.draws)
+    known = [value for value in found if value is not None]
+    return tuple(known) if len(known) == len(found) else None, widths
+
+
+def interval_widths(target: Posterior, draws: WeightedDraws) -> tuple[float, ...]:
+    """Widths of the 90 % intervals of :data:`WIDTHS`, from weighted draws."""
+    values = target.quantities(draws.x)
+    return tuple(_between(values[name], draws.shares) for name in WIDTHS)
+
+
+def _between(values: FloatArray, shares: FloatArray) -> float:
+    order = np.argsort(values)
+    low, high = np.searchsorted(np.cumsum(shares[order]), (0.05, 0.95))
+    return float(values[order[min(high, len(order) - 1)]] - values[order[low]])
+
+
+def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Mapping[str, StudyDesign]:
+    """Designs by name; the paper's where there is none."""
+    if design is None:
+        return {"the paper's pairs": paper_study_design()}
+    return {"these pairs": design} if isinstance(design, StudyDesign) else design
+
+
+def assumed(given: str | Path | Sequence[Observer] | None, size: int, seed: int, prior: Prior | str | None) -> Sequence[Observer]:
+    """The observers given, or so many of each kind of a source."""
+    if size < 1:
+        raise InputError(f"data_sets={size}: allowed is at least 1")
+    if given is None or isinstance(given, str | Path):
+        return observers_from(given, size, seed, prior=design_prior(paper_study_design(), prior))
+    return given
+
+
+def design_prior(design: StudyDesign, prior: Prior | str | None) -> Prior:
+    """The prior in numbers, for the stimuli of a design."""
+    return prior_for(Study((design.unanswered,)), prior)

@@ -1,0 +1,73 @@
+"""An adaptive session as an experiment has it: show a pair, wait for an answer, choose the next pair; stop and go on at any time.
+
+    python scripts/adaptive_session.py session.json --subject S01 --trials 40 --simulate
+
+In an experiment `show` and `ask` are those of PsychoPy, pygame or a vibrator's driver; here `--simulate` answers in the place of a person,
+and without it the terminal asks. The session is saved after every answer, and the same command goes on with it. At the end its trials are
+in session.csv, which `bayes-toe run` reads.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import bayes_toe as bt
+from bayes_toe.planning.observers import observers_from
+from bayes_toe.planning.study_design import StudyDesign
+
+LEVELS = np.round(np.arange(-0.75, 1.26, 0.1), 10)
+MODELS = ("symmetric", "constant bias", "predictive update")
+
+
+def show(pair: tuple[float, ...]) -> None:
+    """Present both stimuli, one after the other."""
+    print(f"first {np.exp(pair[0]):.3f}, second {np.exp(pair[1]):.3f} of the reference")
+
+
+def ask() -> bool:
+    """Wait for a key."""
+    return input("equal (e) or different (d)? ").strip().lower().startswith("e")
+
+
+def simulated(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
+    """The answer of an observer who updates."""
+    observer = observers_from(None, 1, seed=1)[-1]
+    return bool(rng.uniform() < observer.equal(StudyDesign([pair[0]], [pair[1]], [1]))[0])
+
+
+def main() -> int:
+    """One session."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--subject", default="S01")
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--simulate", action="store_true")
+    asked = parser.parse_args()
+    pairs = [(a, b) for a in LEVELS for b in LEVELS]
+    session = bt.Adaptive.resume(asked.file) if asked.file.exists() else bt.Adaptive(pairs, MODELS, seed=1)
+    rng, waits = np.random.default_rng(session.trials), []
+    while session.trials < asked.trials:
+        begun = time.perf_counter()
+        pair = session.next()
+        waits.append(time.perf_counter() - begun)
+        show(pair)
+        equal = simulated(pair, rng) if asked.simulate else ask()
+        begun = time.perf_counter()
+        session.answer(pair, equal)
+        session.save(asked.file)
+        waits[-1] += time.perf_counter() - begun
+    frame = pd.DataFrame(session.answers, columns=["s1", "s2", "response"])
+    frame = frame.assign(subject=asked.subject, trial=np.arange(1, len(frame) + 1), response=np.where(frame.response, "equal", "different"))
+    frame.to_csv(asked.file.with_suffix(".csv"), index=False)
+    print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
+    if waits:
+        print(f"{1000 * np.median(waits):.0f} ms between an answer and the next pair (median)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

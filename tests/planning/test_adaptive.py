@@ -1,0 +1,154 @@
+"""Adaptive sessions: the posterior is that of `sample`, the next pair is the best one, and a file brings a session back."""
+
+import json
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.errors import InputError
+from bayes_toe.planning.adaptive import Adaptive
+from bayes_toe.planning.observers import observers_from
+from bayes_toe.planning.study_design import StudyDesign
+
+LEVELS = np.linspace(-0.75, 1.25, 9)
+PAIRS = [(a, b) for a in LEVELS for b in LEVELS]
+THREE = ("symmetric", "constant bias", "predictive update")
+
+
+def says_equal(observer, pair):
+    return observer.equal(StudyDesign([pair[0]], [pair[1]], [1]))[0]
+
+
+def session(trials, observer, **options):
+    made, rng = Adaptive(PAIRS, seed=1, **options), np.random.default_rng(3)
+    for _ in range(trials):
+        pair = made.next()
+        assert pair in PAIRS
+        made.answer(pair, bool(rng.uniform() < says_equal(observer, pair)))
+    return made
+
+
+@pytest.fixture(scope="module")
+def updates():
+    return observers_from(None, 1, seed=1)[-1]
+
+
+@pytest.fixture(scope="module")
+def done(updates):
+    return session(120, updates)
+
+
+def test_the_posterior_is_that_of_sample(done):
+    draws = bt.sample(bt.Study((done.subject,)), draws=4000, seed=2, workers=1)
+    for name in ("gain", "mu1", "width", "q0"):
+        exact = draws.values("adaptive", name).ravel()
+        for level, found in zip((0.05, 0.5, 0.95), done.quantiles(name), strict=True):
+            # Of 1,000 counting particles and 4,000 draws; 12 comparisons at 4.5 standard errors: false alarm 1 in 10,000.
+            error = np.sqrt(level * (1 - level) * (1 / 1000 + 1 / 4000))
+            assert abs((exact < found).mean() - level) < 4.5 * error, (name, level)
+    assert min(done.effective().values()) > 1000
+
+
+def test_probabilities_are_those_of_the_evidences(updates):
+    made = session(60, updates, model=THREE)
+    study = bt.Study((made.subject,))
+    [row] = bt.evidence(study, seed=1, workers=1).rows
+    # The constant error's prior counts from the mean first stimulus shown, the session's from that of the candidates.
+    odds = np.log(made.probabilities["predictive update"] / made.probabilities["symmetric"])
+    assert odds == pytest.approx(row.log_evidence_h1 - row.log_evidence_symmetric, abs=0.15)
+    assert sum(made.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_chosen_pairs_tell_more_than_random_ones():
+    gained = 0.0
+    for observer in observers_from(None, 4, seed=1)[-2:]:
+        rng, random = np.random.default_rng(3), Adaptive(PAIRS, seed=1)
+        for _ in range(80):
+            pair = PAIRS[int(rng.integers(len(PAIRS)))]
+            random.answer(pair, bool(rng.uniform() < says_equal(observer, pair)))
+        sizes = [[np.ptp(one.quantiles(name)) for name in ("gain", "mu1", "width", "q0")] for one in (session(80, observer), random)]
+        gained += float(np.diff(np.log(sizes).sum(axis=1))[0])
+    assert gained > 1.0  # of other streams 2 to 5 nats
+
+
+def test_information_is_the_expected_fall_of_entropy():
+    """By the definition, from the particles' own answers: H(answer) - E H(answer | particle), and by models."""
+    made = Adaptive(PAIRS, THREE, seed=1)
+    made.answer(PAIRS[3], equal=False)
+    weights, equal, _ = (list(part) for part in zip(*(made._judged(name) for name in THREE), strict=True))
+    p = list(made.probabilities.values())
+    mean = np.array([w @ q for w, q in zip(weights, equal, strict=True)])
+    joint = np.array([[pm * qm, pm * (1 - qm)] for pm, qm in zip(p, mean, strict=True)])  # model, answer, pair
+    of_answer, of_model = joint.sum(axis=0), joint.sum(axis=1)[:, :1]
+    expected = (joint * np.log(joint / (of_answer[None] * of_model[:, None]))).sum(axis=(0, 1))
+    assert made.information() == pytest.approx(expected, abs=1e-10)
+    gain = Adaptive(PAIRS, seed=1, about="gain").information()
+    whole = Adaptive(PAIRS, seed=1).information()
+    assert np.all(gain <= whole + 1e-9)
+    assert np.all(gain > -1e-9)
+
+
+def test_a_file_brings_a_session_back(tmp_path, done):
+    again = Adaptive.resume(done.save(tmp_path / "session.json"))
+    assert again.next() == done.next()
+    assert again.quantiles("gain") == done.quantiles("gain")
+    assert np.array_equal(again.subject.n_equal, done.subject.n_equal)
+
+
+def test_draws_outside_of_the_support_weigh_nothing(done):
+    from copy import copy
+
+    [cloud] = map(copy, done._clouds.values())
+    cloud.log_posterior, cloud.log_weight, before = cloud.log_posterior.copy(), cloud.log_weight.copy(), cloud.generation
+    cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
+    single = bt.Subject.from_trials("one", [0.0], [0.1], [True])
+    for number in range(40):  # until they are made anew
+        cloud.answered(single)
+        if cloud.left < 0.5:
+            cloud.renew(done.subject, np.random.default_rng(number))
+        assert not np.isnan(cloud.log_posterior).any()
+        assert not np.isnan(cloud.log_weight).any()
+    assert np.isfinite(cloud.log_evidence)
+    assert cloud.generation > before
+
+
+def test_intervals_are_part_of_a_pair():
+    made = Adaptive([(0.0, 0.0, 0.5), (0.0, 0.3, 2.0), (1.0, 0.8, 0.5)], seed=1)
+    pair = made.next()
+    assert len(pair) == 3
+    made.answer(pair, equal=True)
+    assert made.subject.intervals == (pair[2],)
+    with pytest.raises(InputError, match="allowed are s1 and s2 and isi"):
+        made.answer((0.0, 0.0), equal=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"model": "free frequencies"}, "model 'free frequencies': allowed are models with parameters"),
+        ({"model": "update + beta-binomial"}, "by which answers are independent"),
+        ({"about": "luck"}, "about='luck': allowed: parameters, model, or of one model: mu1"),
+        ({"about": "model"}, "about='model': allowed with at least two models"),
+        ({"draws": 10}, "draws=10: allowed is at least 512"),
+    ],
+)
+def test_wrong_wishes_are_refused(options, said):
+    with pytest.raises(InputError) as caught:
+        Adaptive(PAIRS, seed=1, **options)
+    assert said in str(caught.value)
+
+
+def test_wrong_pairs_answers_and_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"found shape \(2,\)"):
+        Adaptive([1.0, 2.0])
+    made = Adaptive(PAIRS, seed=1)
+    with pytest.raises(InputError, match="equal='yes'"):
+        made.answer(PAIRS[0], "yes")
+    with pytest.raises(InputError, match="must be finite"):
+        made.answer((0.0, np.nan), equal=True)
+    assert made.trials == 0
+    (tmp_path / "other.json").write_text(json.dumps({"format": "x"}), encoding="utf-8")
+    for name in ("other.json", "absent.json"):
+        with pytest.raises(InputError, match=f"{name}: not a session that can be read"):
+            Adaptive.resume(tmp_path / name)

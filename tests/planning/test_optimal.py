@@ -1,0 +1,138 @@
+"""Optimised designs: better than others on what is asked, admissible, and refused with a reason where nothing can be told."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import inside
+
+import bayes_toe as bt
+from bayes_toe.errors import InputError
+from bayes_toe.model.prior import Prior
+from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
+from bayes_toe.planning.information import AIMS, Pairs, information
+from bayes_toe.planning.observers import observers_from
+from bayes_toe.planning.optimal import Wish, grid, optimal_design, proposed, read_levels
+from bayes_toe.planning.power_table import NAMED
+from bayes_toe.planning.reasons import OPTIMISED, PAPER
+
+WIDE = grid(-0.75, 1.25, 0.25)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return optimal_design(WIDE, 650, seed=1, data_sets=1, workers=1)
+
+
+def test_an_optimised_design_names_updates_and_the_papers_pairs_do_not(found):
+    assert found.design.total == 650
+    assert found.design.n_pairs <= 25
+    assert np.isin(np.round([found.design.s1, found.design.s2], 9), np.round(WIDE, 9)).all()
+    assert found.candidates[OPTIMISED].utility > max(
+        one.utility for name, one in found.candidates.items() if "best" not in name and name != OPTIMISED
+    )
+    assert found.power[OPTIMISED, 650, "update", NAMED].value == 1.0
+    wrong = [row.named() for row in found.power if row.design == OPTIMISED and row.kind != "update"]
+    assert "update" not in wrong
+    assert found.reasons[0].startswith("first stimuli, of most trials: -0.75 (")
+
+
+@pytest.mark.parametrize("aim", AIMS)
+def test_exchange_never_loses_and_brute_force_finds_nothing_better(aim):
+    """Five pairs, ten portions: every way to distribute them."""
+    from itertools import combinations_with_replacement
+
+    pairs = Pairs(np.array([-0.75, -0.75, 0.25, 1.25, 1.25]), np.array([-0.6, -0.3, 0.5, 0.9, 1.25]))
+    known = information(pairs, observers_from(None, 4, seed=1), aim, Prior())
+    task = Task(known, 50, 5, np.zeros(5, np.int64))
+    assert (task.portion, task.portions) == (5, 10)
+    begun = [built(task), *(scattered(task, np.random.default_rng(i)) for i in range(3))]
+    score = [known.score(known.total((counts * 5).astype(float))) for counts in begun]
+    ended = [exchanged(task, counts) for counts in begun]
+    after = [known.score(known.total(trials_of(task, counts).astype(float))) for counts in ended]
+    assert all(one >= other for one, other in zip(after, score, strict=True))
+    ways = (np.bincount(way, minlength=5) for way in combinations_with_replacement(range(5), 10))
+    best = max(known.score(known.total((way * 5).astype(float))) for way in ways)
+    assert max(after) == pytest.approx(best, abs=0.02)
+
+
+def best(levels, trials, wish):
+    return proposed(levels, trials, wish, observers_from(None, 3, seed=1), seed=1)
+
+
+def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
+    keep = bt.StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
+    made = best(WIDE, 200, Wish("parameters", max_pairs=6, keep=keep))[OPTIMISED].design
+    counts = {(a, b): n for a, b, n in zip(made.s1.tolist(), made.s2.tolist(), made.n_trials.tolist(), strict=True)}
+    assert (counts[0.0, 0.0] >= 25, counts[0.33, 0.33] >= 30, made.total, made.n_pairs <= 6) == (True, True, 200, True)
+
+
+def test_the_papers_own_range_is_never_worse_than_the_papers_pairs():
+    levels = np.log([1.0, 1.15, 1.36, 1.55, 1.66])
+    for aim in ("gain", "update", "parameters"):
+        made = best(levels, 650, Wish(aim))
+        assert made[OPTIMISED].utility >= made[PAPER].utility - 1e-9
+
+
+def test_intervals_may_be_chosen():
+    made = best(grid(-0.75, 1.25, 0.5), 200, Wish("gain", isi=(0.5, 2.0)))[OPTIMISED].design
+    assert set(made.isi) <= {0.5, 2.0}
+
+
+def test_levels_of_hardware(tmp_path):
+    (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n", encoding="utf-8")
+    assert read_levels(tmp_path / "levels.csv", 2.0) == pytest.approx(np.log([0.5, 1.0, 2.0]))
+    with pytest.raises(InputError, match="column s: missing"):
+        read_levels(tmp_path / "levels.csv")
+    assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
+
+
+def test_the_command(tmp_path):
+    range_ = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.25")
+    done = inside("design", "-o", "d.csv", "--trials", "100", *range_, "--data-sets", "1", "--seed", "1", "--workers", "1", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.csv", "d.md", "d.png", "d_compared.csv"]
+    assert bt.read_study_design(tmp_path / "d.csv").total == 100
+    assert set(pd.read_csv(tmp_path / "d_compared.csv").design) >= {OPTIMISED, PAPER, "full factorial", "random pairs"}
+    assert (tmp_path / "d.md").read_text(encoding="utf-8").startswith("# A design of 100 trials, for: update\n\n* first stimuli")
+    assert inside("trials", "d.csv", "-o", "t.csv", "--blocks", "4", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            ("--lowest", "0", "--highest", "0.05", "--step", "0.01"),
+            "650 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05",
+        ),
+        (("--lowest", "0", "--highest", "0.05", "--for", "gain"), "(the sd of gain falls from"),
+        (("--lowest", "-0.75", "--highest", "1.25", "--trials", "3"), "--trials 3: allowed is at least 4 to distribute"),
+        (
+            ("--lowest", "-0.75", "--highest", "1.25", "--trials", "6", "--step", "0.5"),
+            "6 trials between -0.75 and 1.25 tell next to nothing",
+        ),
+        (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers, the first the smaller one"),
+        (("--lowest", "0", "--highest", "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
+        (("--lowest", "0", "--highest", "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
+        (
+            (
+                "--lowest",
+                "0",
+            ),
+            "allowed: --lowest and --highest, natural-log intensity, or --levels",
+        ),
+        (("--lowest", "0", "--highest", "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
+        (("--lowest", "0", "--highest", "1", "--for", "luck"), "--for: found 'luck', allowed: update, gain, mu1, width, parameters"),
+        (("--lowest", "0", "--highest", "1", "--isi", "-1"), "--isi: found '-1', allowed: positive numbers of seconds"),
+    ],
+)
+def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_path, more, said):
+    done = inside("design", "-o", "d.csv", *more, "--seed", "1", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_words_for_aims_are_those_of_the_command():
+    from bayes_toe.cli.planning import _AIMS
+
+    assert _AIMS == AIMS

@@ -1,0 +1,55 @@
+"""Figures of planned studies: what is drawn is what was counted."""
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.planning.information import Pairs
+from bayes_toe.planning.optimal import OptimalDesign, Wish
+from bayes_toe.planning.power_table import NAMED, DataSet, PowerTable
+from bayes_toe.planning.reasons import OPTIMISED, PAPER, Candidate
+from bayes_toe.planning.study_design import paper_study_design
+
+
+def made_up(designs, trials):
+    rng, rows = np.random.default_rng(0), []
+    for name in designs:
+        for n in trials:
+            for kind in ("none", "constant error", "update"):
+                for i in range(5):
+                    p = rng.dirichlet([1.0, 1.0, 1.0])
+                    rows.append(DataSet(name, n, f"{kind} {i}", kind, tuple(np.log(p)), tuple(p), (0.1, 1.0, 0.05)))
+    return PowerTable(tuple(rows), tuple(designs), 1)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return made_up(("a$b", "two"), (100, 400))
+
+
+def test_lines_are_the_shares(table):
+    ax = bt.plots.power_axes(table, "update")
+    first = ax.containers[0].lines[0]
+    assert first.get_ydata().tolist() == [table["a$b", n, "update", NAMED].value for n in (100, 400)]
+    assert len(ax.containers) == 4
+    widths = bt.plots.interval_width_axes(table, "mu1")
+    assert widths.get_ylabel() == "90 % interval of mu1"
+
+
+def test_the_figure_has_a_panel_a_kind_and_a_quantity(table):
+    figure = bt.plots.power_figure(table)
+    assert len(figure.axes) == 6
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "who update"]
+
+
+def test_a_design_on_the_plane():
+    paper, grid = paper_study_design(), np.linspace(0.0, 0.6, 4)
+    s1, s2 = (values.ravel() for values in np.meshgrid(grid, grid, indexing="ij"))
+    worth = np.arange(16.0)
+    candidates = {OPTIMISED: Candidate(paper, 1.0, 0.1), PAPER: Candidate(paper, 1.0, 0.1)}
+    found = OptimalDesign(paper, Wish(), candidates, made_up((OPTIMISED, PAPER), (650,)), Pairs(s1, s2), worth, (), 1)
+    figure = bt.plots.design_figure(found)
+    plane = figure.axes[0]
+    assert plane.collections[0].get_array().ravel().tolist() == (1000.0 * worth.reshape(4, 4).T).ravel().tolist()
+    assert len(plane.collections[1].get_offsets()) == 13
+    assert [label.get_text() for label in figure.axes[1].get_yticklabels()] == ["this design", "the paper's pairs"]
