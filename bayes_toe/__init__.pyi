@@ -45,11 +45,11 @@ from .model.prior import Prior as Prior
 from .model.prior_file import read_prior as read_prior
 from .model.study_prior import prior_for as prior_for
 from .planning.adaptive import Adaptive as Adaptive
+from .planning.optimal import DesignGoal as DesignGoal
 from .planning.optimal import OptimalDesign as OptimalDesign
-from .planning.optimal import Wish as Wish
 from .planning.optimal import optimal_design as optimal_design
 from .planning.power import power as power
-from .planning.stopping import Rule as Rule
+from .planning.stopping import StoppingRule as StoppingRule
 from .planning.stopping import stopping as stopping
 from .planning.study_design import StudyDesign as StudyDesign
 from .planning.study_design import read_study_design as read_study_design

@@ -115,7 +115,7 @@ def power(
     from bayes_toe.planning.observers import observers_from
     from bayes_toe.planning.power import power as simulate
     from bayes_toe.planning.power_of_studies import power_of_studies
-    from bayes_toe.planning.stopping import Rule, stopping
+    from bayes_toe.planning.stopping import StoppingRule, stopping
     from bayes_toe.plots.figure_files import save_figure
     from bayes_toe.plots.power import power_figure
 
@@ -123,7 +123,7 @@ def power(
     keep = task.partial(output)
     prior = preset_or_file(task.prior)
     designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
-    rule = None if stop is None else Rule(stop, numbers[-1], look)
+    rule = None if stop is None else StoppingRule(stop, numbers[-1], look)
     kinds = dict.fromkeys(one.kind for one in observers_from(task.observers, 1, 0))  # refuses a bad file before any work
     with task.progress("simulating and analysing", len(designs) * len(numbers) * len(kinds) * data_sets) as tick:
         table = simulate(
@@ -170,7 +170,7 @@ def design(
     [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
     """
     from bayes_toe.model.prior_file import preset_or_file
-    from bayes_toe.planning.optimal import Wish, optimal_design
+    from bayes_toe.planning.optimal import DesignGoal, optimal_design
     from bayes_toe.planning.study_design import read_study_design
     from bayes_toe.plots.design import design_figure
     from bayes_toe.plots.figure_files import save_figure
@@ -178,10 +178,10 @@ def design(
     files = _beside(output)
     task.require_files(*files)
     prior, levels = preset_or_file(task.prior), space.levels_in_log()
-    wish = Wish(aim, space.max_pairs, None if keep is None else read_study_design(keep), space.intervals())
+    goal = DesignGoal(aim, space.max_pairs, None if keep is None else read_study_design(keep), space.intervals())
     with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
         found = optimal_design(
-            levels, trials, wish, task.observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
+            levels, trials, goal, task.observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
         )
     with task.together(*files) as folder:
         found.design.save(folder / files[0].name)

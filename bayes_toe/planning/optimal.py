@@ -34,7 +34,7 @@ _LEVELS = 5  # of the full factorial
 
 
 @dataclass(frozen=True, eq=False)
-class Wish:
+class DesignGoal:
     """What a design is for.
 
     Parameters
@@ -70,7 +70,7 @@ class OptimalDesign:
     Attributes
     ----------
     design : StudyDesign
-    wish : Wish
+    goal : DesignGoal
     candidates : mapping of str to Candidate
         The optimised design first, then those it was compared with.
     power : PowerTable
@@ -85,7 +85,7 @@ class OptimalDesign:
     """
 
     design: StudyDesign
-    wish: Wish
+    goal: DesignGoal
     candidates: Mapping[str, Candidate]
     power: PowerTable
     plane: Pairs
@@ -105,7 +105,7 @@ class OptimalDesign:
         rows = [" | ".join(f"{value:g}" for value in row) for row in zip(*columns, strict=True)]
         table = [" | ".join(names), " | ".join("---" for _ in names), *rows]
         said = [f"* {line}" for line in self.said()]
-        head = f"# A design of {self.design.total} trials, for: {self.wish.aim}"
+        head = f"# A design of {self.design.total} trials, for: {self.goal.aim}"
         return "\n".join([head, "", *said, "", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""])
 
 
@@ -150,7 +150,7 @@ def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
 def optimal_design(
     levels: FloatArray,
     trials: int = 650,
-    wish: Wish | None = None,
+    goal: DesignGoal | None = None,
     observers: str | Path | Sequence[Observer] | None = None,
     *,
     data_sets: int = JUDGED,
@@ -159,14 +159,14 @@ def optimal_design(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> OptimalDesign:
-    """The design of so many trials that tells most of what is wished for about assumed observers.
+    """The design of so many trials that tells most of what is asked for about assumed observers.
 
     Parameters
     ----------
     levels : array, shape (levels,)
         Intensities that can be shown, natural log; see :func:`grid` and :func:`read_levels`.
     trials : int
-    wish : Wish, optional
+    goal : DesignGoal, optional
     observers
         As :func:`bayes_toe.planning.power.power` takes them.
     data_sets : int
@@ -179,7 +179,7 @@ def optimal_design(
     InputError
         If trials, levels or observers are such that no design tells anything: with the reason.
     """
-    asked, root = Wish() if wish is None else wish, root_seed(seed)
+    asked, root = DesignGoal() if goal is None else goal, root_seed(seed)
     people = observers if observers is not None and not isinstance(observers, str | Path) else _people(observers, root, prior)
     maker = _Maker(np.unique(np.asarray(levels, np.float64)), trials, asked, people, root, prior)
     candidates = maker.candidates()
@@ -189,17 +189,17 @@ def optimal_design(
     return maker.chosen(candidates, table)
 
 
-def proposed(levels: FloatArray, trials: int, wish: Wish, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
+def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
     """The optimised design and those that it is compared with, by the closed form alone: seconds, where simulation takes minutes.
 
     Examples
     --------
     >>> people = observers_from(None, 2, seed=1)
-    >>> found = proposed(grid(-0.75, 1.25, 0.25), 200, Wish("gain", max_pairs=8), people)
+    >>> found = proposed(grid(-0.75, 1.25, 0.25), 200, DesignGoal("gain", max_pairs=8), people)
     >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
     (200, True)
     """
-    return _Maker(np.unique(np.asarray(levels, np.float64)), trials, wish, people, seed, None).candidates()
+    return _Maker(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
 
 
 def _people(source: str | Path | None, seed: int, prior: Prior | str | None) -> tuple[Observer, ...]:
@@ -210,9 +210,9 @@ class _Maker:
     """Admissible pairs, their information, and designs made of them."""
 
     def __init__(
-        self, levels: FloatArray, trials: int, wish: Wish, people: Sequence[Observer], seed: int, prior: Prior | str | None
+        self, levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int, prior: Prior | str | None
     ) -> None:
-        self.trials, self.wish, self.people, self.seed = trials, wish, people, seed
+        self.trials, self.goal, self.people, self.seed = trials, goal, people, seed
         self.levels = levels
         self.pairs = self._admissible()
         every = StudyDesign(self.pairs.s1, self.pairs.s2, np.ones(len(self.pairs), np.int64), self.pairs.isi)
@@ -221,10 +221,10 @@ class _Maker:
         if trials - int(self.fixed.sum()) < _FEWEST:
             kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""
             raise InputError(f"--trials {trials}{kept}: allowed is at least {_FEWEST} to distribute, for as many parameters")
-        self.most = min(wish.max_pairs, trials - int(self.fixed.sum()) + int((self.fixed > 0).sum()))
+        self.most = min(goal.max_pairs, trials - int(self.fixed.sum()) + int((self.fixed > 0).sum()))
         if (self.fixed > 0).sum() >= self.most:
-            raise InputError(f"--max-pairs {wish.max_pairs}: --keep has {int((self.fixed > 0).sum())} already; allowed is more")
-        self.information = information(self.pairs, people, wish.aim, self.prior)
+            raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {int((self.fixed > 0).sum())} already; allowed is more")
+        self.information = information(self.pairs, people, goal.aim, self.prior)
 
     def candidates(self) -> dict[str, Candidate]:
         """Designs to compare: the best two, then the paper's, a full factorial, random pairs."""
@@ -236,23 +236,23 @@ class _Maker:
     def chosen(self, candidates: dict[str, Candidate], table: PowerTable) -> OptimalDesign:
         """The best of the finalists by simulation, if it is clearly better than the first by the closed form, else that one."""
         found = dict(candidates)
-        if SECOND in found and _clearly_better(table, SECOND, OPTIMISED, self.wish.aim):
+        if SECOND in found and _clearly_better(table, SECOND, OPTIMISED, self.goal.aim):
             found = {OPTIMISED: found[SECOND], SECOND: found[OPTIMISED]} | {k: v for k, v in found.items() if k not in (OPTIMISED, SECOND)}
             table = _renamed(table, {OPTIMISED: SECOND, SECOND: OPTIMISED})
         design = found[OPTIMISED].design
         worth = self.information.worth(self.information.total(self._counts(design)))
-        reasons = tuple(reasons_for(found, self.people, self.wish.aim))
-        return OptimalDesign(design, self.wish, found, table, self.pairs, worth, reasons, self.seed)
+        reasons = tuple(reasons_for(found, self.people, self.goal.aim))
+        return OptimalDesign(design, self.goal, found, table, self.pairs, worth, reasons, self.seed)
 
     def _admissible(self) -> Pairs:
-        times = max(1, len(self.wish.isi))
+        times = max(1, len(self.goal.isi))
         if len(self.levels) ** 2 * times > _MOST_PAIRS:
             raise InputError(
                 f"{len(self.levels)} levels make {len(self.levels) ** 2 * times:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
             )
         s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(self.levels, self.levels, indexing="ij"))
-        isi = np.repeat(np.array(self.wish.isi), len(self.levels) ** 2) if self.wish.isi else None
-        keep = self.wish.keep
+        isi = np.repeat(np.array(self.goal.isi), len(self.levels) ** 2) if self.goal.isi else None
+        keep = self.goal.keep
         if keep is None:
             return Pairs(s1, s2, isi)
         columns = [np.stack([s1, s2, *([] if isi is None else [isi])])]
@@ -261,7 +261,7 @@ class _Maker:
         return Pairs(every[0], every[1], every[2] if len(every) > 2 else None)
 
     def _fixed(self) -> IntArray:
-        return np.zeros(len(self.pairs), np.int64) if self.wish.keep is None else self._counts(self.wish.keep).astype(np.int64)
+        return np.zeros(len(self.pairs), np.int64) if self.goal.keep is None else self._counts(self.goal.keep).astype(np.int64)
 
     def _counts(self, design: StudyDesign) -> FloatArray:
         """Trials of a design by admissible pair."""
@@ -287,7 +287,7 @@ class _Maker:
     def _like_the_papers(self, task: Task) -> IntArray | None:
         """The paper's pairs at the nearest levels, where these reach as far."""
         paper = paper_study_design()
-        if self.wish.isi or self.fixed.any() or paper.s1.min() < self.levels[0] - 1e-9 or paper.s1.max() > self.levels[-1] + 1e-9:
+        if self.goal.isi or self.fixed.any() or paper.s1.min() < self.levels[0] - 1e-9 or paper.s1.max() > self.levels[-1] + 1e-9:
             return None
         s1, s2 = (self.levels[np.abs(values[:, None] - self.levels).argmin(axis=1)] for values in (paper.s1, paper.s2))
         place = {key: i for i, key in enumerate(_keys(self.pairs))}
@@ -300,16 +300,16 @@ class _Maker:
         return StudyDesign(self.pairs.s1[some], self.pairs.s2[some], n[some], isi)
 
     def _candidate(self, design: StudyDesign) -> Candidate:
-        own = information(Pairs(design.s1, design.s2, design.isi), self.people, self.wish.aim, self.prior)
+        own = information(Pairs(design.s1, design.s2, design.isi), self.people, self.goal.aim, self.prior)
         total = own.total(design.n_trials.astype(np.float64))
         return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
 
     def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
         """Of the paper's stimuli too where a range does not have them: they say what the range is worth."""
-        isi = self.wish.isi[0] if self.wish.isi else None
+        isi = self.goal.isi[0] if self.goal.isi else None
         paper = paper_study_design()
         rng = generator(self.seed, "random pairs")
-        random = rng.choice(len(self.pairs), min(self.wish.max_pairs, len(self.pairs)), replace=False)
+        random = rng.choice(len(self.pairs), min(self.goal.max_pairs, len(self.pairs)), replace=False)
         places = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
         s1, s2 = (values.ravel() for values in np.meshgrid(places, places, indexing="ij"))
         columns = {PAPER: (paper.s1, paper.s2), FULL: (s1, s2), RANDOM: (self.pairs.s1[random], self.pairs.s2[random])}
@@ -337,10 +337,10 @@ class _Maker:
             f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
             "more trials"
         )
-        if self.wish.aim == "update" and not self._names_anybody(best, total):
+        if self.goal.aim == "update" and not self._names_anybody(best, total):
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
-        if self.wish.aim in ("gain", "mu1", "width") and best.sd > _LITTLE * start:
-            raise InputError(f"{about} (the sd of {self.wish.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+        if self.goal.aim in ("gain", "mu1", "width") and best.sd > _LITTLE * start:
+            raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
 
 
 def _keys(pairs: Pairs) -> list[tuple[float, ...]]:

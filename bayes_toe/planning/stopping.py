@@ -35,7 +35,7 @@ _INTERVAL = 1.0
 
 
 @dataclass(frozen=True)
-class Rule:
+class StoppingRule:
     """When to stop.
 
     Parameters
@@ -78,12 +78,12 @@ class StoppingTable(Table[Session]):
     Attributes
     ----------
     rows : tuple of Session
-    rule : Rule
+    rule : StoppingRule
     seed : int
     failed : mapping of str to str
     """
 
-    rule: Rule
+    rule: StoppingRule
     seed: int
     failed: Mapping[str, str]
 
@@ -112,7 +112,7 @@ class StoppingTable(Table[Session]):
 
 def stopping(
     design: StudyDesign | Mapping[str, StudyDesign] | None = None,
-    rule: Rule | None = None,
+    rule: StoppingRule | None = None,
     observers: str | Path | Sequence[Observer] | None = None,
     *,
     data_sets: int = DATA_SETS,
@@ -128,15 +128,15 @@ def stopping(
     ----------
     design, observers, data_sets, seed, prior, workers, progress, keep
         As :func:`bayes_toe.planning.power.power` takes them; the pairs of the largest number of trials come in random order.
-    rule : Rule, optional
+    rule : StoppingRule, optional
 
     Examples
     --------
-    >>> table = stopping(rule=Rule(most=52, every=26), data_sets=1, seed=1, workers=1)
+    >>> table = stopping(rule=StoppingRule(most=52, every=26), data_sets=1, seed=1, workers=1)
     >>> [row.trials <= 52 for row in table]
     [True, True, True]
     """
-    chosen = Rule() if rule is None else rule
+    chosen = StoppingRule() if rule is None else rule
     designs = {name: one.with_total(chosen.most) for name, one in named_designs(design).items()}
     with keeping(keep, "simulated sessions") as kept:
         root = kept.seed(seed)
@@ -150,7 +150,7 @@ def stopping(
         return StoppingTable(tuple(done), chosen, root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()})
 
 
-def session(name: str, design: StudyDesign, observer: Observer, rule: Rule, seed: int, prior: Prior) -> Session:
+def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> Session:
     """One observer's session."""
     rng = generator(seed, observer.name, "session")
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
@@ -175,7 +175,7 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: Rule, seed
     return Session(name, observer.name, observer.kind, trials, named, tuple(p.tolist()))
 
 
-def _looks(rule: Rule) -> Iterator[tuple[int, int]]:
+def _looks(rule: StoppingRule) -> Iterator[tuple[int, int]]:
     ends = [*range(rule.every, rule.most, rule.every), rule.most]
     return zip([0, *ends[:-1]], ends, strict=True)
 

@@ -11,7 +11,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
 from bayes_toe.planning.information import AIMS, Pairs, information
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.optimal import Wish, grid, optimal_design, proposed, read_levels
+from bayes_toe.planning.optimal import DesignGoal, grid, optimal_design, proposed, read_levels
 from bayes_toe.planning.power_table import NAMED
 from bayes_toe.planning.reasons import OPTIMISED, PAPER
 
@@ -55,13 +55,13 @@ def test_exchange_never_loses_and_brute_force_finds_nothing_better(aim):
     assert max(after) == pytest.approx(best, abs=0.02)
 
 
-def best(levels, trials, wish):
-    return proposed(levels, trials, wish, observers_from(None, 3, seed=1), seed=1)
+def best(levels, trials, goal):
+    return proposed(levels, trials, goal, observers_from(None, 3, seed=1), seed=1)
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
     keep = bt.StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
-    made = best(WIDE, 200, Wish("parameters", max_pairs=6, keep=keep))[OPTIMISED].design
+    made = best(WIDE, 200, DesignGoal("parameters", max_pairs=6, keep=keep))[OPTIMISED].design
     counts = {(a, b): n for a, b, n in zip(made.s1.tolist(), made.s2.tolist(), made.n_trials.tolist(), strict=True)}
     assert (counts[0.0, 0.0] >= 25, counts[0.33, 0.33] >= 30, made.total, made.n_pairs <= 6) == (True, True, 200, True)
 
@@ -69,12 +69,12 @@ def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
 def test_the_papers_own_range_is_never_worse_than_the_papers_pairs():
     levels = np.log([1.0, 1.15, 1.36, 1.55, 1.66])
     for aim in ("gain", "update", "parameters"):
-        made = best(levels, 650, Wish(aim))
+        made = best(levels, 650, DesignGoal(aim))
         assert made[OPTIMISED].utility >= made[PAPER].utility - 1e-9
 
 
 def test_intervals_may_be_chosen():
-    made = best(grid(-0.75, 1.25, 0.5), 200, Wish("gain", isi=(0.5, 2.0)))[OPTIMISED].design
+    made = best(grid(-0.75, 1.25, 0.5), 200, DesignGoal("gain", isi=(0.5, 2.0)))[OPTIMISED].design
     assert set(made.isi) <= {0.5, 2.0}
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.planning.information import Pairs
-from bayes_toe.planning.optimal import OptimalDesign, Wish
+from bayes_toe.planning.optimal import DesignGoal, OptimalDesign
 from bayes_toe.planning.power_table import NAMED, DataSet, PowerTable
 from bayes_toe.planning.reasons import OPTIMISED, PAPER, Candidate
 from bayes_toe.planning.study_design import paper_study_design
@@ -47,7 +47,7 @@ def test_a_design_on_the_plane():
     s1, s2 = (values.ravel() for values in np.meshgrid(grid, grid, indexing="ij"))
     worth = np.arange(16.0)
     candidates = {OPTIMISED: Candidate(paper, 1.0, 0.1), PAPER: Candidate(paper, 1.0, 0.1)}
-    found = OptimalDesign(paper, Wish(), candidates, made_up((OPTIMISED, PAPER), (650,)), Pairs(s1, s2), worth, (), 1)
+    found = OptimalDesign(paper, DesignGoal(), candidates, made_up((OPTIMISED, PAPER), (650,)), Pairs(s1, s2), worth, (), 1)
     figure = bt.plots.design_figure(found)
     plane = figure.axes[0]
     assert plane.collections[0].get_array().ravel().tolist() == (1000.0 * worth.reshape(4, 4).T).ravel().tolist()
