@@ -17,7 +17,7 @@ from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 
-_PRIOR_DRAWS = 4000
+_PRIOR_DRAWS, _EQUAL = 4000, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,8 @@ class Alone:
         log evidence.
     log_prior : array, shape (draws,)
         Log density of the subject's own prior with respect to eta.
+    equal : array, shape (4000, k)
+        Draws of equal weight, with repeats.
     log_precision, place : array, shape (k,)
         See :class:`bayes_toe.groups.told.Told`.
     trusted : bool
@@ -44,6 +46,7 @@ class Alone:
     eta: FloatArray
     log_weights: FloatArray
     log_prior: FloatArray
+    equal: FloatArray
     log_precision: FloatArray
     place: FloatArray
     trusted: bool
@@ -54,13 +57,8 @@ class Alone:
         return float(logsumexp(self.log_weights) - np.log(len(self.log_weights)))
 
     def part(self, draws: int) -> Alone:
-        """The same with the first ones of its draws."""
+        """The same with the first ones of its weighted draws: all of a thousand subjects take a gigabyte."""
         return replace(self, eta=self.eta[:draws], log_weights=self.log_weights[:draws], log_prior=self.log_prior[:draws])
-
-    def equal_draws(self, size: int, seed: int) -> FloatArray:
-        """Draws of equal weight, with repeats, shape (size, k)."""
-        weights = np.exp(smoothed_weights(self.log_weights).log_weights)
-        return self.eta[generator(seed, self.name, "alone").choice(len(weights), size, p=weights / weights.sum())]
 
 
 def funnel_of(model: Model, centre: float) -> Funnel | None:
@@ -93,7 +91,9 @@ def alone(subject: Subject, model: Model, prior: Prior, centre: float, draws: in
     _, jacobian = posterior.from_group(eta)
     log_prior = posterior.log_prior(x) + np.log(np.diagonal(jacobian, axis1=1, axis2=2)).sum(axis=1)
     log_weights = fitted.draws.log_weights[some] + np.log(len(x) / len(fitted.draws.x))  # those of density 0 count as draws
-    return Alone(subject.name, eta, log_weights, log_prior, log_precision, place, fitted.trusted)
+    shares = np.exp(smoothed_weights(log_weights).log_weights)
+    equal = eta[generator(seed, subject.name, "alone").choice(len(eta), _EQUAL, p=shares / shares.sum())]
+    return Alone(subject.name, eta, log_weights, log_prior, equal, log_precision, place, fitted.trusted)
 
 
 def _tellable(posterior: Posterior, x: FloatArray, eta: FloatArray) -> FloatArray:

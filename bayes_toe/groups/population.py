@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,6 @@ METHODS = ("joint", "reweight")
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
 _FEWEST, _MOST_DRAWS = 2, 100_000
-_ALONE = 4000  # draws kept of every subject's own posterior
 _JUDGING = 20_000
 _MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
@@ -278,7 +277,8 @@ def _drawn(
     model, scatter = _model(settings.model), scatter_named(settings.scatter)
     _require(settings, who)
     centre = mean_first(study)
-    jobs = [partial(alone, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
+    weighted = WEIGHTED if settings.method == "reweight" else 0
+    jobs = [partial(_member, weighted, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
     done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
     failed = {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(who.subjects) - len(failed) < _FEWEST:
@@ -286,9 +286,13 @@ def _drawn(
     members, who = list(done), who.without(failed)
     group = study.select(who.subjects)
     chains = _chains(members, group, settings, model, scatter, centre, who)
-    own = np.stack([one.equal_draws(_ALONE, settings.seed) for one in members], axis=1)
+    own = np.stack([one.equal for one in members], axis=1)
     rough = tuple(one.name for one in members if not one.trusted)
     return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
+
+
+def _member(weighted: int, *given: Any) -> Alone:
+    return alone(*given).part(weighted)
 
 
 def _chains(
@@ -299,7 +303,7 @@ def _chains(
     joint = Joint(likelihood, numbers, who.x, told, scatter, settings.correlations)
     if settings.method == "joint":
         return sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
-    weighted = Reweighted([one.part(WEIGHTED) for one in members], who.x, joint.hyperprior)
+    weighted = Reweighted(members, who.x, joint.hyperprior)
     return reweight_group(weighted, joint, model.group, settings.draws, settings.seed)
 
 

@@ -67,7 +67,7 @@ def test_the_population_replaced_by_their_own_prior_gives_their_own_posteriors(s
         return (value + prior).sum(axis=1), (gradient + steep).reshape(x.shape)
 
     members = [alone(one, PREDICTIVE_UPDATE, PRIOR, CENTRE, 2000, 6) for one in study]
-    start = np.concatenate([one.equal_draws(16, 7) for one in members], axis=1)
+    start = np.concatenate([one.equal[:16] for one in members], axis=1)
     sampler = Hamiltonian(density, start, 0.4 * np.ones(12), 12, chains)
     sampler.warm_up((40, 60))
     drawn = sampler.advance(250).x.transpose(1, 0, 2).reshape(16, -1, 3, 4)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import few_pairs
 
-import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
 from bayes_toe.groups.alone import alone
@@ -95,13 +94,3 @@ def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
     found = run()
     assert found.rough == ("B",)
     assert found.shortfalls[0] == "subject 'B' alone: few of the draws count, so that its columns alone_ are rough"
-
-
-def test_the_real_vibrotactile_subjects_hardly_pull(real_data):
-    """Worked out with other code and a somewhat narrower hyperprior: probit gamma -1.65 (-2.26, -1.21), a pull of about 0.05."""
-    found = population(bt.read_study(real_data / "vibrotactile_rate" / "trials.csv"), seed=1, draws=50, workers=1)
-    assert found.converged
-    gamma, pull = (found.table.some("mean", name)[0] for name in ("probit gamma", "pull"))
-    assert gamma.q50 == pytest.approx(-1.65, abs=0.3)
-    assert gamma.q05 < -1.9 < -1.5 < gamma.q95
-    assert 0.02 < pull.q50 < 0.07
