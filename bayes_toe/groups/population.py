@@ -261,9 +261,9 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     given = Hyperprior() if hyperprior is None else hyperprior
     shared = workers if engine is None else engine
     with keeping(keep) as kept:
+        numbers = prior_for(study, prior), given.for_study(study)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
         correlated = _tells_correlations(study.select(who.subjects), method) if correlations is None else correlations
-        numbers = prior_for(study, prior), given.for_study(study)
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, method, correlated)
         made = _drawn(study, settings, who, workers=shared, progress=progress, kept=kept)
     for problem in made.problems:
