@@ -118,10 +118,8 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
         Of the marks, points.
     """
     refuse_intervals([counts], "panel of both orders")
-    stronger = np.maximum(counts.s1, counts.s2)
-    shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
-    top = max(float(stronger[shown].max()), weaker + 1e-9)
-    x = np.linspace(weaker, top, 120)
+    stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
+    x = over_stronger(counts, weaker, 120)
     fixed = np.full_like(x, weaker)
     pairs = {-1: (fixed, x), 1: (x, fixed), 0: (x, x)}
     for order, mark in ORDERS.items():
@@ -134,6 +132,17 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     if title:
         ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
     return ax
+
+
+def over_stronger(counts: Subject, weaker: float, points: int) -> FloatArray:
+    """From the weaker stimulus to the strongest one that :func:`order_panel` shows with it, shape (points,)."""
+    highest = np.maximum(counts.s1, counts.s2)[_in_order_panel(counts, weaker)].max()
+    return np.linspace(weaker, max(float(highest), weaker + 1e-9), points)
+
+
+def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
+    """Pairs with this weaker stimulus, and equal ones from it on."""
+    return np.asarray((np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker)))
 
 
 def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:

@@ -19,7 +19,7 @@ from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, Statistic, predictive_check
 from bayes_toe.plots.corner_content import LABELS
-from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel
+from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel, over_stronger
 from bayes_toe.plots.sorted import HIGH
 from bayes_toe.plots.style import (
     BELIEF,
@@ -313,7 +313,7 @@ def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
     reference = main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)
-    x = np.linspace(low, max(ax.dataLim.x1, low + 1e-9), 60)
+    x = over_stronger(everyone, low, 60)
     for order, pair in {0: (x, x), -1: (np.full_like(x, low), x), 1: (x, np.full_like(x, low))}.items():
         if (presentation_order(everyone) == order).any():
             _draw_band(ax, x, equal(*pair), ORDERS[order].colour)
