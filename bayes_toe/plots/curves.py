@@ -185,3 +185,5 @@ def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: M
     style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
     value, error = laplace_estimate(k, n), laplace_error(k, n)
     ax.errorbar(x, value, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, transform=beside, **style)
+    ax.update_datalim(np.column_stack([x, value]))  # marks that are set aside do not say where data are
+    ax.autoscale_view()

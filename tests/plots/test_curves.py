@@ -2,12 +2,13 @@
 
 from itertools import combinations
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.plots.curves import _MAX_PANELS
+from bayes_toe.plots.curves import _MAX_PANELS, order_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
 
 
@@ -53,3 +54,10 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
     assert "normalised distance" in common.get_xlabel()
     assert _MAX_PANELS < 19
+
+
+def test_without_a_curve_all_points_are_in_sight(small_study):
+    counts, (_, ax) = small_study["A"], plt.subplots()
+    order_panel(ax, counts, None, float(counts.s1.min()))
+    low, high = ax.get_xlim()
+    assert low < counts.s2.min() < counts.s2.max() < high
