@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browsers import launched
 from hypothesis import settings
 
 import bayes_toe as bt
@@ -38,6 +39,13 @@ def few_pairs(names):
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study, in this process."""
     return bt.run(small_study, draws=2000, seed=5, workers=1)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """One browser for all pages."""
+    with launched() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="session")

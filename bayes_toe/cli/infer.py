@@ -39,6 +39,7 @@ def run(
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
     pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
     population: Annotated[bool, typer.Option("--population", help="What the subjects have in common, too: the joint posterior.")] = False,
+    explore: Annotated[bool, typer.Option("--explore", help="explorer.html, too: posteriors to drag over, in a browser.")] = False,
     store: Store = "nc",
     task: RunningTask,
 ) -> None:
@@ -51,15 +52,20 @@ def run(
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
+    from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
-    drawn = Drawn(pictures, {} if study.files else example_truth())
+    if explore:
+        require_bokeh()
+    drawn = Drawn(pictures, {} if study.files else example_truth(), explorer=explore)
     copies = task.copies_for(draws_in(output, store))
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
     if population and len(read) < 2:
         raise InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
-    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures], copies=copies)
+    if explore:
+        require_few(len(read), "subjects")
+    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore, copies=copies)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,10 +17,11 @@ from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, SubjectAsymmetr
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.cli.attention import FLAGGED
 from bayes_toe.cli.digits import allowed
-from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, misfit, misfits, p_value, tally
+from bayes_toe.cli.glossary import TERMS, anchor, linked
+from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, misfit, misfits, p_value, tally
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.comparison.presets import say_presets
-from bayes_toe.comparison.words import STATED, conclusion, order_effect_and_probability
+from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
 from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
@@ -39,6 +41,28 @@ if TYPE_CHECKING:
 MOST_IN_ONE = 200
 #: Names or findings that a list of an index shows.
 _MOST_LISTED = 10
+_REPORT = "../report.html"  # from a subject's page
+#: What may stand in the results folder, in the order of the list; what does not is not listed.
+_FILES = {
+    "explorer.html": "posteriors to drag over, in a browser",
+    "summary.csv": "quantiles, moments and diagnostics of every parameter",
+    "evidence.csv": "order effect, fit and evidence of every subject",
+    "population.csv": "the group",
+    "population_subjects.csv": "each subject alone and in the group",
+    "population.png": "the group's figure",
+    "corner": "corner plots, one a subject",
+    "posterior.nc": "all draws, for ArviZ, explore, corner, predict and figures",
+    "posterior.zarr": "all draws, for ArviZ, explore, corner, predict and figures",
+}
+#: What the settings of the sampler are.
+_SAMPLER = {
+    "draws": "effective draws asked for",
+    "ensembles": "ensembles (chains)",
+    "walkers": "walkers of an ensemble",
+    "max_r_hat": "largest R-hat",
+    "max_thin": "thinning at which sampling gives up",
+    "max_quantile_error": "largest error of 5 and 95 % quantiles, of the range between them",
+}
 
 
 @dataclass(frozen=True)
@@ -48,7 +72,7 @@ class Pictures:
     Attributes
     ----------
     place : Path
-        Folder of evidence.png, asymmetry.png (may be missing), map.png and prior.png.
+        Folder of order_effect.png, evidence.png, asymmetry.png (may be missing), map.png and prior.png.
     curves, corner : mapping of str to Path
         Of the subjects that were drawn.
     which : str
@@ -82,7 +106,8 @@ def write_report(analysis: Analysis, facts: Facts, pictures: Pictures, folder: P
     """
     environment, paged = _environment(), len(analysis.study) > MOST_IN_ONE
     links = _links(analysis.study.names, paged)
-    context = _context(analysis, facts, pictures, links) | {"paged": paged, "most": _MOST_LISTED if paged else None}
+    context = _context(analysis, facts, pictures, links) | _places(paged, folder) | {"most": _MOST_LISTED if paged else None}
+    context["contents"] = _contents(context)
     subjects = _subject_contexts(analysis, facts, pictures, context["findings"], links)
     if paged:
         (folder / "subjects").mkdir()
@@ -105,7 +130,7 @@ def _environment() -> Environment:
         finalize=_visible,
     )
     made.filters.update(number=_number, signed=_signed, p_value=p_value, data_uri=_data_uri, deviance=deviance, misfit=misfit)
-    made.filters.update(order_effect=order_effect_and_probability, conclusion=conclusion, head=_head)
+    made.filters.update(order_effect=order_effect_and_probability, head=_head, kind=order_effect, linked=linked, anchor=anchor)
     return made
 
 
@@ -121,6 +146,43 @@ def _links(names: Sequence[str], paged: bool) -> dict[str, str]:
     return {name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}" for i, name in enumerate(names)}
 
 
+def _places(paged: bool, folder: Path) -> dict[str, Any]:
+    """What stands in the results folder, and where a subject's section finds that and the report."""
+    written = {name: words for name, words in _FILES.items() if (folder / name).exists()}
+    posterior = next((name for name in written if name.startswith("posterior")), "posterior.nc")
+    return {"paged": paged, "written": written, "posterior": posterior, "home": _REPORT if paged else "", "beside": "../" if paged else ""}
+
+
+def _contents(context: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Anchors of the sections that there are, and what the list of contents calls them."""
+    sections = {
+        "read": "How to read this",
+        "evidence": "Order effect, fit, evidence",
+        "order": "Without a model",
+        "map": "Map",
+        "group": "The group" if context["group"] else "",
+        "appendix-c": "Appendix C",
+        "pooling": "Before pooling" if context["before_pooling"] else "",
+        "subjects": "" if context["paged"] else "Subjects",
+        "prior": "Prior",
+        "method": "Method and settings",
+        "files": "Files",
+    }
+    return [(place, words) for place, words in sections.items() if words]
+
+
+def _settings(attrs: Mapping[str, Any]) -> dict[str, str]:
+    """What was asked for, and with what it was computed."""
+    settings, versions = json.loads(attrs["settings"]), json.loads(attrs["versions"])
+    return {
+        "model": settings["model"],
+        "prior": attrs["prior"],
+        "seed": str(attrs["seed"]),
+        **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
+        "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
+    }
+
+
 def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mapping[str, str]) -> dict[str, Any]:
     """What does not depend on a subject."""
     findings, table = check_study(analysis.study), analysis.evidence
@@ -130,6 +192,9 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
         "rows": table.rows,
+        "in_short": in_short(table, synthetic=analysis.study.synthetic),
+        "terms": TERMS,
+        "settings": _settings(analysis.draws.attrs),
         "tally": tally(table),
         "misfits": misfits(table),
         "presets": say_presets(analysis.presets),
@@ -142,7 +207,6 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "pictures": pictures,
         "drawn": len(pictures.corner),
         "asymmetry_drawn": pictures.of_study("asymmetry").exists(),
-        "effects": facts.asymmetry.rows,
         "population": facts.asymmetry.population(),
         "asymmetry_notes": facts.asymmetry.notes,
         "level": LEVEL,
@@ -151,14 +215,14 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "crowded": len(analysis.study) > MOST_NAMED,
         "flagged": facts.flagged,
         "group": facts.group,
-        "index": _index(analysis, facts) if len(analysis.study) > MOST_IN_ONE else (),
+        "index": _index(analysis, facts),
     }
 
 
 def _index(analysis: Analysis, facts: Facts) -> list[tuple[SubjectEvidence, SubjectAsymmetry]]:
-    """Rows of the table of subjects: who must be looked at first, otherwise in the order of the study."""
+    """Rows of the table of subjects in the order of the study; of very many, those first who must be looked at."""
     rows = list(zip(analysis.evidence, facts.asymmetry, strict=True))
-    return sorted(rows, key=lambda row: row[0].subject not in facts.flagged)
+    return sorted(rows, key=lambda row: len(rows) > MOST_IN_ONE and row[0].subject not in facts.flagged)
 
 
 def _subject_contexts(
@@ -180,11 +244,16 @@ def _subject_contexts(
             "curves": pictures.curves.get(name),
             "corner": pictures.corner.get(name),
             "shortfall": missed.get(name, ""),
-            "diagnostics": _diagnostics(analysis, stats.isel(subject=i), row, fitted),
+            "numbers": [
+                ("order effect", _orders(row)),
+                ("without a model", _asymmetry(effect)),
+                ("fit of H1", {} if row.fit is None else _fit(row.fit)),
+                ("H1 against H0", _evidences(row)),
+                ("sampling", _diagnostics(analysis, stats.isel(subject=i), row, fitted)),
+            ],
             "remarks": [*messages[name], *row.notes],
             "moved": moved.get(name, ""),
             "row": row,
-            "effect": effect,
             "prior_dominated": prior_dominated(summaries[name]),
         }
 
@@ -204,7 +273,37 @@ def _diagnostics(analysis: Analysis, stats: Any, row: SubjectEvidence, fitted: S
         "proposal efficiency": f"{row.efficiency:.2f}",
         "Pareto k-hat": f"{row.pareto_k:.2f}",
         **({} if fitted is None else {"maximum likelihood at an edge": fitted.at_edge or "no"}),
-        **({} if row.fit is None else _fit(row.fit)),
+    }
+
+
+def _orders(row: SubjectEvidence) -> dict[str, str]:
+    shares = {"P(none)": row.p_none, "P(constant error)": row.p_constant_error, "P(update)": row.p_update}
+    return {key: _number(value) for key, value in shares.items()}
+
+
+def _asymmetry(effect: SubjectAsymmetry) -> dict[str, str]:
+    one = effect.maximal
+    largest = {} if one is None else {
+        "largest asymmetry": f"{_signed(one.asymmetry)} ± {_number(one.asymmetry_se)}",
+        "at (r, c)": f"({one.s_weak:.3g}, {one.s_strong:.3g})",
+        "p, exact": p_value(one.p_value),
+        "p, Holm": p_value(one.p_adjusted),
+    }  # fmt: skip
+    return {"accuracy": _number(effect.accuracy), **largest}
+
+
+def _evidences(row: SubjectEvidence) -> dict[str, str]:
+    """Evidences, then their approximations."""
+    error = "" if row.log_evidence_h1_se is None else f" ± {_number(row.log_evidence_h1_se, 4)}"
+    return {
+        "log Bayes factor": f"{_number(row.log_bayes_factor)} ({conclusion(row.log_bayes_factor)})",
+        "log evidence, H1": f"{_number(row.log_evidence_h1)}{error}",
+        "log evidence, H0": _number(row.log_evidence_h0),
+        "log Bayes factor, Laplace": _number(row.log_bayes_factor_laplace),
+        "H1, Laplace": _number(row.log_evidence_h1_laplace),
+        "H0, Laplace": _number(row.log_evidence_h0_laplace),
+        "H1, Laplace, paper's coordinates": _number(row.log_evidence_h1_laplace_natural),
+        "H1, bootstrap": _number(row.log_evidence_h1_bootstrap),
     }
 
 

@@ -26,20 +26,31 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner_sheet import corner_sheet
 from bayes_toe.plots.curves import curves
-from bayes_toe.plots.evidence import evidence_figure
+from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.prior_predictive import prior_predictive_figure
-from bayes_toe.plots.style import new_figure
+from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 Truth = Mapping[str, Mapping[str, float]]
 
-#: What a results folder may hold: draws in one of two ways, the group, pages of very many subjects, corner plots of those drawn.
-PRODUCTS = ("posterior.nc", "posterior.zarr", "summary.csv", "evidence.csv", *GROUP_PRODUCTS, "corner", "report.html", "subjects")
+#: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
+PRODUCTS = (
+    "posterior.nc",
+    "posterior.zarr",
+    "summary.csv",
+    "evidence.csv",
+    *GROUP_PRODUCTS,
+    "corner",
+    "explorer.html",
+    "report.html",
+    "subjects",
+)
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
 PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
+_WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +89,7 @@ def _opened(posterior: Path, _: int) -> Draws:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Of which subjects corner plot and curves are drawn, and what the corner plots show.
+    """Of which subjects corner plot and curves are drawn, what the corner plots show, and whether there is an explorer.
 
     Parameters
     ----------
@@ -86,6 +97,8 @@ class Drawn:
         "all", "flagged" (those of :func:`bayes_toe.cli.attention.flagged`) or "none".
     truth : mapping
         True natural parameters by subject, for synthetic studies.
+    explorer : bool
+        Whether there is explorer.html, too, of all of them: see :func:`bayes_toe.explorer.page.explore`.
 
     Raises
     ------
@@ -95,6 +108,7 @@ class Drawn:
 
     which: str = "all"
     truth: Truth = field(default_factory=dict)
+    explorer: bool = False
 
     def __post_init__(self) -> None:
         if self.which not in PICTURE_BYTES:
@@ -121,6 +135,8 @@ def write_results(
     group: Group | None = None,
 ) -> Path:
     """Write posterior.nc (.zarr), summary.csv, evidence.csv, corner/*.png and report.html, of very many subjects also subjects/*.html.
+
+    Where it is asked for, explorer.html too.
 
     Parameters
     ----------
@@ -149,7 +165,8 @@ def write_results(
     drawn = pictures.names(analysis.draws.names, marked)
     files, posterior = corner_files(analysis.draws, drawn), draws_in(Path(), store).name
     of_group = () if group is None else GROUP_PRODUCTS
-    required = (posterior, "summary.csv", "evidence.csv", *of_group, "report.html", *(f"corner/{name}" for name in files.values()))
+    pages = ("explorer.html", "report.html") if pictures.explorer else ("report.html",)
+    required = (posterior, "summary.csv", "evidence.csv", *of_group, *pages, *(f"corner/{name}" for name in files.values()))
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, _drawing_place(new) as (target, place):
         analysis.draws.save(target / posterior)
         summary = analysis.summary()
@@ -157,6 +174,8 @@ def write_results(
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         if group is not None:
             write_group(group, target, spreadsheet_safe=spreadsheet_safe)
+        if pictures.explorer:
+            _write_explorer(analysis.draws, group, pictures.truth, target / "explorer.html")
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         here = partial(Drawing, target / posterior, (target / posterior).stat().st_mtime_ns, held=analysis.draws)
         if drawn:
@@ -171,6 +190,12 @@ def write_results(
         curve_files, corner_plots = ({name: home / file for name, file in files.items()} for home in (place / "curves", target / "corner"))
         write_report(analysis, facts, Pictures(place, curve_files, corner_plots, pictures.which), target)
     return Path(folder)
+
+
+def _write_explorer(draws: Draws, group: Group | None, truth: Truth, file: Path) -> None:
+    from bayes_toe.explorer.page import explore
+
+    explore(draws, truths=truth or None, population=None if group is None else group.found).save(file)
 
 
 def draws_in(folder: Path, store: str) -> Path:
@@ -201,9 +226,10 @@ def _drawing_place(new: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, place: Path) -> list[Callable[[], None]]:
-    """Calls that draw evidence, asymmetry, map and prior into files with the names that :class:`Pictures` looks for."""
+    """Calls that draw order effect, evidence, asymmetry, map and prior into files with the names that :class:`Pictures` looks for."""
     return [
-        partial(_draw_evidence, analysis.evidence, place / "evidence.png", synthetic=analysis.study.synthetic),
+        partial(_draw_order_effect, analysis.evidence, place / "order_effect.png", title=_said(analysis.study)),
+        partial(_draw_evidence, analysis.evidence, place / "evidence.png", title=_said(analysis.study)),
         partial(_draw_asymmetry, asymmetry, place / "asymmetry.png"),
         partial(_draw_map, draws, place / "map.png"),
         partial(_draw_prior, analysis.study, analysis.settings, place / "prior.png"),
@@ -213,27 +239,44 @@ def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, draws: Drawing, pl
 def _draw_subject(one: Drawing, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path) -> None:
     corner_file.write_bytes(png(corner_sheet(one.draws, one.subject, truths=truth, prior=prior), dpi=110))
     fitted = interval_curves if one.draws.intervals else curves
-    curve_file.write_bytes(png(fitted(one.draws, one.subject), dpi=120))
+    curve_file.write_bytes(png(fitted(one.draws, one.subject, title=_said(one.draws)), dpi=120))
 
 
-def _draw_evidence(table: EvidenceTable, file: Path, *, synthetic: bool) -> None:
-    file.write_bytes(png(evidence_figure(table, synthetic=synthetic)))
+def _said(of: Study | Draws) -> str:
+    """The title of a picture that stands under a heading."""
+    return "synthetic data" if of.synthetic else ""
+
+
+def _draw_order_effect(table: EvidenceTable, file: Path, *, title: str) -> None:
+    figure = new_figure(_WIDE, evidence_height(table))
+    order_effect_axes(table, figure.subplots()).set_title(title, fontsize=LETTERS, loc="right")
+    legend_below(figure, size=LETTERS, columns=2)
+    file.write_bytes(png(figure, dpi=_DOTS))
+
+
+def _draw_evidence(table: EvidenceTable, file: Path, *, title: str) -> None:
+    figure = new_figure(_WIDE, evidence_height(table))
+    evidence_axes(figure.subplots(), table).set_title(title, fontsize=LETTERS, loc="right")
+    legend_below(figure, size=LETTERS, columns=2)
+    file.write_bytes(png(figure, dpi=_DOTS))
 
 
 def _draw_asymmetry(table: AsymmetryTable, file: Path) -> None:
     """Nothing where no pair was presented in both orders."""
     if any(row.comparisons for row in table):
-        figure = new_figure(4.8, asymmetry_height(table))
+        figure = new_figure(_WIDE, asymmetry_height(table))
         asymmetry_axes(table, figure.subplots())
-        file.write_bytes(png(figure, dpi=120))
+        file.write_bytes(png(figure, dpi=_DOTS))
 
 
 def _draw_prior(study: Study, settings: Settings, file: Path) -> None:
-    file.write_bytes(png(prior_predictive_figure(study, settings.prior, seed=settings.seed)))
+    figure = prior_predictive_figure(study, settings.prior, seed=settings.seed)
+    figure.suptitle(_said(study), fontsize=LETTERS)
+    file.write_bytes(png(figure))
 
 
 def _draw_map(one: Drawing, file: Path) -> None:
-    figure = new_figure(5.4, 4.0)
+    figure = new_figure(_WIDE, 4.0)
     study_map_axes(one.draws, figure.subplots())
     figure.set_layout_engine("none")  # found already, for the names
-    file.write_bytes(png(figure, dpi=120))
+    file.write_bytes(png(figure, dpi=_DOTS))

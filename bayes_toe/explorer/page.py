@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
+#: About how many bytes a subject takes in a page of its own or of few.
+EXPLORER_BYTES = 700_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
 _BYTES, _FEW, _OWN = 20e6, 2e6, 200e3
 _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows fewer weaker stimuli
@@ -116,7 +118,7 @@ def entries(
     """What the page will hold, with the arguments and errors of :func:`explore`."""
     named = _named(draws)
     chosen = _chosen(named, subjects)
-    _require_few(chosen)
+    require_few(sum(map(len, chosen.values())), "subjects" if len(chosen) == 1 else "posteriors of subjects")
     made: list[Entry] = []
     for label, one in named.items():
         made += entries_of(one, label, chosen[label], _truths(one, truths))
@@ -173,12 +175,11 @@ def _chosen(named: Mapping[str, Draws], subjects: Sequence[str] | None) -> dict[
     return {label: tuple(name for name in dict.fromkeys(subjects) if name in draws.names) for label, draws in named.items()}
 
 
-def _require_few(chosen: Mapping[str, tuple[str, ...]]) -> None:
-    found = sum(map(len, chosen.values()))
+def require_few(found: int, what: str) -> None:
+    """Refuse none, and more than a page holds."""
     if found == 0:
         raise InputError("explore: found no subjects, allowed: at least one")
     if found > MOST_ENTRIES:
-        what = "subjects" if len(chosen) == 1 else "posteriors of subjects"
         raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
 
 

@@ -35,17 +35,22 @@ _ASIDE = 0.7
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 
 
-def curves(draws: Draws, subject: str) -> Figure:
+def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
     """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
 
     One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
-    connects no pairs has no curve: its answers stand alone.
+    connects no pairs has no curve: its answers stand alone. The title is, by default, subject and model.
     """
     counts = draws.subject(subject)
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    title = f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "")
-    return answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), title)
+    words = subject_and_model(draws, subject) if title is None else title
+    return answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), words)
+
+
+def subject_and_model(draws: Draws, subject: str) -> str:
+    """The title of a figure of one subject."""
+    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "")
 
 
 def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], Axes], title: str) -> Figure:
@@ -58,7 +63,8 @@ def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], 
         figure, panels = _answers_panels(len(weaker), title)
         for ax, stimulus in zip(panels, weaker, strict=True):
             order_panel(ax, counts, equal, float(stimulus), title=len(weaker) > 1)
-        figure.supylabel("P('equal')", fontsize=10, x=0.012)
+        boxes = [ax.get_position() for ax in panels]
+        figure.supylabel("P('equal')", fontsize=10, x=0.012, y=(boxes[0].y1 + boxes[-1].y0) / 2)  # the middle of the panels
     legend_below(figure)
     return figure
 

@@ -31,7 +31,7 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
         Whether to say that the data are synthetic.
     """
     crowded = len(table) > MOST_NAMED
-    figure = new_figure(9.6, 1.6 + HIGH if crowded else 2.2 + 0.27 * len(table))
+    figure = new_figure(9.6, evidence_height(table))
     left, right = figure.subplots(1, 2, sharey=not crowded, width_ratios=(1.0, 0.8))
     order_effect_axes(table, left)
     evidence_axes(right, table)
@@ -42,6 +42,11 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
         left.set_title("synthetic data", fontsize=10, loc="right")
     legend_below(figure)
     return figure
+
+
+def evidence_height(table: EvidenceTable) -> float:
+    """Inches that a figure of either panel needs, with its legend below."""
+    return 1.6 + HIGH if len(table) > MOST_NAMED else 2.2 + 0.27 * len(table)
 
 
 def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
@@ -55,7 +60,7 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     y = np.arange(len(table.rows))
     share = np.array([row.order_probabilities for row in table], np.float64).reshape(-1, len(KINDS))  # None becomes NaN: no bar
     wrong = np.array([row.misfit for row in table], bool)
-    ax.set(xlim=(0.0, 1.07), xlabel="probability", xticks=np.linspace(0.0, 1.0, 6))
+    ax.set(xlim=(0.0, 1.07), xlabel="probability of each order effect", xticks=np.linspace(0.0, 1.0, 6))
     if crowded:
         stacked_shares(ax, share, KINDS, _OF_KINDS, wrong)
         return ax
@@ -83,7 +88,7 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     error = np.array([np.nan if row.log_evidence_h1_se is None else row.log_evidence_h1_se for row in rows])
     laplace = np.array([np.nan if row.log_bayes_factor_laplace is None else row.log_bayes_factor_laplace for row in rows])
     ax.axvline(0.0, color="black", lw=1.0)
-    ax.set_xlabel("log Bayes factor (nats)\n$\\leftarrow$ free frequencies (H0)  |  predictive update (H1) $\\rightarrow$")
+    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0); above: update (H1)")
     if len(rows) > MOST_NAMED:
         _draw_ranked(ax, value, error)
         return ax

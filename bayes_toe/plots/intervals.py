@@ -16,7 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.intervals import require_intervals
-from bayes_toe.plots.curves import CURVE_DRAWS, draw_band, draw_points, order_panel
+from bayes_toe.plots.curves import CURVE_DRAWS, draw_band, draw_points, order_panel, subject_and_model
 from bayes_toe.plots.style import (
     EQUAL,
     ORDERS,
@@ -25,7 +25,6 @@ from bayes_toe.plots.style import (
     legend_below,
     new_figure,
     panel,
-    plain,
 )
 from bayes_toe.plots.subject import main_weaker
 
@@ -105,8 +104,10 @@ def interval_answers_axes(
     return dress(ax)
 
 
-def interval_curves(draws: Draws, subject: str) -> Figure:
+def interval_curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
     """Answers and fitted curves of a subject at each of up to six intervals, and below, gain and P(equal) over the interval.
+
+    The title is, by default, subject and model.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def interval_curves(draws: Draws, subject: str) -> Figure:
         legend_below(figure, size=8.0)
     interval_gain_axes(draws, subject, figure.add_subplot(grid[rows, :3]))
     interval_answers_axes(draws, subject, figure.add_subplot(grid[rows, 3:]))
-    figure.suptitle(f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else ""), fontsize=11)
+    figure.suptitle(subject_and_model(draws, subject) if title is None else title, fontsize=11)
     return figure
 
 

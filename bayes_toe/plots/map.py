@@ -294,6 +294,8 @@ def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour:
 
 def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[str, str]) -> None:
     """Each name beside its centre, at the first place free of other names and centres; beyond the edge, at the edge with its mu_1."""
+    from matplotlib.patheffects import withStroke
+
     figure = ax.get_figure(root=True)
     assert figure is not None
     layout = figure.get_layout_engine()
@@ -309,6 +311,7 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
         beyond = bool(np.any(shown[name] != centres[name]))
         words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
         text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)
+        text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])  # legible over ellipses too
         _place(text, renderer, within, taken)
         if np.hypot(*text.xyann) > _LEADER:
             line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
@@ -338,7 +341,7 @@ def _put(text: Any, place: tuple[float, float, str, str], renderer: Any) -> Any:
 
 def _places() -> Iterator[tuple[float, float, str, str]]:
     """Offsets in points with their alignment: right, left, above, below and between, then farther out."""
-    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0):
+    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0, 62.0, 78.0, 96.0):
         near = 0.7 * away
         yield from (
             (away, 0.0, "left", "center"),

@@ -58,18 +58,23 @@ def test_run_writes_everything(results):
 
 def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
-    order = [
-        text.index(said) for said in ("Order effect, and fit of the model", "Order effect without a model", "Appendix C:", 'id="subject-1"')
-    ]
+    sections = ("read", "evidence", "order", "appendix-c", "subject-1", "subject-2", "prior", "method", "files")
+    order = [text.index(f'id="{place}"') for place in sections]
     assert order == sorted(order)
     assert 'class="misfit"' not in text
     assert "H1 describes the answers of every subject" in " ".join(text.split())
-    assert "this asks whether the answers follow one smooth curve, not whether there is an order effect" in text
-    assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
-    assert text.count("data:image/png;base64,") == 4 + 2 * 2
-    assert text.index('id="subject-2"') < text.index("What the prior expects") < text.index('id="method"')
+    assert "this asks whether the answers follow one smooth curve, not whether there is an " in text
+    assert not re.search(r"""src=["'](?!data:)""", text)
+    beside = set(re.findall(r'href="(?!data:|#)([^"]*)"', text))
+    assert beside == {"summary.csv", "evidence.csv", "corner", "corner/A.png", "corner/B.png", "posterior.nc"}
+    assert all((results[0] / name).exists() for name in beside)
+    assert text.count("data:image/png;base64,") == 5 + 2 * 2
+    assert "bayes-toe explore posterior.nc -o explorer.html" in text
     assert "largest asymmetry is positive for" in " ".join(text.split())
-    assert text.count("predictive p, worst pair") == 2
+    assert text.count("</a>, worst pair</th>") == 2
+    assert re.search(r"effective draws asked for</th><td>1000<", text)
+    for anchor in re.findall(r'href="#([^"]+)"', text):
+        assert f'id="{anchor}"' in text
     assert "synthetic data" not in text
 
 
@@ -164,7 +169,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, bent):
     assert done.stdout.index("next: bayes-toe compare") < done.stdout.index("Appendix C: one smooth curve")
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
     assert text.count('<div class="misfit">') == 2
-    assert text.count('<span class="badge wrong">misfit</span>') == 1
+    assert text.count('<span class="badge wrong">misfit</span>') == 2  # in the table, and at the subject
     assert "Next: bayes-toe compare" in text
 
 
@@ -416,7 +421,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypa
     assert len({f.lower() for f in files}) == len(names)
     assert all(re.fullmatch(r"[A-Za-z0-9_.-]+\.png", f) for f in files)
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "<script>" not in report
+    assert "<script>alert" not in report
     assert "&lt;script&gt;" in report
     refused = inside("corner", "out/posterior.nc", "-o", "c", "--subject", "\x1b\u202e", cwd=tmp_path).stderr
     checked = inside("check", "s.csv", cwd=tmp_path).stdout

@@ -2,7 +2,6 @@
 
 import pickle
 import re
-from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -13,19 +12,7 @@ from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.attention import flagged
 from bayes_toe.cli.corner_folder import draw_corners
 from bayes_toe.cli.results_folder import Drawing, Drawn, write_results
-from bayes_toe.comparison.presets import UnderPresets
 from bayes_toe.errors import InputError
-
-
-@pytest.fixture(scope="module")
-def marked(analysis):
-    """The analysis of three subjects, of whom one is misfit and named differently by the presets, and one lacks an evidence."""
-    first, second, third = analysis.evidence
-    rows = (replace(first, fit=replace(first.fit, p_overall=0.001)), second, replace(third, log_evidence_symmetric=None))
-    moved = UnderPresets("A", {"paper": (0.0, -9.0, -9.0), "stimuli": (-9.0, -9.0, 0.0)})
-    return replace(
-        analysis, evidence=replace(analysis.evidence, rows=rows), presets=(moved, UnderPresets("B", dict.fromkeys("ab", (0.0, 0.0, 0.0))))
-    )
 
 
 def test_who_must_be_looked_at_and_why(marked):
@@ -43,11 +30,11 @@ def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_wh
     assert corners.exists() == bool(drawn)
     assert told == list(drawn)
     text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
-    assert text.count("data:image/png") == 4 + 2 * len(drawn)
+    assert text.count("data:image/png") == 5 + 2 * len(drawn)
     assert text.count("Not drawn (--pictures") == 3 - len(drawn)
     said = {
         "all": "Answers and fitted curves",
-        "flagged": "drawn of 2 subjects (--pictures flagged: misfit, ",
+        "flagged": "drawn of 2 subjects (--pictures flagged: ",
         "none": "drawn of no subjects",
     }
     assert said[which] in text
@@ -64,20 +51,42 @@ def test_an_unknown_choice_of_pictures_is_refused_before_the_work(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_explorer_stands_beside_the_report_where_it_is_asked_for(marked, tmp_path):
+    pytest.importorskip("bokeh")
+    write_results(marked, tmp_path / "out", pictures=Drawn("none", explorer=True), workers=1)
+    assert "<title>Explore a posterior</title>" in (tmp_path / "out" / "explorer.html").read_text(encoding="utf-8")
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert text.count('href="explorer.html"') == 2
+    assert "bayes-toe explore" not in text
+    write_results(marked, tmp_path / "out", pictures=Drawn("none"), workers=1, overwrite=True)
+    assert not (tmp_path / "out" / "explorer.html").exists()
+
+
+def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
+    for said in ("explore: found 3 subjects, allowed: at most 2 in a page", "pip install 'bayes_toe[explore]'"):
+        done = inside("run", study_csv, "-o", tmp_path / "out", "--explore")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert said in done.stderr
+        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert not (tmp_path / "out").exists()
+
+
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marked, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "MOST_IN_ONE", 2)
     out = tmp_path / "out"
     write_results(marked, out, pictures=Drawn("flagged"), workers=1)
     index = (out / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'href="(subjects/[^"]+)"', index) == ["subjects/A.html", "subjects/C.html", "subjects/B.html"]  # flagged ones first
-    assert index.count("data:image/png") == 4
-    assert "<section" not in index.split('id="prior"')[0]
+    assert index.count("data:image/png") == 5
+    assert '<details class="subject' not in index
     assert "2 of 3 must be looked at" in index
     pages = {name: (out / "subjects" / f"{name}.html").read_text(encoding="utf-8") for name in "ABC"}
     assert {name: text.count("data:image/png") for name, text in pages.items()} == {"A": 2, "B": 0, "C": 2}
     assert "H1 does not describe the answers" in pages["A"]
     assert "The choice of the prior decides: A: no order effect" in pages["A"]
-    assert all('href="../report.html#method"' in text and "sigma_p" in text for text in pages.values())
+    assert all('href="../report.html#read"' in text and 'href="../report.html#term-sigma_p"' in text for text in pages.values())
+    assert 'href="../corner/A.png"' in pages["A"]
     monkeypatch.setattr(report, "MOST_IN_ONE", 200)
     write_results(marked, out, overwrite=True, pictures=Drawn("none"), workers=1)  # leaves none of the pages behind
     assert not (out / "subjects").exists()

@@ -1,6 +1,5 @@
-"""One page of the small study for all tests, and the browser that opens it."""
+"""One page of the small study for all tests."""
 
-import shutil
 from dataclasses import replace
 
 import pytest
@@ -11,7 +10,6 @@ import bayes_toe as bt
 pytest.importorskip("bokeh")
 
 TRUTH = {"A": {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}}
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 
 
 @pytest.fixture(scope="session")
@@ -29,17 +27,3 @@ def group(small_study):
 @pytest.fixture(scope="session")
 def explorer(analysis, symmetric):
     return bt.explore([analysis.draws, symmetric], truths=TRUTH)
-
-
-@pytest.fixture(scope="session")
-def browser():
-    """Chromium, wherever it is: on the path, or Playwright's own."""
-    sync_api = pytest.importorskip("playwright.sync_api")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    with sync_api.sync_playwright() as playwright:
-        try:
-            opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        except sync_api.Error as error:
-            pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own ({str(error).splitlines()[0]})")
-        yield opened
-        opened.close()

@@ -4,24 +4,18 @@ import csv
 
 import numpy as np
 import pytest
+from browsers import Opened
 
 import bayes_toe as bt
 
 DATA = "name => Object.fromEntries(Object.entries(Bokeh.documents[0].get_model_by_name(name).data).map(([k, v]) => [k, Array.from(v)]))"
 
 
-class Opened:
-    """The page, and what went wrong in it."""
+class Explorer(Opened):
+    """The page, drawn."""
 
-    def __init__(self, browser, path, width, high=900):
-        self.problems = []
-        self.page = browser.new_page(viewport={"width": width, "height": high})
-        self.page.on("console", lambda said: self.problems.append(said.text) if said.type in ("error", "warning") else None)
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on(
-            "request", lambda asked: None if asked.url.startswith(("file:", "data:", "blob:")) else self.problems.append(asked.url)
-        )
-        self.page.goto(path.as_uri())
+    def __init__(self, *opened):
+        super().__init__(*opened)
         self.page.wait_for_selector("body[data-ready]", state="attached")
         self.settle()
 
@@ -51,9 +45,6 @@ class Opened:
         self.page.mouse.up()
         self.settle()
 
-    def wide(self):
-        return self.page.evaluate("document.documentElement.scrollWidth")
-
 
 @pytest.fixture(scope="module")
 def path(explorer, tmp_path_factory):
@@ -62,7 +53,7 @@ def path(explorer, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(browser, path):
-    made = Opened(browser, path, 1200)
+    made = Explorer(browser, path, 1200)
     yield made
     made.page.close()
 
@@ -214,7 +205,7 @@ def test_nothing_overflows_on_a_wide_screen(opened):
 
 
 def test_a_narrow_screen_has_fewer_panels_that_can_be_read(browser, path):
-    made = Opened(browser, path, 400)
+    made = Explorer(browser, path, 400)
     made.drag("1-0", (0.5, 0.2), (0.9, 0.8))
     assert len(made.limits()) == 2
     assert made.wide() <= 400

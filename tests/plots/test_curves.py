@@ -39,6 +39,9 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
         qhat = (subject.n_equal[at] + 1) / (subject.n_trials[at] + 2)
         assert q[-1] == pytest.approx(qhat, abs=0.15)
     words_are_apart(figure)
+    [label] = [text for text in figure.texts if text.get_text() == "P('equal')"]
+    assert label.get_position()[1] == pytest.approx(ax.get_position().intervaly.mean())  # centred at the panel, not on the page
+    assert bt.plots.curves(analysis.draws, "A", title="").get_suptitle() == ""
     assert {c.get_label() for c in ax.containers} == {"weaker first", "stronger first", "equal stimuli"}
 
 

@@ -1,0 +1,109 @@
+"""What the report's words mean: each said once, and linked from where it is used."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from bayes_toe.data.messages import visible
+from bayes_toe.explorer.words import meaning, symbol
+from bayes_toe.inference.predictive_checks import MISFIT
+from bayes_toe.model.contraction import DOMINATED
+from bayes_toe.model.coordinates import NATURAL
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+_QUANTITIES = (*NATURAL, "gamma", "sigma1", "gain", "width")
+#: What each term means, in the order of the list.
+TERMS = {
+    "order effect": "answers to a pair depend on which of its stimuli came first",
+    "constant error": "an order effect that is the same at every intensity",
+    "predictive update": "H1's order effect: the memory of the first stimulus is drawn towards a prior mean, so that the effect "
+    "changes with intensity",
+    "P(none)": "probability that there is no order effect, among three models that differ in that alone, at equal odds",
+    "P(constant error)": "probability of a constant error among the three models of the order effect",
+    "P(update)": "probability of the predictive update among the three models of the order effect",
+    "H1": "the predictive-update model: one smooth curve of P('equal') for all pairs",
+    "H0": "a free frequency of 'equal' for every pair: nothing connects the pairs",
+    "misfit": f"the model does not describe the answers: predictive p, or the p-value of the deviance, is below {MISFIT:g}",
+    "predictive p": "chance that answers repeated under the fitted model deviate from it as much as these do",
+    "deviance": "distance of the answers from the model, smallest over the draws, against one free frequency per pair; with its degrees of "
+    "freedom (d.f.), which it is near where the model is right",
+    "asymmetry": "q(c, r) − q(r, c): share of 'equal' with the stronger stimulus c first minus that with the weaker r first, without "
+    "a model",
+    "p, exact": "exact test (Boschloo) that both orders share one probability, at the subject's largest asymmetry",
+    "p, Holm": "the exact test's p-value corrected by Holm's method over the subject's comparisons, not over subjects",
+    "accuracy": "share of correct answers",
+    "log evidence": "log probability of the answers under a model, averaged over its prior (nats), without binomial coefficients",
+    "log Bayes factor": "log evidence of H1 minus that of H0: positive where the answers favour one smooth curve",
+    "nat": "unit of natural logs: 1 nat is a factor 2.7, 3 nats are 20, 5 nats are 150",
+    "Pareto k-hat": "how heavy the tail of the importance weights is; above 0.7 they are not trusted and the evidence is withheld",
+    "Laplace": "an approximation of the evidence by a Gaussian around the likeliest parameters",
+    "prior": "what is assumed of the parameters before the answers are seen",
+    "posterior": "what is known of the parameters after the answers are seen",
+    "preset": "one of the two priors that come with the program, paper and stimuli",
+    "contraction": "1 − (posterior width / prior width)², widths from 5 to 95 %: 1 where all comes from the data; below "
+    f"{DOMINATED:g} the prior dominates",
+    "fit": "maximum likelihood with the paper's penalty on mu1; it answers another question than the posterior",
+    "bootstrap": "percentile interval of 1,000 refits: where the maximum would fall if the experiment were done again",
+    "not converged": "the chains do not agree, or have too few effective draws: numbers of this subject must not be reported",
+    "effective sample size": "how many independent draws the chains are worth (ESS), in the bulk and in the tails of the distribution",
+    "R-hat": "disagreement of independent chains: 1 where they agree, not to be trusted above 1.01",
+    "proposal efficiency": "share of importance draws that count: near 1 where the proposal is like the posterior",
+    **{name: f"{symbol(name)}: {meaning(name)}" for name in _QUANTITIES},
+}
+#: Other words for the same.
+_ALSO = {"update": "predictive update", "ESS": "effective sample size", "k-hat": "Pareto k-hat"}
+_WORDS = "|".join(map(re.escape, sorted([*TERMS, *_ALSO], key=len, reverse=True)))
+_TERM = re.compile(rf"(?<![\w-])({_WORDS})(s?)(?![\w(-])", re.IGNORECASE)
+_ENTRY = {word.lower(): _ALSO.get(word, word) for word in (*TERMS, *_ALSO)}
+_MARKUP = re.compile(r"(<[^>]*>)")
+_UNTOUCHED = ("a", "code")
+
+
+def anchor(term: str) -> str:
+    """Where the entry of a term stands.
+
+    Examples
+    --------
+    >>> anchor("P(none)")
+    'term-p-none'
+    """
+    return "term-" + "-".join(re.findall(r"\w+", term.lower()))
+
+
+def linked(text: Any, page: str = "") -> Markup:
+    """Text, which is escaped, or markup, in which each term leads to its entry where it is first met, and is explained under the mouse.
+
+    Parameters
+    ----------
+    text : str or Markup
+    page : str
+        Where the entries are, empty on the same page.
+
+    Examples
+    --------
+    >>> print(linked("<R-hat & R-hat>"))  # doctest: +ELLIPSIS
+    &lt;<a class="term" href="#term-r-hat" title="disagreement of ... above 1.01">R-hat</a> &amp; R-hat&gt;
+    """
+    from markupsafe import Markup, escape
+
+    met: set[str] = set()
+
+    def link(found: re.Match[str]) -> str:
+        term = _ENTRY[found[1].lower()]
+        if term in met:
+            return found[0]
+        met.add(term)
+        return f'<a class="term" href="{page}#{anchor(term)}" title="{escape(TERMS[term])}">{found[1]}</a>{found[2]}'
+
+    made, within = [], 0
+    for part in _MARKUP.split(str(escape(visible(text) if type(text) is str else text))):
+        if not part.startswith("<"):
+            made.append(part if within else _TERM.sub(link, part))
+            continue
+        made.append(part)
+        if re.match(rf"</?({'|'.join(_UNTOUCHED)})\b", part):
+            within += -1 if part[1] == "/" else 1
+    return Markup("".join(made))

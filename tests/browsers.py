@@ -1,0 +1,40 @@
+"""A page in a real browser, and what went wrong in it."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+
+
+@contextmanager
+def launched():
+    """Chromium, wherever it is: on the path, or Playwright's own; without one the test is skipped and says so."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    with sync_api.sync_playwright() as playwright:
+        try:
+            opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except sync_api.Error as error:
+            pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own ({str(error).splitlines()[0]})")
+        yield opened
+        opened.close()
+
+
+class Opened:
+    """A page of a file; what it says on the console and asks of the network are its problems."""
+
+    def __init__(self, browser, path, width, high=900, **options):
+        self.problems = []
+        self.page = browser.new_page(viewport={"width": width, "height": high}, **options)
+        self.page.on("console", lambda said: self.problems.append(said.text) if said.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.on(
+            "request", lambda asked: None if asked.url.startswith(("file:", "data:", "blob:")) else self.problems.append(asked.url)
+        )
+        self.page.goto(path.as_uri())
+
+    def wide(self):
+        """Pixels that the page takes; more than the window is wide, and it has to be pushed sideways."""
+        return self.page.evaluate("document.documentElement.scrollWidth")
