@@ -29,6 +29,7 @@ COMMANDS = (
     draw.corner,
     draw.explore,
     describe.predict,
+    describe.methods,
     synthetic.simulate,
     synthetic.calibrate,
     describe.check,
