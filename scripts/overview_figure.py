@@ -21,13 +21,14 @@ def main() -> None:
     study = bt.example_study()
     analysis = bt.run(study, seed=1)
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.06)  # the last axis label ends at the edge otherwise
     grid = figure.add_gridspec(2, 3, width_ratios=(1, 1, 1.15))
-    kinds = {"S06": "A: prior below the stimuli", "S04": "B: prior above", "S13": "C: prior among them"}
+    kinds = {"S06": "prior below the stimuli", "S04": "prior above them", "S13": "prior among them"}
     places = (grid[0, 0], grid[0, 1], grid[1, 0])
     for (name, kind), place in zip(kinds.items(), places, strict=True):
         ax = figure.add_subplot(place)
         order_panel(ax, study[name], natural_curve(analysis.draws.natural(name)), weaker=0.0)
-        ax.set(title=kind, ylabel="P('equal')")
+        ax.set(title=f"{name}: {kind}", ylabel="P('equal')", ylim=(-0.03, 1.03))
         ax.title.set_fontsize(10)
     key = figure.add_subplot(grid[1, 1])
     key.axis("off")
@@ -35,7 +36,8 @@ def main() -> None:
     key.set_title("points: answers; lines: posterior mean;\nbands: central 60 and 95 %", fontsize=9, y=0.78)
     last = order_effect_axes(analysis.evidence, figure.add_subplot(grid[:, 2]))
     last.set_title("order effect of every subject", fontsize=10)
-    last.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)
+    last.set_xlim(0.0, 1.0)
+    last.legend(loc="upper center", bbox_to_anchor=(0.47, -0.1), ncols=3, frameon=False, fontsize=9, handlelength=1.2, columnspacing=1.2)
     figure.suptitle("Time-order effects in same/different judgements (synthetic example study)", fontsize=12)
     with whole_file(output, overwrite=True) as path:
         figure.savefig(path, dpi=130)

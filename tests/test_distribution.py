@@ -41,3 +41,16 @@ def test_constraints_are_versions_of_all_that_is_required(python):
         if wanted.marker is None or wanted.marker.evaluate({"python_version": python}):
             name = wanted.name.replace("_", "-").lower()
             assert wanted.specifier.contains(pinned[name]), wanted
+
+
+def test_the_citation_is_that_of_this_version():
+    """By lines: PyYAML is no requirement."""
+    lines = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
+    said = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
+    project = SETTINGS["project"]
+    assert (said["version"], said["license"]) == (project["version"], project["license"])
+    assert lines[lines.index("keywords:") + 1 :][: len(project["keywords"])] == [f"  - {word}" for word in project["keywords"]]
+    references = (ROOT / "bayes_toe" / "cli" / "references.bib").read_text(encoding="utf-8")
+    title = next(line.split(": ", 1)[1] for line in lines if line.startswith("    title:"))
+    assert title in references.replace("{Bayesian}", "Bayesian")
+    assert "CITATION.cff" in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]

@@ -29,6 +29,7 @@ COMMANDS = (
     draw.corner,
     draw.explore,
     describe.predict,
+    describe.methods,
     planning.power,
     planning.design,
     planning.trials,

@@ -1,4 +1,4 @@
-"""Commands that describe a study or saved draws: asymmetry, predict, check."""
+"""Commands that describe a study or saved draws: asymmetry, predict, methods, check."""
 
 from __future__ import annotations
 
@@ -70,6 +70,37 @@ def predict(
     table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
     write_table(table, output, **task.saving)
     task.say_written(f"{len(table)} predictions in", output)
+
+
+def methods(
+    *,
+    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder that run wrote, or draws; population.nc in it is told of.")],
+    output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
+    task: TableTask,
+) -> None:
+    """What was done, for a paper: model, priors, sampling and what it reached, versions, citations, tables for a supplement.
+
+    [bold]Example[/bold]: bayes-toe methods results -o methods.md
+    """
+    from bayes_toe.cli.markup import Latex
+    from bayes_toe.cli.methods import markup_for, read_methods, written
+    from bayes_toe.data.tables import write_table
+
+    markup = markup_for(output)
+    told = read_methods(results)
+    tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
+    written_files = [output, output.with_suffix(".bib"), *tables]
+    task.require_files(*written_files)
+    with task.together(*written_files) as folder:
+        text, references = written(told, markup, output.stem)
+        (folder / output.name).write_text(text, encoding="utf-8")
+        (folder / f"{output.stem}.bib").write_text(references, encoding="utf-8")
+        for table in told.tables:
+            beside = folder / f"{output.stem}_{table.name}.csv"
+            write_table(table.frame, beside, spreadsheet_safe=task.spreadsheet_safe)
+            beside.with_suffix(".tex").write_text(table.written(Latex(), output.stem) + "\n", encoding="utf-8")
+    terminal.say_notes(task.console, told.notes)
+    task.say_written("written:", *written_files)
 
 
 def check(*, study: StudyFile, task: PriorTask) -> None:

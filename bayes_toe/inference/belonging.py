@@ -63,11 +63,11 @@ def _other_study(draws: Draws, study: Study) -> str:
         return f"found no draws of {_named(absent)}"
     if others:
         return f"found draws of {_named(sorted(others))}, whom {study.source} does not have"
-    different = [name for name in draws.names if not _same(draws.subject(name), study[name])]
+    different = [name for name in draws.names if not same_answers(draws.subject(name), study[name])]
     return f"found draws of {_named(different)} from other answers" if different else ""
 
 
-def _same(one: Subject, other: Subject) -> bool:
+def same_answers(one: Subject, other: Subject) -> bool:
     """Whether both have the same counts of the same pairs."""
     pairs = [(getattr(one, name), getattr(other, name)) for name in _COLUMNS]
     return all(mine is theirs is None if mine is None or theirs is None else np.array_equal(mine, theirs) for mine, theirs in pairs)

@@ -1,0 +1,175 @@
+"""Tables for a supplement: of subjects their parameters, order effect, fit and evidence, of the group what is said of it; CSV and LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.headline import p_value
+from bayes_toe.cli.markup import Markup
+from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.comparison.words import compared, order_effect
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.model.contraction import DOMINATED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayes_toe.groups.population import Population
+
+_RANGE = {"median": "q50", "q05": "q05", "q95": "q95"}
+_NOTHING = "--"
+
+
+@dataclass(frozen=True, eq=False)
+class SupplementTable:
+    """One table, in two forms.
+
+    Attributes
+    ----------
+    name : str
+        What its files are called after the document: NAME_parameters.csv and .tex.
+    caption : str
+    frame : pandas.DataFrame
+        Numbers as they are, for the CSV file.
+    head : tuple of str
+        Names of parameters, where a column is one, and words.
+    rows : tuple of tuple of str
+        What people read.
+    """
+
+    name: str
+    caption: str
+    frame: pd.DataFrame
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def written(self, markup: Markup, stem: str) -> str:
+        """For people, in a markup; columns that are parameters have their symbols."""
+        parameters = {name.removesuffix("_median") for name in self.frame.columns if name.endswith("_median")}
+        head = [markup.symbol(one) if one in parameters else markup.escape(one) for one in self.head]
+        rows = [[markup.escape(cell) for cell in row] for row in self.rows]
+        return markup.table(head, rows, markup.escape(self.caption), f"{stem}_{self.name}")
+
+
+def shown_parameters(draws: Draws) -> tuple[str, ...]:
+    """Natural parameters of a model, with the gain where it has one."""
+    names = draws.posterior(draws.names[0]).names
+    return (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
+
+
+def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
+    """Medians and intervals of every subject, what the prior rules, and what sampling has reached."""
+    import pandas as pd
+
+    shown, stats, missed = shown_parameters(draws), draws.group("sample_stats"), draws.not_converged
+    frames: list[dict[str, Any]] = []
+    rows = []
+    for i, (name, part) in enumerate(summary.groupby("subject", sort=False)):
+        by = {str(row["parameter"]): row for row in part.to_dict("records")}
+        ruled = [key for key in shown if by[key]["contraction"] < DOMINATED]
+        reached = {"min_ess": float(stats["min_ess"][i]), "max_r_hat": float(stats["max_r_hat"][i])}
+        values = {f"{key}_{ending}": by[key][column] for key in shown for ending, column in _RANGE.items()}
+        converged = "no" if name in missed else "yes"
+        frames.append({"subject": name, **values, "prior_dominated": ", ".join(ruled), **reached, "converged": converged})
+        cells = [_range(by[key]) + ("*" if key in ruled else "") for key in shown]
+        rows.append((str(name), *cells, f"{reached['min_ess']:.0f}", f"{reached['max_r_hat']:.3f}", converged))
+    caption = (
+        f"Posterior medians (5 %, 95 %) of each subject under the model {draws.model}. *: dominated by the prior (contraction below "
+        f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
+    )
+    return SupplementTable(
+        "parameters", caption, pd.DataFrame(frames), ("subject", *shown, "ESS", "R-hat", "converged"), tuple(rows)
+    )  # fmt: skip
+
+
+def _range(row: dict[Any, Any]) -> str:
+    """Median and interval, with the digits that their Monte Carlo errors allow."""
+    middle, low, high = (allowed(row[key], row[f"mcse_{key}"], 3) for key in _RANGE.values())
+    return f"{middle} ({low}, {high})"
+
+
+def order_effect_table(draws: Draws, evidence: EvidenceTable | None) -> SupplementTable:
+    """Order effect, fit and evidence of every subject; without evidence the fit alone."""
+    import pandas as pd
+
+    frames = [dict(_numbers(draws, name, evidence)) for name in draws.names]
+    columns = [column for column in _COLUMNS if column.name in frames[0]]
+    rows = tuple(tuple(column.words(row[column.name]) for column in columns) for row in frames)
+    begin = "Fit of the model" if evidence is None else "Order effect, fit of H1 (the predictive update) and its evidence against H0"
+    caption = f"{begin} by subject. Fits: no where a predictive p or a p-value of the deviance is below 0.01." + (
+        "" if evidence is None else " P: posterior probabilities at equal prior odds; ln BF: natural log Bayes factor, with standard error."
+    )
+    return SupplementTable(
+        "fit" if evidence is None else "order_effect", caption, pd.DataFrame(frames), tuple(column.head for column in columns), rows
+    )
+
+
+def _numbers(draws: Draws, name: str, evidence: EvidenceTable | None) -> Iterator[tuple[str, Any]]:
+    subject, fit = draws.subject(name), stored_fit(draws, name)
+    yield from (("subject", name), ("n_pairs", subject.n_pairs), ("n_trials", subject.total_trials))
+    if evidence is not None:
+        row = evidence[name]
+        yield "order_effect", order_effect(row.log_evidence_orders)
+        for key in ("p_none", "p_constant_error", "p_update"):
+            yield key, getattr(row, key)
+    yield from (("predictive_p", fit and fit.p_overall), ("p_deviance", fit and fit.p_deviance))
+    yield "fits", "" if fit is None else "no" if fit.misfit else "yes"
+    if evidence is not None:
+        yield from ((key, getattr(row, key)) for key in ("log_bayes_factor", "log_evidence_h1_se", "pareto_k"))
+
+
+def stored_fit(draws: Draws, name: str) -> FitSummary | None:
+    """Goodness of fit as it is stored with draws; None where it was withheld or the model has none."""
+    stats = draws.group("sample_stats")
+    if "predictive_p" not in stats or np.isnan(stats["predictive_p"].sel(subject=name).item()):
+        return None
+    return draws.fit(name)
+
+
+@dataclass(frozen=True)
+class _Column:
+    name: str
+    head: str
+    words: Callable[[Any], str]
+
+
+def _or_dash(words: Callable[[Any], str]) -> Callable[[Any], str]:
+    return lambda value: _NOTHING if value is None or value == "" or value != value else words(value)
+
+
+def _probability(value: float) -> str:
+    return compared(value).removeprefix("= ")
+
+
+_COLUMNS = (
+    *(_Column("subject", "subject", str), _Column("n_trials", "trials", str)),
+    _Column("order_effect", "order effect", str),
+    *(_Column(name, f"P({said})", _or_dash(_probability)) for name, said in
+      (("p_none", "none"), ("p_constant_error", "constant"), ("p_update", "update"))),
+    *(_Column("predictive_p", "predictive p", _or_dash(p_value)), _Column("p_deviance", "p of deviance", _or_dash(p_value))),
+    _Column("fits", "fits", _or_dash(str)),
+    _Column("log_bayes_factor", "ln BF H1:H0", _or_dash("{:.2f}".format)),
+    _Column("log_evidence_h1_se", "s.e.", _or_dash("{:.4f}".format)),
+)  # fmt: skip
+
+
+def group_table(found: Population) -> SupplementTable:
+    """Everything that is said of a population: the rows of population.csv."""
+    frame = found.table.frame()
+    rows = tuple(
+        (row.quantity.replace("_", " "), row.parameter, row.level, f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})", _sign(row.p_direction),
+         _NOTHING if row.bf_no_difference is None else f"{row.bf_no_difference:.2g}", f"{row.ess_bulk:.0f}", f"{row.r_hat:.3f}")
+        for row in found.table
+    )  # fmt: skip
+    head: Sequence[str] = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF no difference", "bulk ESS", "R-hat")
+    return SupplementTable("population", f"The population under the model {found.settings.model}.", frame, tuple(head), rows)
+
+
+def _sign(p: float | None) -> str:
+    return _NOTHING if p is None else _probability(p)

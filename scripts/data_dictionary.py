@@ -1,0 +1,383 @@
+"""Write docs/data_dictionary.md: every column of every file that commands write, from declarations and docstrings, with words for the rest.
+
+Example: python scripts/data_dictionary.py -o docs/data_dictionary.md --overwrite
+"""
+
+# ruff: noqa: E501  # a line a column
+
+import argparse
+import inspect
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
+from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
+from bayes_toe.classical.fit_table import FIT_COLUMNS, SubjectFit
+from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
+from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS
+from bayes_toe.comparison.parts_sensitivity import COLUMNS as PARTS_SENSITIVITY_COLUMNS
+from bayes_toe.comparison.parts_sensitivity import PartsRow
+from bayes_toe.comparison.parts_table import PARTS_COLUMNS
+from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.experiments.calibration import RANKED
+from bayes_toe.experiments.calibration_table import ABOUT, ESTIMATORS, EvidenceRow, RankRow
+from bayes_toe.experiments.reliability import Reliability
+from bayes_toe.groups.member_table import COLUMNS as MEMBER_COLUMNS
+from bayes_toe.groups.no_difference import Ratio
+from bayes_toe.groups.population_table import PopulationRow
+from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
+from bayes_toe.planning.power_of_studies import STUDY_COLUMNS
+from bayes_toe.planning.power_table import DATA_SET_COLUMNS, POWER_COLUMNS
+from bayes_toe.planning.stopping import STOPPING_COLUMNS
+from bayes_toe.planning.study_design import DESIGN_COLUMNS
+
+OUTPUT = "docs/data_dictionary.md"
+FITTED = ("mu1", "sigma_p", "sigma_l", "q0")
+LN = "natural-log intensity"
+
+#: What columns mean wherever they stand.
+COMMON = {
+    "subject": "Name of the subject.",
+    "parameter": f"Which quantity; `mu1`, `sigma_p`, `sigma_l`, `sigma1`, `width`, `offset` in {LN}, the others without unit: see model.md.",
+    "mean": "Mean of the draws.",
+    "sd": "Standard deviation of the draws.",
+    **{f"q{p:02d}": f"{p} % quantile of the draws." for p in (5, 25, 50, 75, 95)},
+    "ess_bulk": "Effective draws for the middle of the distribution.",
+    "ess_tail": "Effective draws for the 5 and 95 % quantiles, the smaller of the two.",
+    "r_hat": "Rank-normalised split R-hat: the chains agree where it is below 1.01.",
+    "contraction": "1 - (posterior width / prior width)² of the ranges from 5 to 95 %: 1 all from the data, 0 as wide as the prior.",
+    **{f"mcse_{name}": f"Monte Carlo standard error of `{name}`: how far it would be off in other draws." for name in ("mean", "q05", "q50", "q95")},
+    "n_pairs": "Pairs of stimuli, counted by order (and interval).",
+    "n_trials": "Trials.",
+    "pareto_k": "Pareto k-hat of the importance weights; above 0.7 what rests on them is withheld.",
+    "prior": "The prior, in words.",
+    "log_evidence_h1": "Log evidence of the predictive update (H1), nats; empty where withheld.",
+    "log_evidence_h1_se": "Its standard error, nats.",
+    "log_evidence_h0": "Log evidence of free frequencies (H0), exact, nats.",
+    "log_evidence_h1_laplace": "Log evidence of H1 by Laplace's approximation in identified coordinates, nats.",
+    "log_evidence_h0_laplace": "Log evidence of H0 by Appendix C's recipe, nats.",
+    "log_evidence_h1_laplace_natural": "Log evidence of H1 by Laplace's approximation in the paper's coordinates, nats; empty where the maximum is on an edge.",
+    "log_evidence_h1_bootstrap": "Log evidence of H1 by the covariance of bootstrap refits, Appendix C's recipe, nats; empty with intervals.",
+    "log_evidence_symmetric": "Log evidence of the model without order effect, nats.",
+    "log_evidence_constant_error": "Log evidence of the model with a constant error, nats.",
+    "model": "Name or composition of the model.",
+    "parameters": "Number of free parameters of the model.",
+    "log_evidence": "Log evidence, nats; empty where withheld.",
+    "log_evidence_se": "Its standard error, nats; 0 where exact.",
+    "elpd_loo_trial": "Leave-one-out expected log predictive density, an answer left out at a time, summed, nats.",
+    "elpd_loo_pair": "The same with a pair left out at a time, nats.",
+    **{f"elpd_loo_{unit}_se": f"Standard error of `elpd_loo_{unit}`, nats." for unit in ("trial", "pair")},
+    **{f"elpd_loo_{unit}_diff": f"`elpd_loo_{unit}` less the best model's, nats." for unit in ("trial", "pair")},
+    **{f"elpd_loo_{unit}_diff_se": f"Standard error of the paired difference `elpd_loo_{unit}_diff`, nats." for unit in ("trial", "pair")},
+    "model_probability": "Posterior probability at equal prior probabilities of the models in the table; empty where an evidence is withheld.",
+    "p_predictive": "Posterior predictive p-value of the deviance; below 0.01 a misfit.",
+    "p_worst_pair": "The smallest one of a pair, not corrected for the number of pairs.",
+    "note": "What is withheld and why, and what the model ignores.",
+    "parts": "Level of every part of the model, `order: update; noise: sloped; ...`; empty for free frequencies.",
+    "part": "Part of the models: order, noise, lapses.",
+    "level": "Level of the part.",
+    "probability": "Posterior probability of the level over all models that have it, levels equally probable beforehand.",
+    "log_inclusion_bayes_factor": "Log of posterior odds over prior odds of the level, nats.",
+    "varied": "Which number of the prior differs from the one given.",
+    "factor": "By which factor; empty for a location, which is shifted.",
+    "value": "The varied value itself.",
+    "log_bayes_factor": "Log evidence of H1 less that of H0, nats.",
+    "se": "Standard error of `log_bayes_factor`, nats.",
+    "method": "`reweighted` or `resampled`: whether draws were made anew under that prior.",
+    "s1": f"First stimulus, {LN}.",
+    "s2": f"Second stimulus, {LN}.",
+    "isi": "Inter-stimulus interval, s; only where the study has such a column.",
+    "accuracy": "Share of correct answers of the subject over all pairs, 0 to 1.",
+    "covariate": "Name of the covariate.",
+    "outcome": "What is held against it.",
+    "verdict": "Whether it is calibrated.",
+    "design": "`paper` or `sparse`.",
+    "batches": "How often each pair is presented in the design.",
+    "studies": "Studies of one subject that were simulated.",
+    "not_converged": "How many of them did not converge; they are ranked like the others.",
+    "largest_difference": "Largest distance of the ranks' distribution function from the uniform one, signed.",
+    "at": "Where that is.",
+    "quantity": "What is ranked.",
+    "estimator": f"How evidence is estimated: {'; '.join(f'{name}: {words}' for name, words in ABOUT.items())}.",
+    "data_sets": "Data sets that were simulated, each from H1 or H0 with probability one half.",
+    "shortfall": "Which criterion of convergence was missed; empty where none.",
+    **{name: f"{words}." for name, words in (
+        ("mu1", f"Prior mean of the observer, {LN}"),
+        ("sigma_p", f"Diffusion of memory, {LN} (per √s with intervals)"),
+        ("sigma_l", f"Measurement noise, {LN}"),
+        ("q0", "P(equal) where both are perceived alike"),
+    )},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class File:
+    """One kind of file: who writes it, what a row is, its columns, and where they are explained."""
+
+    name: str
+    writers: str
+    row: str
+    columns: Sequence[str]
+    explained: Sequence[type] = ()
+    words: dict[str, str] = field(default_factory=dict)
+
+    def meaning(self, column: str) -> str:
+        """Its own words, those of a docstring, or those that hold everywhere."""
+        found = (
+            self.words.get(column) or next(filter(None, (explanation(kind, column) for kind in self.explained)), "") or COMMON.get(column)
+        )
+        if not found:
+            raise SystemExit(f"{self.name}: nothing says what the column {column} means")
+        plain = " ".join(re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", found).replace("|", r"\|").split())
+        plain = re.sub(r"\bNone where\b", "empty where", plain)  # as it is in a file
+        return plain[:1].upper() + plain[1:]
+
+
+def explanation(kind: type, name: str) -> str:
+    """What a docstring says of an attribute, or of a property; nothing where it says nothing of this one alone."""
+    if isinstance(getattr(kind, name, None), property):
+        return inspect.getdoc(getattr(kind, name)) or ""
+    entry = re.search(rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)", (inspect.getdoc(kind) or "") + "\n", flags=re.MULTILINE)
+    return entry[1] if entry else ""
+
+
+def _names(kind: type) -> list[str]:
+    return [one.name for one in fields(kind)]
+
+
+_RANGES = {"median": "Posterior median", "q05": "5 % quantile", "q95": "95 % quantile"}
+_SHOWN = (*FITTED, "gain")
+_SUMS = "sum over the subjects that have a value under every model, nats"
+_ENSEMBLE = "variational, to compare with other work"
+_EXACTLY = "without that approximation, to be trusted"
+_JUDGED = ("error", "floor", "p_value", "brier", "log_score", "unsure")
+_STUDY_COLUMNS = (
+    *("model", "subjects", "best", "expected", "exceedance", "protected", "omnibus_risk", "group_log_evidence", "elpd_loo_trial"),
+    *("elpd_loo_pair", "expected_exact", "exceedance_exact", "protected_exact", "omnibus_risk_exact", "elpd_loo_trial_subjects"),
+    *("elpd_loo_pair_subjects", "elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se"),
+    *("exact_how", "expected_exact_se", "exceedance_exact_se", "omnibus_risk_exact_se"),
+)
+_FREQUENCIES = {
+    "expected": "Expected frequency of the model among subjects of this kind",
+    "exceedance": "Probability that it is the most frequent one, if frequencies differ",
+    "protected": "The same averaged over whether they differ at all",
+    "omnibus_risk": "Probability that all models are equally frequent",
+}
+
+_PLANNED = {
+    "design": "Name of the design.", "trials": "Trials of a subject.",
+    **dict.fromkeys(("observers", "kind"), "Kind of the assumed observers: none, constant error, update."),
+    "observer": "Name of the simulated observer: the same one in every design.",
+}  # fmt: skip
+
+FILES = (
+    File("summary.csv", "`run`", "subject and parameter", SUMMARY_COLUMNS),
+    File("evidence.csv", "`run`, `evidence`", "subject, in nats; empty where a value does not exist", EVIDENCE_COLUMNS, [SubjectEvidence], {
+        "log_bayes_factor_laplace": "`log_evidence_h1_laplace` less `log_evidence_h0_laplace`.",
+        "predictive_p": "Posterior predictive p-value of H1's deviance; below 0.01 a misfit.",
+    }),
+    File("compare.csv", "`compare`", "subject and model", COMPARE_COLUMNS),
+    File("compare_parts.csv", "`compare`", "subject, part and level; `*` is the study, a new subject of its population", PARTS_COLUMNS),
+    File(
+        "compare_models.csv", "`compare`", "model, over the whole study", _STUDY_COLUMNS, (), {
+            "subjects": "Subjects with every evidence, who alone count.",
+            "best": "For how many of them the model has the highest evidence.",
+            **{name: f"{said}; {_ENSEMBLE}." for name, said in _FREQUENCIES.items()},
+            **{f"{name}_exact": f"{said}; {_EXACTLY}." for name, said in _FREQUENCIES.items()},
+            **{f"{name}_exact_se": f"Monte Carlo standard error of `{name}_exact`; 0 by the exact sum." for name in _FREQUENCIES},
+            "group_log_evidence": "Log evidence of all subjects, as if all of them followed the model; nats.",
+            "elpd_loo_trial": f"Leave-one-out by trial, {_SUMS}.", "elpd_loo_pair": f"Leave-one-out by pair, {_SUMS}.",
+            **{f"elpd_loo_{unit}_subjects": f"Over how many subjects `elpd_loo_{unit}` goes." for unit in ("trial", "pair")},
+            "exact_how": "`exact sum` or `sampled`.",
+        },
+    ),
+    File(
+        "sensitivity.csv", "`sensitivity`", "subject and value of the prior", SENSITIVITY_COLUMNS, [SensitivityRow],
+        {f"{name}_{key}": f"{key[1:].lstrip('0')} % quantile of {name} under that prior." for name in _SHOWN for key in ("q05", "q50", "q95")}
+        | {"method": COMMON["method"], "log_bayes_factor": COMMON["log_bayes_factor"] + " Empty where k-hat is too large."},
+    ),
+    File("sensitivity_parts.csv", "`sensitivity --compare`", "subject, value of the prior, part and level", PARTS_SENSITIVITY_COLUMNS, [PartsRow], {
+        "subject": "Name of the subject; `*` is the study, by random effects over families of models.",
+        "probability": COMMON["probability"] + " Empty where the evidence of some model is withheld.",
+    }),
+    File(
+        "population.csv", "`population`, `run --population`", "quantity of the population", PopulationRow._fields, [PopulationRow], {
+            "quantity": "`mean`, `sd` (between subjects), `correlation`, `effect`, `asymmetry` or `new_subject` (a further one).",
+            "bf_no_difference": "Of effects: Bayes factor of no difference against a difference; below 1 the answers speak for a difference.",
+            "bf_error": explanation(Ratio, "error"), "bf_below": explanation(Ratio, "below"),
+        },
+    ),
+    File(
+        "population_subjects.csv", "`population`, `run --population`", "subject and parameter, in the light of the others", MEMBER_COLUMNS, (),
+        {f"alone_{key}": f"{key[1:].lstrip('0')} % quantile of the same subject analysed alone." for key in ("q05", "q50", "q95")},
+    ),
+    File(
+        "fit.csv", "`fit`", "subject", FIT_COLUMNS, [SubjectFit], {
+            **{name: f"{COMMON[name][:-1]}: the maximum; empty where the answers leave it open." for name in FITTED},
+            **{f"{name}_{side}": f"{side.capitalize()} end of the bootstrap interval of {name}." for name in FITTED for side in ("lower", "upper")},
+            "level": "Share of the replicates inside the intervals.", "replicates": "Bootstrap replicates.",
+            "penalty": "The normal of mu1 that is added to the log likelihood.",
+            "at_edge": "Edges on which the maximum lies, such as `gamma=1` or `q0=1`, joined with `;`; empty where it lies inside.",
+        },
+    ),
+    File(
+        "asymmetry.csv", "`asymmetry`", "subject and comparison, a pair of different stimuli (r, c) met in both orders", ASYMMETRY_COLUMNS,
+        [Comparison, SubjectAsymmetry], {
+            "s_weak": f"The weaker stimulus r, {LN}.", "s_strong": f"The stronger stimulus c, {LN}.",
+            **{f"n_{what}_{order}_first": f"{said} with the {order}er stimulus first." for order in ("weak", "strong")
+               for what, said in (("equal", "Answers 'equal'"), ("trials", "Trials"))},
+            "q_weak_first_se": "Standard error of `q_weak_first`.", "q_strong_first_se": "Standard error of `q_strong_first`.",
+            "test": "Which exact test: `boschloo`, or `fisher` where there are too many trials for it.",
+        },
+    ),
+    File(
+        "asymmetry_covariates.csv", "`asymmetry --covariates`", "covariate and outcome", COVARIATE_COLUMNS, [CovariateTest], {
+            "statistic": "Student's t.", "df": "Its degrees of freedom.", "p_value": "Two-sided p-value.",
+            "note": "Why there is no test, or what to know about it.",
+        },
+    ),
+    File(
+        "predictions.csv", "`predict`", "subject and pair", ("subject", "s1", "s2", "isi", "mean", "q05", "q25", "q50", "q75", "q95"), (),
+        {"mean": "Posterior mean of P(equal).", **{f"q{p:02d}": f"{p} % quantile of P(equal)." for p in (5, 25, 50, 75, 95)}},
+    ),
+    File(
+        "study.csv", "`simulate`", "trial", ("subject", "batch", "trial", "s1", "s2", "isi", "response", "synthetic"), (), {
+            "batch": "Repetition of the design.", "trial": "Number of the trial of the subject, from 1.", "response": "`equal` or `different`.",
+            "synthetic": "1: the answer was simulated. The mark goes with the study into all results.",
+        },
+    ),
+    File("truth.csv", "`simulate --truth`", "subject, with the parameters that made its answers", ("subject", *FITTED)),
+    File(
+        "methods_parameters.csv", "`methods`", "subject; other models have their own parameters",
+        ("subject", *(f"{name}_{key}" for name in _SHOWN for key in _RANGES), "prior_dominated", "min_ess", "max_r_hat", "converged"), (), {
+            **{f"{name}_{key}": f"{said} of {name}." for name in _SHOWN for key, said in _RANGES.items()},
+            "prior_dominated": "Parameters whose contraction is below 0.5.", "min_ess": "Smallest bulk or tail effective draws of a parameter.",
+            "max_r_hat": "Largest R-hat of a parameter.", "converged": "`yes` or `no`.",
+        },
+    ),
+    File(
+        "methods_order_effect.csv", "`methods`; without an evidence.csv methods_fit.csv, with fewer columns", "subject",
+        ("subject", "n_pairs", "n_trials", "order_effect", "p_none", "p_constant_error", "p_update", "predictive_p", "p_deviance", "fits",
+         "log_bayes_factor", "log_evidence_h1_se", "pareto_k"), [SubjectEvidence], {
+            "order_effect": "In a word, by evidence of at least 1 nat: no order effect, constant error, update, some order effect, undecided.",
+            "predictive_p": "Posterior predictive p-value of the deviance, of the model of the draws.",
+            "p_deviance": "p-value of the smallest deviance; empty without degrees of freedom.",
+            "fits": "`no` where one of these is below 0.01, empty where they are withheld.",
+        },
+    ),
+    File(
+        "calibration.csv", "`calibrate`", "design and quantity", (*_names(RankRow), "verdict"), [RankRow],
+        {"verdict": "`inside` or `outside` the band that holds for the whole distribution of ranks.", "quantity": COMMON["quantity"]},
+    ),
+    File(
+        "calibration_ranks.csv", "`calibrate`", "simulated study", ("design", "subject", *(f"true_{name}" for name in FITTED), *RANKED, "shortfall"),
+        (), {**{f"true_{name}": f"True {name}." for name in FITTED}, **{name: f"Place of the true {name} among its draws, 0 to 1." for name in RANKED}},
+    ),
+    File(
+        "evidence_calibration.csv", "`calibrate`", "design and estimator",
+        (*(name for name in _names(EvidenceRow) if name != "judged"), *_JUDGED, "verdict"), [EvidenceRow, Reliability], {
+            "missing_h1": "Data sets from H1 for which the estimator gives no number.", "missing_h0": "The same from H0.",
+            "median_shift": "Median difference of its log Bayes factor from the default estimator's, nats.",
+            "largest_shift": "The largest such difference, signed, nats.",
+            "verdict": "`calibrated` or `not calibrated`.",
+        },
+    ),
+    File(
+        "evidence_data_sets.csv", "`calibrate`", "simulated data set", ("design", "data_set", "from", *ESTIMATORS), (),
+        {"data_set": "Its name.", "from": "`H1` or `H0`, which made it.", **{name: f"Log Bayes factor, nats: {ABOUT[name]}." for name in ESTIMATORS}},
+    ),
+    File(
+        "what check prints", "`check`, which writes no file", "subject",
+        ("subject", "n_pairs", "n_intervals", "n_trials", "n_both_orders", "n_one_order", "n_equal_pairs", "fraction_equal"), (), {
+            "n_intervals": "Distinct inter-stimulus intervals; only where the study has such a column.",
+            "n_both_orders": "Pairs of different stimuli met in both orders.", "n_one_order": "Those met in one order only.",
+            "n_equal_pairs": "Pairs of equal stimuli.", "fraction_equal": "Share of answers 'equal', 0 to 1.",
+        },
+    ),
+    File(
+        "posterior.nc, group sample_stats", "`run`, `sample`", "subject",
+        ("acceptance_rate", "converged", "shortfall", "min_ess", "max_r_hat", "thin", "steps", "proposal_efficiency", "pareto_k", "deviance",
+         "degrees_of_freedom", "predictive_p", "predictive_p_se", "worst_pair_p", "worst_pair_s1", "worst_pair_s2", "worst_pair_isi",
+         "deviance_p", "lp"), (), {
+            "acceptance_rate": "Share of accepted proposals, by chain.", "converged": "1 where all criteria were met.",
+            "min_ess": "Smallest bulk or tail effective draws of a parameter.", "max_r_hat": "Largest R-hat of a parameter.",
+            "thin": "Every how many steps of the last pass a draw was kept.", "steps": "Steps of each walker over all passes.",
+            "proposal_efficiency": "Effective share of independent draws from the fitted proposal, 0 to 1.",
+            "pareto_k": "Pareto k-hat of that proposal.", "deviance": "Smallest deviance over the draws.",
+            "degrees_of_freedom": "Pairs less free parameters.", "predictive_p": "Posterior predictive p-value of the deviance.",
+            "predictive_p_se": "Its Monte Carlo standard error.", "worst_pair_p": "Smallest two-sided predictive p-value of a pair.",
+            "worst_pair_s1": f"That pair, {LN}.", "worst_pair_s2": f"That pair, {LN}.", "worst_pair_isi": "Its interval, s.",
+            "deviance_p": "p-value of the smallest deviance.", "lp": "Log posterior density of each draw in unconstrained coordinates.",
+        },
+    ),
+    File(
+        "power.csv", "`power`; `design` as NAME_compared.csv", "design, number of trials, kind of observers and quantity", POWER_COLUMNS, (), _PLANNED | {
+            "quantity": "What is counted or averaged: how often a kind, or another one, is named; mean probabilities; widths of 90 % intervals.",
+            "value": "The share or the mean.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
+            "data_sets": "Over how many simulated observers.",
+        },
+    ),
+    File(
+        "power_data_sets.csv", "`power`", "simulated observer", DATA_SET_COLUMNS, [SubjectEvidence], _PLANNED | {
+            "log_evidence_none": COMMON["log_evidence_symmetric"],
+            "log_evidence_update": COMMON["log_evidence_h1"],
+            **{f"{name}_90": f"Width of the 90 % interval of {name} under the update." for name in ("gain", "mu1", "width")},
+        },
+    ),
+    File(
+        "power_subjects.csv", "`power`", "design, number of trials, kind and number of subjects of a study", STUDY_COLUMNS, (), _PLANNED | {
+            "subjects": "Subjects of a study, all of this kind.", "studies": "How many such studies there are.",
+            "named": "Share of them that names this kind as the most frequent, protected exceedance above 0.95.",
+            "low": "Lower end of its 95 % interval.", "high": "Upper end.", "another_named": "Share that names another kind.",
+        },
+    ),
+    File(
+        "power_stopping.csv", "`power --stop`", "simulated session", STOPPING_COLUMNS, [SubjectEvidence], _PLANNED | {
+            "trials": "Trials until it stopped.", "named": "Which kind was sure enough; empty where none.",
+        },
+    ),
+    File(
+        "design.csv", "`design`; `power` and `trials` read it", "pair", DESIGN_COLUMNS, (),
+        {"n_trials": "How often the pair is presented.", "isi": "Inter-stimulus interval, s; only where there are several."},
+    ),
+    File(
+        "trials.csv", "`trials`", "trial, in the order of presentation", ("subject", "block", "trial", "s1", "s2", "isi", "response"), (), {
+            "block": "Number of the block, from 1.", "trial": "Number of the trial of the subject, from 1.",
+            "isi": "Inter-stimulus interval, s; only where the design has several.",
+            "response": "Empty: the answer goes here, `equal` or `different`, and `run` reads the file.",
+        },
+    ),
+)  # fmt: skip
+
+HEAD = """# Data dictionary
+
+Every column of every file that `bayes-toe` writes; made by `scripts/data_dictionary.py`. Names are those that a command takes by default:
+with `-o NAME.csv` the others are `NAME_parts.csv` and so on. CSV files are UTF-8 with a comma and a decimal point, numbers read back to
+the same bits, and an empty cell is a value that does not exist or is withheld. With `-o NAME.parquet` the tables are Parquet files with the
+same columns. Logarithms are natural (nats). `methods_population.csv` has the columns of `population.csv`.
+"""
+
+
+def text() -> str:
+    """The whole document."""
+    parts = [HEAD]
+    for file in FILES:
+        rows = "\n".join(f"| `{name}` | {file.meaning(name)} |" for name in file.columns)
+        parts.append(f"## {file.name}\n\nWritten by {file.writers}. One row per {file.row}.\n\n| column | meaning |\n|---|---|\n{rows}\n")
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Write the document."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", default=OUTPUT)
+    parser.add_argument("--overwrite", action="store_true")
+    given = parser.parse_args()
+    with whole_file(given.output, overwrite=given.overwrite) as path:
+        path.write_text(text(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,215 @@
+"""What is said of an analysis in a paper: everything from its files, what did not converge or fit too, and no file of another one."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import inside
+from populations import made_up
+
+import bayes_toe as bt
+from bayes_toe.cli.headline import in_short
+from bayes_toe.cli.markup import Latex, Markdown
+from bayes_toe.inference.draws import Draws
+
+FILES = {"m.md", "m.bib", "m_parameters.csv", "m_parameters.tex", "m_order_effect.csv", "m_order_effect.tex"}
+
+
+@pytest.fixture(scope="module")
+def results(analysis, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    analysis.draws.save(folder / "posterior.nc")
+    analysis.evidence.save(folder / "evidence.csv")
+    return folder
+
+
+def document(folder, *words, name="m.md"):
+    """The text with its lines joined, and what the command printed."""
+    done = inside("methods", folder, "-o", folder / "text" / name, "--overwrite", *words)
+    assert (done.returncode, done.stderr) == (0, "")
+    return " ".join((folder / "text" / name).read_text(encoding="utf-8").split()), " ".join(done.stdout.split())
+
+
+def with_stats(draws, **changes):
+    """The same draws with other statistics of the first subject."""
+    tree = draws.tree.copy()
+    stats = tree["sample_stats"].to_dataset().load()
+    for name, value in changes.items():
+        values = stats[name].values.astype(object)
+        values[0] = value
+        stats[name] = (stats[name].dims, values.astype(str if isinstance(value, str) else stats[name].dtype))
+    tree["sample_stats"] = stats
+    return Draws(tree)
+
+
+def test_the_text_says_what_was_done(results, analysis):
+    text, _ = document(results)
+    draws, versions = analysis.draws, json.loads(analysis.draws.attrs["versions"])
+    stats = draws.group("sample_stats")
+    said = [
+        "3 subjects gave 1,950 judgements (650 each)",
+        f"`{draws.described_prior()}`",
+        f"emcee {versions['emcee']} [@emcee]",
+        f"root seed {draws.seed}",
+        f"at least {draws.sampler.required:,}",
+        f"effective sample sizes of {float(stats['min_ess'].min()):,.0f} and more",
+        f"R-hat up to {float(stats['max_r_hat'].max()):.4f}",
+        "Draws of all subjects met these criteria.",
+        "The model describes the answers of all of these.",
+        f"In short: {in_short(analysis.evidence)}",
+        f"NumPy {versions['numpy']}",
+    ]
+    assert [one for one in said if one not in text] == []
+    assert "synthetic" not in text
+    assert {path.name for path in (results / "text").iterdir()} >= FILES
+
+
+@pytest.mark.parametrize("figures", [False, True])
+def test_citations_are_those_of_the_text(results, figures):
+    if figures:
+        (results / "corner").mkdir()
+    text, _ = document(results)
+    entries = (results / "text" / "m.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)
+    assert set(keys) == set(re.findall(r"@(\w+)", text)) - {"VERSION"}
+    assert ("corner" in keys) == ("matplotlib" in keys) == figures
+    assert {"avetta2026", "emcee", "arviz", "numpy", "scipy"} <= set(keys)
+    assert entries.count("{") == entries.count("}")
+    assert f"Version {bt.__version__}" in entries
+    if figures:
+        (results / "corner").rmdir()
+
+
+def test_tables_have_the_numbers_of_the_files(results, analysis):
+    document(results)
+    parameters, order = (pd.read_csv(results / "text" / f"m_{name}.csv") for name in ("parameters", "order_effect"))
+    summary = analysis.draws.summary().set_index(["subject", "parameter"])
+    for row in parameters.itertuples():
+        for key in ("mu1", "sigma_p", "sigma_l", "q0", "gain"):
+            wanted = summary.loc[(row.subject, key)]
+            found = [getattr(row, f"{key}_{part}") for part in ("median", "q05", "q95")]
+            assert found == wanted[["q50", "q05", "q95"]].tolist()
+            assert (key in str(row.prior_dominated)) == (wanted.contraction < 0.5)
+    evidence = analysis.evidence.frame()
+    for name in ("p_none", "p_constant_error", "p_update", "predictive_p", "log_bayes_factor", "pareto_k"):
+        np.testing.assert_allclose(order[name], evidence[name].astype(float), rtol=1e-12)
+    assert set(order.fits) == {"yes"}
+
+
+def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
+    wrong = with_stats(analysis.draws, converged=0, shortfall="12 effective draws of mu1", predictive_p=0.001, min_ess=12.0)
+    wrong.tree.attrs["failed"] = '{"D": "its process was killed"}'
+    wrong.save(tmp_path / "posterior.nc")
+    rows = (replace(analysis.evidence.rows[0], log_evidence_h1=None, log_evidence_h1_se=None), *analysis.evidence.rows[1:])
+    replace(analysis.evidence, rows=rows, failed={"D": "killed"}).save(tmp_path / "evidence.csv")
+    text, _ = document(tmp_path)
+    said = [
+        "effective sample sizes of 12 and more (smallest: A)",
+        "did not converge for A (12 effective draws of mu1); numbers of these subjects are not to be relied on",
+        "There are no draws of D (its process was killed)",
+        "The model does not describe the answers of 1: A (predictive p = 0.001",
+        "Evidence was withheld for A.",
+        "no estimate for 1 of 3 subjects",
+    ]
+    assert [one for one in said if one not in text] == []
+    assert "met these criteria" not in text
+    assert re.search(r"\| A \| 650 \| no estimate \| -- \| -- \| -- \| 0.001 \|[^|]*\| no \| -- \|", text)
+    assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == ["no", "yes", "yes"]
+
+
+def test_draws_alone_of_another_model(small_study, tmp_path):
+    bt.sample(small_study.select(["A"]), model="free weighting", draws=300, seed=1, workers=1).save(tmp_path / "posterior.nc")
+    done = inside("methods", "posterior.nc", "-o", "m.md", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    text = " ".join((tmp_path / "m.md").read_text(encoding="utf-8").split())
+    assert "under the model free weighting (" in text
+    assert "Order effect" not in text
+    assert list(pd.read_csv(tmp_path / "m_fit.csv")) == ["subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fits"]
+
+
+def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
+    for name in ("posterior.nc", "evidence.csv"):
+        (tmp_path / name).write_bytes((results / name).read_bytes())
+    found = made_up(small_study)
+    (tmp_path / "population.csv").write_text("parameter\n", encoding="utf-8")
+    text, printed = document(tmp_path)
+    assert "Population" not in text
+    assert "population.csv: left out" in printed
+    found.save(tmp_path / "population.nc")
+    text, printed = document(tmp_path)
+    assert "left out" not in printed
+    assert "3 subjects were also analysed together (model: predictive update; root seed 0)" in text
+    assert "without correlations between parameters" in text
+    rows = pd.read_csv(tmp_path / "text" / "m_population.csv")
+    assert np.array_equal(rows["q50"], found.summary()["q50"])
+    other = bt.Study([*small_study.subjects[:2], replace(small_study["C"], n_equal=small_study["C"].n_equal - 1)])
+    made_up(other).save(tmp_path / "population.nc", overwrite=True)
+    done = inside("methods", tmp_path, "-o", tmp_path / "n.md")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "population.nc: found other answers than the draws have of C" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("make", "words", "said"),
+    [
+        (lambda at: None, ("m.txt",), "m.txt: found the ending '.txt', allowed: .md, .tex"),
+        (lambda at: (at / "posterior.nc").unlink(), ("m.md",), "found no posterior.nc and no posterior.zarr, allowed: a folder that"),
+        (lambda at: text_changed(at, "Normal(0, 10)", "Normal(0, 9)"), ("m.md",), "evidence.csv, column prior: found 'mu1 ~ Normal(0, 9)"),
+        (lambda at: text_changed(at, "A,13,650", "A,13,651"), ("m.md",), "evidence.csv: found other answers than the draws have of 'A'"),
+        (
+            lambda at: text_changed(at, "B,13,650", "E,13,650"),
+            ("m.md",),
+            "evidence.csv: found other answers than the draws have of 'B', 'E'",
+        ),
+        (lambda at: text_changed(at, "p_none", "none"), ("m.md",), "evidence.csv, column p_none: missing"),
+        (lambda at: (at / "m.bib").write_text("mine"), ("m.md",), "m.bib: exists"),
+    ],
+    ids=["ending", "no draws", "prior", "counts", "subjects", "column", "exists"],
+)
+def test_what_does_not_belong_together_is_one_line(make, words, said, results, tmp_path):
+    for name in ("posterior.nc", "evidence.csv"):
+        (tmp_path / name).write_bytes((results / name).read_bytes())
+    make(tmp_path)
+    before = {path.name for path in tmp_path.iterdir()}
+    done = inside("methods", ".", "-o", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == before
+
+
+def text_changed(folder, old, new):
+    text = (folder / "evidence.csv").read_text(encoding="utf-8")
+    assert old in text
+    (folder / "evidence.csv").write_text(text.replace(old, new), encoding="utf-8")
+
+
+# --- Two markups ------------------------------------------------------------------------------------------------------------------
+
+
+def test_no_name_is_read_as_markup():
+    name = r"a_b & 5%$#{}~^\|<i>[x](y)*"
+    latex, markdown = Latex().escape(name), Markdown().escape(name)
+    left = re.sub(r"\\(text\w+\{\}|[&%$#_{}])", "", latex)
+    assert not re.search(r"[&%$#_{}~^\\|<>]", left)
+    assert re.sub(r"\\(.)", r"\1", markdown) == name
+    assert not re.search(r"(?<!\\)[*_`|<>\[]", markdown)
+
+
+def test_a_row_that_begins_with_a_bracket_is_none_of_the_line_break_before_it():
+    table = Latex().table(["subject", "x"], [["a", "1"], ["[b", "2"], ["*c", "3"]], "caption", "t")
+    assert not re.search(r"\\\\\s*[\[*]", table)
+    assert table.count("{") == table.count("}")
+
+
+def test_latex_has_its_tables_in_files(results):
+    text, _ = document(results, name="m.tex")
+    assert text.startswith("% Needs the packages")
+    named = re.findall(r"\\input\{([^}]+)\}", text)
+    assert named == ["m_parameters.tex", "m_order_effect.tex"]
+    assert all((results / "text" / name).exists() for name in named)
+    assert r"$\sigma_p$ $\sim$ HalfNormal(1)" in text
+    assert text.count("{") == text.count("}")
+    assert not re.search(r"(?<!\\)%(?! Needs)", text)

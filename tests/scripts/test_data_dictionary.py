@@ -1,0 +1,68 @@
+"""docs/data_dictionary.md: as it is made now, and every column that is written is in it."""
+
+from pathlib import Path
+
+import data_dictionary
+import pandas as pd
+import pytest
+from commands import inside
+from conftest import few_pairs
+from populations import made_up
+
+import bayes_toe as bt
+from bayes_toe.classical.covariates import covariate_tests
+from bayes_toe.cli.supplement import order_effect_table, parameter_table
+from bayes_toe.data.covariates import Covariates
+from bayes_toe.experiments.checks import described
+from bayes_toe.inference.prediction import predict_pairs
+
+KNOWN = {file.name: file for file in data_dictionary.FILES}
+
+
+@pytest.fixture(scope="module")
+def written(analysis, small_study, tmp_path_factory):
+    """By file, the columns of one that is made as its command makes it."""
+    folder = tmp_path_factory.mktemp("dictionary")
+    pairs = folder / "pairs.csv"
+    pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
+    compared = bt.compare(few_pairs("AB"), ["free frequencies", "symmetric", "constant bias"], draws=200, seed=1, workers=1)
+    assert inside("simulate", "-o", "study.csv", "--truth", "truth.csv", "--subjects", "1", "--seed", "1", cwd=folder).returncode == 0
+    judged = bt.calibrate(studies=1, data_sets=1, seed=3, workers=1)
+    group, asymmetry = made_up(small_study), bt.asymmetry(small_study)
+    return {
+        "summary.csv": analysis.summary(),
+        "evidence.csv": analysis.evidence.frame(),
+        "fit.csv": analysis.fits.frame(),
+        "asymmetry.csv": asymmetry.frame(),
+        "asymmetry_covariates.csv": covariate_tests(Covariates({"age": {"A": 1.0, "B": 2.0, "C": 4.0}}), asymmetry.outcomes()).frame(),
+        "compare.csv": compared.frame(),
+        "compare_parts.csv": compared.parts_frame(),
+        "compare_models.csv": compared.study_frame(),
+        "population.csv": group.summary(),
+        "population_subjects.csv": group.subjects(),
+        "predictions.csv": predict_pairs(analysis.draws, pairs, ["A"]),
+        "study.csv": pd.read_csv(folder / "study.csv"),
+        "truth.csv": pd.read_csv(folder / "truth.csv"),
+        "calibration.csv": judged.rank_frame(),
+        "calibration_ranks.csv": judged.subject_ranks_frame(),
+        "evidence_calibration.csv": judged.evidence_frame(),
+        "evidence_data_sets.csv": judged.data_sets_frame(),
+        "methods_parameters.csv": parameter_table(analysis.draws, analysis.summary()).frame,
+        "methods_order_effect.csv": order_effect_table(analysis.draws, analysis.evidence).frame,
+        "what check prints": [*described(small_study["A"])],
+        "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
+    }
+
+
+def test_the_document_is_the_one_that_the_script_writes():
+    """Otherwise: python scripts/data_dictionary.py --overwrite."""
+    assert (Path(__file__).resolve().parents[2] / data_dictionary.OUTPUT).read_text(encoding="utf-8") == data_dictionary.text()
+
+
+def test_every_column_that_is_written_is_in_it(written):
+    assert KNOWN.keys() - written.keys() == {"sensitivity.csv", "sensitivity_parts.csv"}  # whose frames have declared columns
+    for name, columns in written.items():
+        assert [one for one in columns if one not in KNOWN[name].columns] == [], name
+        assert [
+            one for one in KNOWN[name].columns if one not in [*columns] and one not in ("isi", "n_intervals", "worst_pair_isi")
+        ] == [], name
