@@ -45,9 +45,12 @@ def connect(address: str) -> Client:
         raise InputError("Dask is not installed: pip install 'bayes_toe[dask]'") from None
     try:
         import asyncio
+        from concurrent.futures import ThreadPoolExecutor
 
-        # A client waits without end for something else than a scheduler, and does not go easily where it could not begin.
-        kind = asyncio.run(_identity(address))["type"]
+        # A client waits without end for something else than a scheduler, and does not go easily where it could not begin. In a thread of
+        # its own, because a notebook has an event loop already.
+        with ThreadPoolExecutor(1) as asking:
+            kind = asking.submit(lambda: asyncio.run(_identity(address))).result()["type"]
         if kind != "Scheduler":
             raise ValueError(f"that is a {kind.lower()}")
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what ends the work is said by an error

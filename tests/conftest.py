@@ -41,9 +41,9 @@ def analysis(small_study) -> Analysis:
     return bt.run(small_study, draws=2000, seed=5, workers=1)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
-    """One browser for all pages."""
+    """One browser for the pages of a file: as long as it is open an event loop runs, in which others could not begin theirs."""
     with launched() as opened:
         yield opened
 

@@ -1,5 +1,6 @@
 """Work shared on a real Dask cluster: two worker processes of this machine."""
 
+import asyncio
 import os
 import socket
 import time
@@ -187,6 +188,13 @@ def test_something_else_that_listens_is_no_scheduler(folder, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     with closing(socket.create_server(("127.0.0.1", 0))) as silent, pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"):
         cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+
+
+def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
+    async def cell():
+        return cluster.connect(client.scheduler.address)
+
+    assert asyncio.run(cell()).nthreads() == client.nthreads()
 
 
 def test_a_worker_is_no_scheduler(client):

@@ -15,6 +15,7 @@ from bayes_toe.cli.supplement import order_effect_table, parameter_table
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
+from bayes_toe.planning.power_of_studies import power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
 
@@ -51,6 +52,23 @@ def written(analysis, small_study, tmp_path_factory):
         "methods_order_effect.csv": order_effect_table(analysis.draws, analysis.evidence).frame,
         "what check prints": [*described(small_study["A"])],
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
+        **planned(folder),
+    }
+
+
+def planned(folder):
+    """Those of commands that plan a study."""
+    table = bt.power(trials=[26], data_sets=4, seed=1, workers=1)
+    sessions = bt.stopping(rule=bt.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
+    (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
+    assert inside("trials", "design.csv", "-o", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder).returncode == 0
+    return {
+        "power.csv": table.frame(),
+        "power_data_sets.csv": table.data_sets_frame(),
+        "power_subjects.csv": power_of_studies(table).frame(),
+        "power_stopping.csv": sessions.frame(),
+        "design.csv": pd.read_csv(folder / "design.csv"),
+        "trials.csv": pd.read_csv(folder / "trials.csv"),
     }
 
 
