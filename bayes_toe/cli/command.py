@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import wraps
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import typer
@@ -17,6 +18,8 @@ from bayes_toe.data.unfinished import said_kept, under_way
 from bayes_toe.errors import BayesToeError
 
 BAD_INPUT = 2
+#: The field of a task that holds the files that its command reads.
+INPUTS = "inputs"
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -30,7 +33,10 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def command(**given: Any) -> None:
-        made = {name: kind(**{field.name: given.pop(field.name) for field in fields(kind)}) for name, kind in records.items()}
+        read = _read(given)
+        made = {
+            name: kind(**{one.name: read if _told(one) else given.pop(one.name) for one in fields(kind)}) for name, kind in records.items()
+        }
         with _problems_as_lines():
             function(**given, **made)
 
@@ -49,7 +55,19 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
     return [
         inspect.Parameter(one.name, parameter.KEYWORD_ONLY, default=_default(one), annotation=hints[one.name])
         for one in sorted(fields(kind), key=_place)
+        if not _told(one)
     ]
+
+
+def _told(field: Field[Any]) -> bool:
+    """Whether a field is no option, but what the others say of the files that are read."""
+    return field.name == INPUTS
+
+
+def _read(given: Mapping[str, Any]) -> tuple[Path, ...]:
+    """The files that a command was given to read: all but those whose parameter is called output."""
+    values = (value if isinstance(value, list) else [value] for name, value in given.items() if not name.endswith("output"))
+    return tuple(one for some in values for one in some if isinstance(one, Path))
 
 
 def _place(field: Field[Any]) -> int:

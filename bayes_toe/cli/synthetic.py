@@ -35,7 +35,7 @@ class SimulatingTask(TableTask):
 def simulate(
     *,
     output: Annotated[Path, writes("STUDY.csv", "Trials to write.")],
-    truth: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
+    truth_output: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
     task: SimulatingTask,
 ) -> None:
     """A synthetic study for any design, population and seed.
@@ -48,7 +48,7 @@ def simulate(
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.seeds import root_seed
 
-    files = [output] if truth is None else [output, truth]
+    files = [output] if truth_output is None else [output, truth_output]
     task.require_files(*files)
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     design = design_from(task.design, task.amplitudes, task.batches, task.isi)
@@ -60,8 +60,8 @@ def simulate(
             for parent in {one.parent for one in files}
         }
         write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
-        if truth is not None:
-            write_table(truth_frame(names, observers), folders[truth.parent] / truth.name, **task.saving)
+        if truth_output is not None:
+            write_table(truth_frame(names, observers), folders[truth_output.parent] / truth_output.name, **task.saving)
     total = sum(len(one.equal) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")
 

@@ -58,13 +58,15 @@ class WritingTask(Task):
     """A command that writes files or a folder."""
 
     overwrite: Overwrite = False
+    inputs: tuple[Path, ...] = ()  # no option: the files that the command reads, see command.py
 
     def require_files(self, *files: Path) -> None:
-        """Refuse before the work what could not be written after it."""
+        """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
         from bayes_toe.data.parquet import require_parquet
         from bayes_toe.data.whole_files import require_writable
         from bayes_toe.data.whole_folders import put_back
 
+        self._require_unread(*files)
         for file in files:
             require_parquet(file)
             put_back(file.parent)
@@ -80,7 +82,14 @@ class WritingTask(Task):
         """The same for a folder and what it will hold."""
         from bayes_toe.data.whole_folders import require_folder
 
+        self._require_unread(*(folder / name for name in products))
         require_folder(folder, products, overwrite=self.overwrite)
+
+    def _require_unread(self, *files: Path) -> None:
+        read = {path.resolve() for path in self.inputs}
+        for file in files:
+            if file.resolve() in read:
+                raise InputError(f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is")
 
     def say_written(self, what: str, *files: Path, seed: int | None = None, ending: str = "") -> None:
         """The seed and what was written."""

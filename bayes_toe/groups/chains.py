@@ -17,7 +17,7 @@ from bayes_toe.groups.shared import Shared
 from bayes_toe.groups.starting import scales, starts
 from bayes_toe.inference.diagnostics import Convergence, convergence
 
-_CHAINS = ((32, 16), (128, 8))  # up to so many members, so many chains
+_CHAINS = ((32, 16), (64, 8))  # up to so many members, so many chains
 _FEWEST = 4
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in

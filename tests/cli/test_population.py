@@ -88,6 +88,15 @@ def test_what_is_refused(folder, options, said):
     assert not [*folder.glob("population*"), *folder.glob("other*")]
 
 
+def test_a_table_does_not_take_the_place_of_the_study(folder):
+    """population -o study.nc writes study.csv beside it."""
+    before = (folder / "study.csv").read_bytes()
+    refused = inside("population", "study.csv", "-o", "study.nc", "--overwrite", *OPTIONS, cwd=folder)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "study.csv: this command reads that file, allowed: another --output" in refused.stderr
+    assert (folder / "study.csv").read_bytes() == before
+
+
 def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypatch):
     def short(joint, names, members, draws, rng):
         size, k, r = (16, 40), len(names), joint.x.shape[1]
