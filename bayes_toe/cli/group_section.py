@@ -12,7 +12,7 @@ from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 
 #: What of it is in a results folder.
-GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png")
+GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +29,11 @@ def write_group(group: Group, folder: Path, *, spreadsheet_safe: bool = False) -
     from bayes_toe.plots.figure_files import png
     from bayes_toe.plots.population import population_figure
 
-    table, members, picture = (folder / name for name in GROUP_PRODUCTS)
+    table, members, picture, draws = (folder / name for name in GROUP_PRODUCTS)
     group.found.table.save(table, spreadsheet_safe=spreadsheet_safe)
     member_table(group.found).save(members, spreadsheet_safe=spreadsheet_safe)
     picture.write_bytes(png(population_figure(group.found, group.check)))
+    group.found.save(draws)
 
 
 def group_section(group: Group, folder: Path) -> dict[str, Any]:

@@ -49,6 +49,7 @@ _FILES = {
     "evidence.csv": "order effect, fit and evidence of every subject",
     "population.csv": "the group",
     "population_subjects.csv": "each subject alone and in the group",
+    "population.nc": "draws of the group, for `explore --population` and `methods`",
     "population.png": "the group's figure",
     "corner": "corner plots, one a subject",
     "posterior.nc": "all draws, for ArviZ, explore, corner, predict and figures",

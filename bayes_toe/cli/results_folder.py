@@ -154,7 +154,7 @@ def write_results(
     spreadsheet_safe : bool
         As in :func:`bayes_toe.data.tables.write_table`.
     group : Group, optional
-        What the subjects have in common: population.csv, population_subjects.csv, population.png, and a section of the report.
+        What the subjects have in common: its tables, figure and draws, and a section of the report.
 
     Raises
     ------

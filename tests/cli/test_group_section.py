@@ -65,7 +65,7 @@ def test_run_computes_the_group_with_its_own_seed_and_leaves_with_3_where_it_did
     assert asked["prior"] == analysis.settings.prior
     assert "order effect of the population: " in done.stdout
     assert "attention the group's chains did not converge: few draws" in done.stdout
-    assert "population.csv, population_subjects.csv, population.png" in done.stdout
+    assert "population.csv, population_subjects.csv, population.png, population.nc" in done.stdout
     assert "few draws" in section(tmp_path / "out")
 
 
