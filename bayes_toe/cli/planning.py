@@ -17,6 +17,9 @@ from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
+    from bayes_toe.planning.power_of_studies import StudyPower
+    from bayes_toe.planning.power_table import PowerTable
+    from bayes_toe.planning.stopping import StoppingTable
     from bayes_toe.planning.study_design import StudyDesign
 
 _AIMS = ("update", "gain", "mu1", "width", "parameters")
@@ -109,15 +112,11 @@ def power(
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.planning.observers import observers_from
     from bayes_toe.planning.power import power as simulate
     from bayes_toe.planning.power_of_studies import power_of_studies
     from bayes_toe.planning.stopping import StoppingRule, stopping
-    from bayes_toe.plots.figure_files import save_figure
-    from bayes_toe.plots.power import power_figure
 
     task.require_folder(output, (*_POWER, _STOPPING))
     keep = task.partial(output)
@@ -137,15 +136,7 @@ def power(
                 designs, rule, task.observers,
                 data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
             )  # fmt: skip
-    made = _POWER if stopped is None else (*_POWER, _STOPPING)
-    with whole_folder(output, (*_POWER, _STOPPING), required=made, overwrite=task.overwrite) as target:
-        if stopped is not None:
-            stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
-        table.save(target / _POWER[0], spreadsheet_safe=task.spreadsheet_safe)
-        write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
-        studies.save(target / _POWER[2], spreadsheet_safe=task.spreadsheet_safe)
-        for name in _POWER[3:]:
-            save_figure(power_figure(table), target / name)
+    _write_power(table, studies, stopped, output, task)
     task.say_taken(keep)
     failed = table.failed if stopped is None else {**table.failed, **stopped.failed}
     task.finish(keep, failed)
@@ -153,6 +144,24 @@ def power(
         terminal.say(task.console, terminal.safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
     leave_unless_whole(task, failed, {})
+
+
+def _write_power(table: PowerTable, studies: StudyPower, stopped: StoppingTable | None, output: Path, task: PlanningTask) -> None:
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.plots.figure_files import save_figure
+    from bayes_toe.plots.power import power_figure
+
+    made = _POWER if stopped is None else (*_POWER, _STOPPING)
+    with whole_folder(output, (*_POWER, _STOPPING), required=made, overwrite=task.overwrite) as target:
+        counted, data_sets, of_studies, *figures = (target / name for name in _POWER)
+        if stopped is not None:
+            stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
+        table.save(counted, spreadsheet_safe=task.spreadsheet_safe)
+        write_table(table.data_sets_frame(), data_sets, spreadsheet_safe=task.spreadsheet_safe)
+        studies.save(of_studies, spreadsheet_safe=task.spreadsheet_safe)
+        for path in figures:
+            save_figure(power_figure(table), path)
 
 
 def design(
@@ -211,6 +220,7 @@ def trials(
 
     [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
     """
+    from bayes_toe.experiments.recipes import subject_names
     from bayes_toe.planning.study_design import read_study_design
     from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials, trial_list
     from bayes_toe.seeds import root_seed
@@ -218,9 +228,8 @@ def trials(
     task.require_files(output)
     if intensity is not None and not 0.0 < intensity < float("inf"):
         raise InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
-    seed, read, width = root_seed(task.seed), read_study_design(design), max(2, len(str(subjects)))
-    names = [f"S{number + 1:0{width}d}" for number in range(subjects)]
-    lists = [trial_list(read, blocks=blocks, subject=name, seed=seed) for name in names]
+    seed, read = root_seed(task.seed), read_study_design(design)
+    lists = [trial_list(read, blocks=blocks, subject=name, seed=seed) for name in subject_names(subjects)]
     save_trials(lists, output, reference=intensity, overwrite=task.overwrite)
     who = f"{subjects} subject{'' if subjects == 1 else 's'}, {read.total} trials each in {blocks} blocks"
     terminal.say(task.console, f"{who}: both orders of two stimuli equally often in a block where the design has them so, at most "
@@ -238,12 +247,11 @@ def _beside(output: Path) -> tuple[Path, ...]:
 
 def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
-    from bayes_toe.planning.study_design import paper_study_design, read_study_design
+    from bayes_toe.planning.power import named_designs
+    from bayes_toe.planning.study_design import read_study_design
 
-    if not files:
-        return {"the paper's pairs": paper_study_design()}
-    if len(files) == 1:
-        return {"these pairs": read_study_design(files[0])}
+    if not files or len(files) == 1:
+        return named_designs(read_study_design(files[0]) if files else None)
     names = [file.stem for file in files]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:

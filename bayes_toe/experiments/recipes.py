@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import Design, Trials, at_intervals, full_design, paper_population, prior_population, reference_design
@@ -31,13 +32,46 @@ def design_from(design: str, amplitudes: str, batches: int, isi: str | None = No
     >>> len(design_from("full", "1,1.2,1.5", 2).s1)
     9
     """
-    if design in _DESIGNS:
-        chosen = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
-    else:
-        _require_file(design, "--design", _DESIGNS)
-        columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
-        chosen = Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    numbers = _numbers("--amplitudes", amplitudes) if design in _DESIGNS else ()
+    chosen = design_named(design, numbers, batches)
     return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
+
+
+def design_named(design: str, amplitudes: Sequence[float], batches: int) -> Design:
+    """The same of numbers, without further intervals; amplitudes are those of a known word."""
+    if design in _DESIGNS:
+        return _DESIGNS[design](amplitudes, batches)
+    _require_file(design, "--design", _DESIGNS)
+    columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
+    return Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+
+
+def subject_names(size: int) -> list[str]:
+    """S01, S02 and so on, all of one length.
+
+    Examples
+    --------
+    >>> subject_names(2), subject_names(100)[0]
+    (['S01', 'S02'], 'S001')
+    """
+    width = max(2, len(str(size)))
+    return [f"S{i + 1:0{width}d}" for i in range(size)]
+
+
+def natural_from(columns: Mapping[str, FloatArray], source: str) -> Natural:
+    """Observers of these columns, shape (observers,) each.
+
+    Raises
+    ------
+    InputError
+        That names the source, where a parameter is out of its range.
+    """
+    observers = Natural(*(columns[name] for name in NATURAL))
+    try:
+        require_natural(*observers)
+    except ArithmeticError as error:
+        raise InputError(f"{source}: {error}") from error
+    return observers
 
 
 def population_from(population: str, size: int, seed: int, *, prior: Prior | None = None) -> tuple[list[str], Natural]:
@@ -48,18 +82,11 @@ def population_from(population: str, size: int, seed: int, *, prior: Prior | Non
     if prior is not None and population != "prior":
         raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
     if population in _POPULATIONS:
-        width = max(2, len(str(size)))
-        names = [f"S{i + 1:0{width}d}" for i in range(size)]
-        rng = generator(seed, "population")
+        rng, names = generator(seed, "population"), subject_names(size)
         return names, prior_population(size, rng, prior) if population == "prior" else _POPULATIONS[population](size, rng)
     _require_file(population, "--population", _POPULATIONS)
     names, columns = read_numbers(population, NATURAL, key="subject")
-    observers = Natural(*(columns[name] for name in NATURAL))
-    try:
-        require_natural(*observers)
-    except ArithmeticError as error:
-        raise InputError(f"{population}: {error}") from error
-    return names, observers
+    return names, natural_from(columns, population)
 
 
 def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:

@@ -9,9 +9,8 @@ import numpy as np
 
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.recipes import design_from, population_from
+from bayes_toe.experiments.recipes import design_named, natural_from, population_from
 from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, PAPER_BATCHES, Design, at_intervals, simulate_trials
-from bayes_toe.model.closed_form import require_natural
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
@@ -84,9 +83,8 @@ def simulate(
 
 
 def _design(design: str | Design, amplitudes: Sequence[float], batches: int, isi: Sequence[float] | None) -> Design:
-    if not isinstance(design, Design):
-        return design_from(design, ",".join(map(str, amplitudes)), batches, None if isi is None else ",".join(map(str, isi)))
-    return design if isi is None else at_intervals(design, isi)
+    chosen = design if isinstance(design, Design) else design_named(design, amplitudes, batches)
+    return chosen if isi is None else at_intervals(chosen, isi)
 
 
 def _given(observers: Truth) -> Natural:
@@ -94,14 +92,9 @@ def _given(observers: Truth) -> Natural:
     for name, values in observers.items():
         if set(values) != set(NATURAL):
             raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(NATURAL)}, all four")
-    found = Natural(*(np.array([float(values[key]) for values in observers.values()]) for key in NATURAL))
     if not observers:
         raise InputError("observers: found none, allowed: at least one")
-    try:
-        require_natural(*found)
-    except ArithmeticError as error:
-        raise InputError(f"observers: {error}") from error
-    return found
+    return natural_from({key: np.array([float(values[key]) for values in observers.values()]) for key in NATURAL}, "observers")
 
 
 def _whole(observers: int) -> int:

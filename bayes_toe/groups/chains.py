@@ -69,7 +69,7 @@ class GroupChains:
         (*lead, k) = self.mean.shape
         return Root.at(self.z.reshape(int(np.prod(lead)), -1), k).factor.reshape(*lead, k, k)
 
-    @property
+    @cached_property
     def correlation(self) -> FloatArray:
         """Correlations of parameters between members, shape (chains, draws, k, k)."""
         return self.root @ self.root.swapaxes(-1, -2)

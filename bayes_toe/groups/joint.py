@@ -86,8 +86,9 @@ class Joint:
 
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
-        units, coefficients = self._coefficients(theta)
-        shared, xi = self._shared(theta, units, coefficients), self._xi(theta)
+        given = self._given(theta)
+        units, coefficients = self._units.at(given.log_scatter), given.coefficients
+        shared, xi = _out_of_units(given, units, coefficients), self._xi(theta)
         at, by_pull = self._place(shared, xi)
         of_answers, of_eta = self.likelihood(at.eta)
         of_scores, by_score, by_z = self._scores(at.score, shared.z)
@@ -109,7 +110,8 @@ class Joint:
 
     def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
         """What is shared, and xi of the members, (points, N, k)."""
-        return self._shared(theta, *self._coefficients(theta)), self._xi(theta)
+        given = self._given(theta)
+        return _out_of_units(given, self._units.at(given.log_scatter), given.coefficients), self._xi(theta)
 
     def eta(self, theta: FloatArray) -> FloatArray:
         """Parameters of the members, shape (points, N, k)."""
@@ -135,15 +137,6 @@ class Joint:
     @cached_property
     def _columns(self) -> FloatArray:
         return with_ones(self.x)
-
-    def _coefficients(self, theta: FloatArray) -> tuple[Units, FloatArray]:
-        """Units of mean and effects, and these in their units, (points, 1 + r, k)."""
-        given = self._given(theta)
-        return self._units.at(given.log_scatter), given.coefficients
-
-    def _shared(self, theta: FloatArray, units: Units, coefficients: FloatArray) -> Shared:
-        given = self._given(theta)
-        return Shared.of(units.centre + coefficients * units.unit, given.log_scatter, given.z)
 
     def _given(self, theta: FloatArray) -> Shared:
         """What is shared, means and effects in their units."""
@@ -186,6 +179,11 @@ class Joint:
         weight = np.exp(precision + 2.0 * column.log_unit)
         by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + column.unit * xi[..., i]))
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
+
+
+def _out_of_units(given: Shared, units: Units, coefficients: FloatArray) -> Shared:
+    """What is shared as it is, from means and effects in their units, (points, 1 + r, k)."""
+    return Shared.of(units.centre + coefficients * units.unit, given.log_scatter, given.z)
 
 
 def _between(

@@ -235,7 +235,7 @@ def _of_prior(prior: Prior, size: int, seed: int) -> Iterator[Observer]:
         for number in range(size):
             name = f"{kind} {number + 1}"
             x = target.sample_prior(generator(seed, name, "observer"), 1)
-            yield Observer(name, kind, model.name, _needed(target, x), MIDDLE)
+            yield Observer(name, kind, model.name, _needed(target, x, target), MIDDLE)
 
 
 def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
@@ -255,16 +255,16 @@ def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
             target = draws.posterior(draws.names[int(rng.integers(len(draws.names)))])
             assert isinstance(target, Posterior)
             points = draws.points(target.subject.name).reshape(-1, len(target.coordinates))
-            found = target.quantities(points[[int(rng.integers(len(points)))]])
+            x = points[[int(rng.integers(len(points)))]]
             model = " + ".join([order if like == kind else like, *rest])
             kept = target if like == kind else Posterior(target.subject, model_named(model), target.prior, target.sbar)  # type: ignore[arg-type]
-            values = {key: float(found[key][0]) for key in kept.names.natural}
-            yield Observer(name, like, model, values, target.sbar, target.reference)
+            yield Observer(name, like, model, _needed(target, x, kept), target.sbar, target.reference)
 
 
-def _needed(target: Posterior, x: FloatArray) -> dict[str, float]:
+def _needed(target: Posterior, x: FloatArray, of: Posterior) -> dict[str, float]:
+    """Of a point of the target, (1, k), the quantities that a model with fewer parts, or the same, is written in."""
     found = target.quantities(x)
-    return {name: float(found[name][0]) for name in target.names.natural}
+    return {name: float(found[name][0]) for name in of.names.natural}
 
 
 def of_kind(observers: Sequence[Observer], kind: str) -> list[Observer]:

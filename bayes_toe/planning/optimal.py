@@ -15,9 +15,9 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
 from bayes_toe.planning.information import AIMS, Pairs, information
-from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
+from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from, of_kind
 from bayes_toe.planning.power import design_prior, power, simulated
-from bayes_toe.planning.power_table import DataSet, PowerTable
+from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
 from bayes_toe.planning.reasons import FULL, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
@@ -323,14 +323,14 @@ class _Maker:
         """Whether one of a few simulated observers who update is named; the closed form is too hopeful where there are few trials."""
         if self.information.named(total) < _HOPELESS:
             return False
-        some = [one for one in self.people if one.kind == UPDATE][:_PILOT]
+        some = of_kind(self.people, UPDATE)[:_PILOT]
         return any(simulated(OPTIMISED, best.design, one, self.seed, self.prior).named() == UPDATE for one in some)
 
     def _require_hope(self, best: Candidate) -> None:
         """Refuse a range or a number of trials with which even the best design tells next to nothing."""
         total = self.information.total(self._counts(best.design))
         start = np.sqrt(self.information.variance(self.information.prior)[self.information.updates].mean())
-        width = np.mean([_width(one) for one in self.people if one.kind == UPDATE])
+        width = np.mean([_width(one) for one in of_kind(self.people, UPDATE)])
         pull, span = self.information.pull[self.information.updates].mean(), float(np.ptp(self.levels))
         about = (
             f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
@@ -339,7 +339,7 @@ class _Maker:
         )
         if self.goal.aim == "update" and not self._names_anybody(best, total):
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
-        if self.goal.aim in ("gain", "mu1", "width") and best.sd > _LITTLE * start:
+        if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
             raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
 
 
@@ -371,7 +371,7 @@ def _simulated_utility(row: DataSet, aim: str) -> float:
         return float("nan") if row.log_evidence is None else float(log_softmax(row.log_evidence)[list(PLAIN).index(row.kind)])
     if row.kind != UPDATE or row.widths is None:
         return float("nan")
-    widths = dict(zip(("gain", "mu1", "width"), row.widths, strict=True))
+    widths = dict(zip(WIDTHS, row.widths, strict=True))
     return -float(np.log(widths[aim])) if aim in widths else -float(np.log(row.widths).sum())
 
 

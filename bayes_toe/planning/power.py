@@ -6,9 +6,10 @@ with fewer judging draws: their standard errors are below 0.02 nat, and what is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,21 +19,20 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.inference.subject import Wanted, fitted_result
-from bayes_toe.kept import keeping
+from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
-from bayes_toe.planning.power_table import DataSet, PowerTable
+from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
+Row = TypeVar("Row")
 TRIALS, DATA_SETS = (325, 650, 1300), 100
 #: Independent draws behind each evidence.
 DRAWS = 4000
-#: Quantities of the update of which the expected width of the 90 % interval is told.
-WIDTHS = ("gain", "mu1", "width")
 
 
 def power(
@@ -77,10 +77,32 @@ def power(
     asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
     with keeping(keep, "simulated data sets") as kept:
         root = kept.seed(seed)
-        chosen = assumed(observers, data_sets, root, prior)
-        jobs = [partial(simulated, name, one, observer, root, design_prior(one, prior)) for name, one in asked for observer in chosen]
-        done = kept.work(jobs, workers, progress, [(job.args[2].name,) for job in jobs])
-        return PowerTable(tuple(done), tuple(designs), root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()})
+        people = assumed(observers, data_sets, root, prior)
+        rows, failed = each_observer(kept, simulated, asked, people, root, prior, workers, progress)
+    return PowerTable(rows, tuple(designs), root, failed)
+
+
+def each_observer(
+    kept: Kept | Unkept,
+    job: Callable[..., Row],
+    designs: Iterable[tuple[str, StudyDesign]],
+    people: Sequence[Observer],
+    seed: int,
+    prior: Prior | str | None,
+    workers: Workers,
+    progress: Progress | None,
+) -> tuple[tuple[Row, ...], dict[str, str]]:
+    """A job done for every observer of every design, and by name of the observer why some could not be.
+
+    The job is called with the design's name, the design, the observer, `seed` and `prior`, in numbers for the design's stimuli.
+    """
+    jobs = [
+        partial(job, name, one, person, seed=seed, prior=numbers)
+        for name, one, numbers in [(name, one, design_prior(one, prior)) for name, one in designs]
+        for person in people
+    ]
+    done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
+    return tuple(done), {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
 
 
 def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:

@@ -77,11 +77,8 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS) -> S
     >>> [(row.subjects, row.studies, row.named) for row in power_of_studies(PowerTable(tuple(rows), ("d",), 1))]
     [(4, 2, 0.0), (8, 1, 1.0)]
     """
-    groups: dict[tuple[str, int, str], list[tuple[float, ...]]] = {}
-    for row in table:
-        if row.log_evidence is not None:
-            groups.setdefault((row.design, row.trials, row.kind), []).append(row.log_evidence)
-    return StudyPower(tuple(found for key, values in groups.items() for found in _shares(key, np.array(values), subjects)))
+    known = {key: [row.log_evidence for row in rows if row.log_evidence is not None] for key, rows in table.groups.items()}
+    return StudyPower(tuple(found for key, values in known.items() for found in _shares(key, np.array(values), subjects)))
 
 
 def _shares(key: tuple[str, int, str], evidence: FloatArray, subjects: Sequence[int]) -> Iterator[StudyShare]:

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 POWER_COLUMNS = ("design", "trials", "observers", "quantity", "value", "low", "high", "data_sets")
 _LOG_EVIDENCES = ("log_evidence_none", "log_evidence_constant_error", "log_evidence_update")
 _PROBABILITIES = ("p_none", "p_constant_error", "p_update")
-_WIDTHS = ("gain_90", "mu1_90", "width_90")
-DATA_SET_COLUMNS = ("design", "trials", "observer", "kind", *_LOG_EVIDENCES, *_PROBABILITIES, *_WIDTHS)
+#: Quantities of the update of which the expected width of the 90 % interval is told.
+WIDTHS = ("gain", "mu1", "width")
+DATA_SET_COLUMNS = ("design", "trials", "observer", "kind", *_LOG_EVIDENCES, *_PROBABILITIES, *(f"{name}_90" for name in WIDTHS))
 #: Probability from which a kind counts as named, and Bayes factors against the best of its rivals.
 CERTAIN, FACTORS = 0.95, (3, 10, 30)
 NAMED, WRONG = f"named, P > {CERTAIN}", f"another named, P > {CERTAIN}"
@@ -44,7 +45,7 @@ class DataSet:
     log_evidence, probability : tuple of float, optional
         Of no order effect, a constant error, the update; None where one is withheld.
     widths : tuple of float, optional
-        Of the 90 % intervals of gain, mu1 and width under the update.
+        Of the 90 % intervals of :data:`WIDTHS` under the update.
     """
 
     design: str
@@ -131,14 +132,15 @@ class PowerTable(Table[DataSet]):
     @cached_property
     def counted(self) -> tuple[Counted, ...]:
         """Every share and mean."""
-        return tuple(one for key in self._groups for one in _counted(*key, self._groups[key]))
+        return tuple(one for key, rows in self.groups.items() for one in _counted(*key, rows))
 
     @cached_property
     def _by_key(self) -> dict[tuple[str, int, str, str], Counted]:
         return {(one.design, one.trials, one.observers, one.quantity): one for one in self.counted}
 
     @cached_property
-    def _groups(self) -> dict[tuple[str, int, str], list[DataSet]]:
+    def groups(self) -> dict[tuple[str, int, str], list[DataSet]]:
+        """Data sets by (design, trials, kind of observers)."""
         groups: dict[tuple[str, int, str], list[DataSet]] = {}
         for row in self.rows:
             groups.setdefault((row.design, row.trials, row.kind), []).append(row)
@@ -168,11 +170,11 @@ class PowerTable(Table[DataSet]):
         return [self._sentence(design, number) for design in self.designs for number in self.trials]
 
     def _sentence(self, design: str, trials: int) -> str:
-        keys = [kind for kind in self.kinds if (design, trials, kind) in self._groups]
+        keys = [kind for kind in self.kinds if (design, trials, kind) in self.groups]
         main = UPDATE if UPDATE in keys else keys[-1]
         named = self[design, trials, main, NAMED]
         line = f"with {design} {trials} trials name {WORDS[main]} in {said_share(named)}"
-        others = [row for kind in keys if kind != main for row in self._groups[design, trials, kind]]
+        others = [row for kind in keys if kind != main for row in self.groups[design, trials, kind]]
         wrong = sum(row.named() == main for row in others)
         return line + (f", and wrongly in {wrong} of {len(others)} others" if others else "")
 
@@ -214,7 +216,7 @@ def _counted(design: str, trials: int, kind: str, rows: Sequence[DataSet]) -> It
         yield made(wrong, share(sum(one not in (None, kind) for one in named), len(rows)), len(rows))
     told = [row.widths for row in rows if row.widths is not None]
     if told:
-        for name, values in zip(("gain", "mu1", "width"), zip(*told, strict=True), strict=True):
+        for name, values in zip(WIDTHS, zip(*told, strict=True), strict=True):
             yield made(f"90 % width of {name}", _mean(values), len(told))
     yield made("evidence withheld", share(len(rows) - len(known), len(rows)), len(rows))
 

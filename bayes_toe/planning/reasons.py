@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.planning.observers import UPDATE, Observer
+from bayes_toe.planning.observers import UPDATE, Observer, of_kind
 from bayes_toe.planning.study_design import StudyDesign
 
 #: Names of the designs that are compared.
@@ -51,7 +51,7 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
         f"first stimuli, of most trials: {firsts}; a pull moves what is remembered up from below and down from above, a constant error all "
         "of it one way, so that stimuli far apart tell the two from each other"
     )
-    q = np.mean([one.equal(design) for one in people if one.kind == UPDATE], axis=0)
+    q = np.mean([one.equal(design) for one in of_kind(people, UPDATE)], axis=0)
     (low, high), (near, far) = (_middle(values, share) for values in (q, apart))
     yield (
         f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say 'equal' to {100 * low:.0f} to "

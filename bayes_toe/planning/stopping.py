@@ -19,7 +19,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import PLAIN, Observer
 from bayes_toe.planning.particles import ENOUGH, Particles
-from bayes_toe.planning.power import DATA_SETS, assumed, design_prior, named_designs
+from bayes_toe.planning.power import DATA_SETS, assumed, each_observer, named_designs
 from bayes_toe.planning.power_table import CERTAIN, WORDS, share
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
@@ -141,13 +141,8 @@ def stopping(
     with keeping(keep, "simulated sessions") as kept:
         root = kept.seed(seed)
         people = assumed(observers, data_sets, root, prior)
-        jobs = [
-            partial(session, name, one, person, chosen, root, design_prior(one, prior))
-            for name, one in designs.items()
-            for person in people
-        ]
-        done = kept.work(jobs, workers, progress, [(job.args[2].name,) for job in jobs])
-        return StoppingTable(tuple(done), chosen, root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()})
+        rows, failed = each_observer(kept, partial(session, rule=chosen), designs.items(), people, root, prior, workers, progress)
+    return StoppingTable(rows, chosen, root, failed)
 
 
 def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> Session:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayes_toe.planning.power_table import NAMED, WRONG, Counted, PowerTable
+from bayes_toe.planning.power_table import NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure, panel, plain
 
 if TYPE_CHECKING:
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 _TITLES = {"none": "observers without order effect", "constant error": "with a constant error", "update": "who update"}
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
-_WIDTHS = ("gain", "mu1", "width")
 
 
 def power_figure(table: PowerTable) -> Figure:
@@ -28,7 +27,7 @@ def power_figure(table: PowerTable) -> Figure:
         ax.set_ylabel("share of observers" if column == 0 else "")
         ax.label_outer()
     for rest in below:
-        for ax, quantity in zip(rest.subplots(1, 3), _WIDTHS, strict=True):
+        for ax, quantity in zip(rest.subplots(1, len(WIDTHS)), WIDTHS, strict=True):
             interval_width_axes(table, quantity, ax=ax)
     legend_below(figure, size=LETTERS, columns=2)
     return figure
