@@ -64,6 +64,14 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     assert resumed.presets == calm.presets
 
 
+def test_many_draws_are_put_together_in_a_file(few, tmp_path, monkeypatch):
+    plain = bt.sample(few, seed=3, **QUICK)
+    monkeypatch.setattr("bayes_toe.inference.draws.AT_ONCE", 0)
+    kept = bt.sample(few, seed=3, keep=tmp_path / "kept", **QUICK)
+    assert (plain.file, kept.file) == (None, tmp_path / "kept" / "posterior.nc")
+    xr.testing.assert_identical(plain.tree, kept.tree)
+
+
 def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
     verbs = [partial(bt.sample, model="symmetric"), bt.evidence, partial(bt.compare, models=["symmetric", "free frequencies"])]
     for verb in verbs:

@@ -36,7 +36,7 @@ ORDER = (
     "cli",
 )
 OWNERS = {
-    "emcee": {"groups.reweighting", "inference.sampling", "inference.moves"},
+    "emcee": {"inference.emcee_alone", "inference.sampling", "inference.moves"},
     "xarray": {
         *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),
         "groups.population_file",

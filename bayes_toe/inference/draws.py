@@ -26,7 +26,7 @@ from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.data.whole_folders import whole_together
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws_file import ALLOWED, read_tree, unreadable
+from bayes_toe.inference.draws_file import ALLOWED, AT_ONCE, read_tree, unreadable
 from bayes_toe.inference.draws_layout import Head, Region, filled, regions, skeleton, taken_apart
 from bayes_toe.inference.draws_store import write_store
 from bayes_toe.inference.draws_writer import write_tree
@@ -330,11 +330,11 @@ def load(path: str | Path) -> Draws:
 def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str]) -> Draws:
     """Assemble the container from the draws of every subject of a study, and say who failed.
 
-    Where there is a path, into a file: subject by subject, so that draws which `found` reads are never in memory together.
+    Where there is a path and much to store, into a file: subject by subject, so that what `found` reads is never in memory together.
     """
     tree, large = skeleton(study, [Head.of(one) for one in found], settings, failed)
     parts = regions(study, found, large)
-    if path is None:
+    if path is None or sum(one.nbytes for one in large.values()) <= AT_ONCE:
         return Draws(filled(tree, large, parts))
     with whole_file(path, overwrite=True) as target:
         write_tree(target, tree, large, parts)

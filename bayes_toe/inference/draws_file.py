@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
-_AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and not when they are asked for
+AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and not when they are asked for
 _PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
 _REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
 _MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
@@ -87,7 +87,7 @@ def _read_file(name: str, path: Path) -> tuple[xr.DataTree, bool]:
     whole = _sealed(name, path)
     if not whole:
         _rehearse(name, path)
-    at_once = not whole or path.stat().st_size <= _AT_ONCE
+    at_once = not whole or path.stat().st_size <= AT_ONCE
     return opened(name, path, at_once=at_once), at_once
 
 

@@ -36,12 +36,16 @@ def write_tree(path: Path, tree: xr.DataTree, large: Mapping[Key, Large], parts:
         If the disk is full.
     """
     import h5netcdf
+    import h5py
 
     with closing(_Sink(path, "w+")) as sink:
         with aside():
             sink.write(tree.to_netcdf(engine="h5netcdf", encoding=_checksums(tree)))
         with h5netcdf.File(sink, "r+") as file:
-            made = {key: _variable(file, key, one) for key, one in large.items()}
+            for key, one in large.items():
+                _make(file, key, one)
+        with h5py.File(sink, "r+") as file:  # which looks for a variable once, and h5netcdf for each part
+            made = {(group, name): file[group][name] for group, name in large}
             for key, where, values in parts:
                 made[key][where] = values
                 if sink.failed is not None:
@@ -80,7 +84,7 @@ def _checksums(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
     }
 
 
-def _variable(file: h5netcdf.File, key: Key, one: Large) -> h5netcdf.Variable:
+def _make(file: h5netcdf.File, key: Key, one: Large) -> None:
     """A variable without values yet; predicted counts are compressed, to a third: what is random to the last bit hardly shrinks."""
     group, name = key
     packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if np.dtype(one.dtype).kind == "i" else {}
@@ -90,7 +94,6 @@ def _variable(file: h5netcdf.File, key: Key, one: Large) -> h5netcdf.Variable:
             file[group].dimensions[dim] = length
     made = file[group].create_variable(name, one.dims, one.dtype, chunks=one.chunk, fletcher32=True, **packed, **missing)
     made.attrs.update(one.attrs)
-    return made
 
 
 # --- The seal -------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """The moves of a sampler: a global one from the fitted proposal, and the local ones of emcee.
 
-This module and :mod:`bayes_toe.inference.sampling` are the only ones that import emcee.
+emcee comes by :func:`bayes_toe.inference.emcee_alone.emcee_alone`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.inference.emcee_alone import emcee_alone
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 
 if TYPE_CHECKING:
@@ -46,18 +47,16 @@ def moves(fitted: FittedProposal, stock: Stock) -> list[tuple[Any, float]]:
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
-    from emcee.moves import DEMove, StretchMove
-
+    local_moves = emcee_alone().moves
     local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
-    return [(GlobalMove(stock), 1.0 - local), (DEMove(), 0.8 * local), (StretchMove(), 0.2 * local)]
+    return [(GlobalMove(stock), 1.0 - local), (local_moves.DEMove(), 0.8 * local), (local_moves.StretchMove(), 0.2 * local)]
 
 
 def GlobalMove(stock: Stock) -> emcee.moves.Move:  # noqa: N802 (named like emcee's own moves)
     """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
-    from emcee.moves import Move
-    from emcee.state import State
+    emcee = emcee_alone()
 
-    class Global(Move):  # type: ignore[misc]  # emcee has no types
+    class Global(emcee.moves.Move):  # type: ignore[misc, name-defined]  # emcee has no types
         def __init__(self) -> None:
             self._known = np.empty((0, 0)), np.empty(0)
 
@@ -66,7 +65,7 @@ def GlobalMove(stock: Stock) -> emcee.moves.Move:  # noqa: N802 (named like emce
             fresh, log_old = stock.take(len(x), model.random), self.log_proposal(x)
             accepted = np.log(model.random.rand(len(x))) < fresh.log_weights - (state.log_prob - log_old)
             self._known = np.where(accepted[:, None], fresh.x, x), np.where(accepted, fresh.log_proposal, log_old)
-            return self.update(state, State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
+            return self.update(state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
 
         def log_proposal(self, x: FloatArray) -> FloatArray:
             """Log proposal density at the walkers: they stand where the last global step left them, but for few that were moved since."""

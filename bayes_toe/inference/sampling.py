@@ -10,6 +10,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, Quantity
+from bayes_toe.inference.emcee_alone import emcee_alone
 from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -212,9 +213,9 @@ class _Ensemble:
 
 def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
     """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
-    import emcee
+    emcee = emcee_alone()
 
-    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
+    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc, name-defined]  # emcee has no types
         def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
             log_density = posterior.log_density(coords)
             require_defined(log_density, posterior)
@@ -228,8 +229,6 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
 
     Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
     """
-    import emcee
-
     posterior, draws = fitted.proposal.posterior, fitted.draws
     mean = draws.shares @ draws.x
     start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
@@ -240,7 +239,7 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
         start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])
         some = np.isfinite(log_density)
         start, log_density = start[some], log_density[some]
-    return emcee.State(start[:walkers], log_prob=log_density[:walkers])
+    return emcee_alone().State(start[:walkers], log_prob=log_density[:walkers])
 
 
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:

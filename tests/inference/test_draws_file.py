@@ -187,7 +187,7 @@ def test_the_command_says_one_line_and_ends_with_2(path, tmp_path):
 @pytest.fixture
 def large(analysis, tmp_path, monkeypatch):
     """A file of three subjects that is taken for a large one."""
-    monkeypatch.setattr("bayes_toe.inference.draws_file._AT_ONCE", 0)
+    monkeypatch.setattr("bayes_toe.inference.draws_file.AT_ONCE", 0)
     return analysis.draws.save(tmp_path / "posterior.nc")
 
 
