@@ -15,28 +15,23 @@ from bayes_toe.cli import describe, draw, infer, planning, population, synthetic
 from bayes_toe.cli.command import as_command
 from bayes_toe.cli.stopping import main as main
 
-#: In the order in which help lists them.
-COMMANDS = (
-    infer.run,
-    infer.sample,
-    infer.evidence,
-    infer.compare,
-    infer.sensitivity,
-    population.population,
-    describe.asymmetry,
-    infer.fit,
-    draw.figures,
-    draw.corner,
-    draw.explore,
-    describe.predict,
-    describe.methods,
-    planning.power,
-    planning.design,
-    planning.trials,
-    synthetic.simulate,
-    synthetic.calibrate,
-    describe.check,
-)
+#: By what they are for, in the order in which help lists them.
+COMMANDS = {
+    "A study, from answers to results": (
+        describe.check,
+        infer.run,
+        infer.sample,
+        infer.evidence,
+        infer.compare,
+        infer.sensitivity,
+        population.population,
+        describe.asymmetry,
+        infer.fit,
+    ),
+    "Look at results, and publish them": (draw.explore, draw.corner, draw.figures, describe.predict, describe.methods),
+    "Plan a study": (planning.power, planning.design, planning.trials),
+    "Test the program": (synthetic.simulate, synthetic.calibrate),
+}
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,8 +41,9 @@ app = typer.Typer(
     help="Bayesian inference for time-order effects in same/different judgements.\n\n"
     "[bold]Example[/bold]: bayes-toe run study.csv -o results",
 )
-for _command in COMMANDS:
-    app.command()(as_command(_command))
+for _purpose, _commands in COMMANDS.items():
+    for _command in _commands:
+        app.command(rich_help_panel=_purpose)(as_command(_command))
 
 
 @app.callback(invoke_without_command=True)

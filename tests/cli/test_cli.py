@@ -436,7 +436,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypa
 
 def test_version_and_help(tmp_path):
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
-    for command in (one.__name__ for one in COMMANDS):
+    for command in (one.__name__ for commands in COMMANDS.values() for one in commands):
         done = (call if command == "run" else inside)(command, "--help")
         assert done.returncode == 0
         assert f"bayes-toe {command}" in done.stdout  # the example

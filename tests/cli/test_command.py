@@ -64,7 +64,7 @@ def test_a_bug_shows_itself():
     assert isinstance(program(fail)().exception, ZeroDivisionError)
 
 
-@pytest.mark.parametrize("function", COMMANDS, ids=lambda function: function.__name__)
+@pytest.mark.parametrize("function", [one for commands in COMMANDS.values() for one in commands], ids=lambda function: function.__name__)
 def test_every_command_lists_shared_options_in_one_order_and_has_an_example(function):
     shared = [name for name in names(function) if name in LAST_IN_HELP]
     assert shared == sorted(shared, key=LAST_IN_HELP.index)
