@@ -11,7 +11,20 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.words import KINDS
 from bayes_toe.plots.sorted import HIGH, MOST_NAMED, ranked, stacked_shares
-from bayes_toe.plots.style import COLUMN, EQUAL, POSTERIOR, SMALL, WEAKER_FIRST, dress, legend_above, legend_below, new_figure, panel, plain
+from bayes_toe.plots.style import (
+    BAD,
+    COLUMN,
+    EQUAL,
+    POSTERIOR,
+    SMALL,
+    WEAKER_FIRST,
+    dress,
+    legend_above,
+    legend_below,
+    new_figure,
+    panel,
+    plain,
+)
 
 _OF_KINDS = ("#BDBDBD", "#E69F00", POSTERIOR)  # told apart by their lightness too
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
@@ -69,7 +82,7 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
         ax.barh(y, values, left=start, height=0.62, color=colour, label=kind)
         start = start + values
     if wrong.any():
-        ax.plot(np.full(wrong.sum(), 1.035), y[wrong], "x", color="#C00000", ms=6, mew=1.8, label="misfit of H1", clip_on=False)
+        ax.plot(np.full(wrong.sum(), 1.035), y[wrong], "x", color=BAD, ms=6, mew=1.8, label="misfit of H1", clip_on=False)
     for i in np.flatnonzero(np.isnan(start)).tolist():
         ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
     ax.set_yticks(y, [plain(row.subject, 24) for row in table])

@@ -14,6 +14,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.sorted import MOST_NAMED
 from bayes_toe.plots.style import (
+    BAND,
     COLUMN,
     EQUAL,
     PAGE,
@@ -253,7 +254,7 @@ def _set_limits(ax: Axes, places: Sequence[FloatArray], found: Mapping[str, Elli
         first, last = float(stimuli.min()), float(stimuli.max())
         reach = _FARTHEST * max(last - first, 0.5)
         low, high = min(max(low, first - reach), first), max(min(high, last + reach), last)
-        ax.axvspan(first, last, color="#EDEDED", lw=0, zorder=0)
+        ax.axvspan(first, last, color=BAND, lw=0, zorder=0)
         for s in np.unique(stimuli) if len(np.unique(stimuli)) <= 12 else ():
             ax.axvline(s, color="#CFCFCF", lw=0.6, zorder=0)
     inside = points[(points[:, 0] >= low) & (points[:, 0] <= high), 1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.plots.style import EQUAL
+from bayes_toe.plots.style import BAD, EQUAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def stacked_shares(ax: Axes, share: FloatArray, kinds: Sequence[str], colours: S
         ax.axhline(end - 0.5, color="white", lw=1.5)
     at = np.flatnonzero(marked[order])
     if len(at):
-        ax.hlines(at, 1.01, 1.06, color="#C00000", lw=0.8, clip_on=False, label=f"misfit of H1: {len(at):,}")
+        ax.hlines(at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"misfit of H1: {len(at):,}")
     if known < len(share):
         ax.fill_betweenx([], [], color="white", ec=EQUAL, lw=0.5, label=f"no reliable estimate: {len(share) - known:,}")
     ax.set(ylim=(len(share) - 0.5, -0.5), yticks=[], ylabel=f"{len(share):,} subjects, sorted by their likeliest kind")

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
 BELIEF = "#4B3B8F"
+#: What is wrong, and bands behind what is drawn.
+BAD, BAND = "#C00000", "#EDEDED"
 #: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
 COLUMN, PAGE = 3.4, 7.0
 SMALL, LETTERS = 7.0, 8.0
