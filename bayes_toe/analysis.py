@@ -99,8 +99,8 @@ def run(
         Called with a subject's name when that subject is done.
     keep : path, optional
         A folder in which every finished subject is kept, and from which it is taken where all that decides its numbers is the same: an
-        interrupted call goes on where it was, to the same bits. Draws are then read from a file there when they are asked for, and do
-        not grow in memory with the subjects. Without a seed, that of what is kept is used.
+        interrupted call goes on where it was, to the same bits. Draws of 256 MB and more are then read from a file there when they are
+        asked for, and do not grow in memory with the subjects. Without a seed, that of what is kept is used.
     """
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)

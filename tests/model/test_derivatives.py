@@ -182,7 +182,8 @@ def test_derivatives_of_every_rung(name, isi, data):
     target = posterior_of(subject(isi), PRIOR, model=name)
     ranges = {"offset": (-0.6, 0.6), "offset_score": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
     ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
-    x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0))), label=key) for key in target.coordinates]
+    # Subnormal ones left out: a displacement that underflows lies beyond the kink that an exponent of 1 has at z = 0.
+    x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0)), allow_subnormal=False), label=key) for key in target.coordinates]
     z = target.distance(np.array([x]))[0]
     # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
