@@ -14,17 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
-from scipy.special import expit
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.links import Answers, Logarithm, Rise
 from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
+from bayes_toe.model.urn import Rising, log_drawn, rising
 
 OfAnswers = tuple[Logarithm, Logarithm]
 
@@ -97,11 +96,11 @@ class BetaBinomial:
     def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
         """All 'equal', then all 'different', each given those before it; their order does not matter."""
         k, rest = _counts(subject)
-        return _drawn(answers, own[0], k, np.zeros_like(k)) + _drawn(answers[::-1], own[0], rest, k)
+        return log_drawn(answers, own[0], k, np.zeros_like(k)) + log_drawn(answers[::-1], own[0], rest, k)
 
     def slopes(self, subject: Subject, z: FloatArray, answers: Callable[[], Answers], of: OfAnswers, *own: FloatArray) -> Logarithm:
         """With t = P/(P + j eps), A has sum t in the place of the counts, sum t (1 - t) in P twice, and its own row."""
-        sums = [_rising(u, own[0], n) for u, n in zip(answers(), _counts(subject), strict=True)]
+        sums = [rising(u, own[0], n) for u, n in zip(answers(), _counts(subject), strict=True)]
         trials, total = _of_trials(subject, own[0]), _total([one.first for one in sums], of)
 
         def more(term: Callable[[Logarithm], FloatArray]) -> FloatArray:
@@ -131,7 +130,7 @@ class BetaBinomial:
 
     def rise(self, subject: Subject, answers: Answers, of: tuple[Rise, Rise], *own: FloatArray) -> Rise:
         """Sum t in the place of the counts, and its own row."""
-        sums = [_rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
+        sums = [rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
         total = _total_rise([one.first for one in sums], of)
         return Rise(total.z, (*total.own, sums[0].rest + sums[1].rest - _of_trials(subject, own[0]).rest))
 
@@ -154,53 +153,8 @@ class BetaBinomial:
             return np.log(share), np.log1p(-share)
 
 
-def _drawn(answers: Answers, v: FloatArray, n: IntArray, before: IntArray) -> FloatArray:
-    """Log probability of n answers of the first kind after some of the other: sum over j < n of log[(P + j eps)/(1 + (before + j) eps)].
-
-    Where a ratio is near 1 its log follows from the complement, (1 - P + before eps)/(1 + (before + j) eps).
-    """
-    total = np.zeros(answers[0].shape)
-    for j in range(int(n.max(initial=0))):
-        more, at, v_at = _reached(n > j, v)
-        with np.errstate(divide="ignore"):  # log 0: nothing before it
-            log_own, log_others, log_all = (np.log(part) + v_at for part in (float(j), before[more], before[more] + float(j)))
-        whole = np.logaddexp(0.0, log_all)
-        likely = np.logaddexp(answers[1][at], log_others) - whole
-        plain = np.logaddexp(answers[0][at], log_own) - whole
-        total[at] += np.where((likely < -LN2) & (whole > 0.0), np.log1p(-np.exp(np.minimum(likely, -LN2))), plain)
-    return total
-
-
-def _reached(more: BoolArray, v: FloatArray) -> tuple[BoolArray, Any, FloatArray]:
-    """Pairs that go on, where they are in (points, pairs), and v there; `more` has shape (pairs,), or (points, pairs) for a crowd."""
-    return (more, (slice(None), more), v) if more.ndim == 1 else (more, more, np.broadcast_to(v, more.shape)[more])
-
-
-class _Sums(NamedTuple):
-    """Of the sum over j < n of log(P + j eps): first derivative in log P, that in log eps, and the second in either."""
-
-    first: FloatArray
-    rest: FloatArray
-    bend: FloatArray
-
-
-def _rising(u: FloatArray, v: FloatArray, n: IntArray) -> _Sums:
-    """At u = log P, shape (points, pairs), v = log eps, shape (points, 1), and n, shape (pairs,). t_0 is 1."""
-    given = (n > 0).astype(np.float64)
-    first = np.broadcast_to(given, u.shape).copy()
-    rest, bend = np.zeros(u.shape), np.zeros(u.shape)
-    for j in range(1, int(n.max(initial=0))):
-        _, at, v_at = _reached(n > j, v)
-        log_added = np.log(j) + v_at
-        share, other = expit(u[at] - log_added), expit(log_added - u[at])
-        first[at] += share
-        rest[at] += other
-        bend[at] += share * other
-    return _Sums(first, rest, bend)
-
-
-def _of_trials(subject: Subject, v: FloatArray) -> _Sums:
-    return _rising(np.zeros((len(v), subject.n_pairs)), v, subject.n_trials)
+def _of_trials(subject: Subject, v: FloatArray) -> Rising:
+    return rising(np.zeros((len(v), subject.n_pairs)), v, subject.n_trials)
 
 
 def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
