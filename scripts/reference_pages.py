@@ -8,22 +8,27 @@ from typing import Any
 
 import typer.main
 
-from bayes_toe.cli.app import app
+from bayes_toe.cli.app import COMMANDS, app
 
 FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.model")
 HELP = "--help"
 
 
 def command_reference() -> str:
-    """Every command with its arguments and options, as Markdown."""
+    """Every command with its arguments and options, by what they are for, as Markdown."""
     commands = typer.main.get_command(app).commands
-    return "\n\n".join(block for name, command in commands.items() for block in _command(name, command))
+    purposes = {purpose: [function.__name__ for function in functions] for purpose, functions in COMMANDS.items()}
+    return "\n\n".join(
+        block
+        for purpose, names in purposes.items()
+        for block in (f"## {purpose}", *(part for name in names for part in _command(name, commands[name])))
+    )
 
 
 def _command(name: str, command: Any) -> Iterator[str]:
     about, _, example = command.help.partition("[bold]Example[/bold]:")
     arguments = [one for one in command.params if one.param_type_name == "argument"]
-    yield f"## {name}"
+    yield f"### {name}"
     yield " ".join(about.split())
     yield f"```sh\n{' '.join(example.split())}\n```"
     panels: dict[str, list[Any]] = {"Arguments": arguments, "Options": []}

@@ -39,7 +39,7 @@ def test_every_page_that_is_made_has_its_place_in_one_document():
 
 def test_every_command_and_option_is_in_the_reference():
     text = reference_pages.command_reference()
-    sections = dict(zip(*[iter(re.split(r"^## (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True))
+    sections = dict(zip(*[iter(re.split(r"^### (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True))
     commands = typer.main.get_command(app).commands
     assert list(sections) == list(commands)
     for name, command in commands.items():

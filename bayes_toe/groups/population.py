@@ -238,7 +238,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         these, and progress is told the name of every subject whose own posterior is done.
     posterior : Draws, optional
         Draws of the subjects' own posteriors under that model (:func:`bayes_toe.analysis.sample`), which are then not sampled again: the
-        columns alone_ are of these, and the group's chains take from them where they start and on which scales. Prior and, by default,
+        columns `alone_` are of these, and the group's chains take from them where they start and on which scales. Prior and, by default,
         seed are theirs. The joint posterior is the same.
     hyperprior : Hyperprior, optional
     scatter : {"normal", "t"}
