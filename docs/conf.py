@@ -37,7 +37,7 @@ autodoc_typehints = "none"  # docstrings say types, with shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
-napoleon_use_rtype = False
+napoleon_use_param = napoleon_use_rtype = False
 
 # --- what it looks like --------------------------------------------------------------------------------------------------------------
 html_theme = "furo"
@@ -65,7 +65,9 @@ def _public(app, env, node, contnode):
     for face in FACES:
         package = import_module(face)
         if name in package.__all__ and getattr(getattr(package, name), "__module__", None) == module:
-            return env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", f"{face}.{name}", node, contnode)
+            known = f"{face}.{name}"
+            said = contnode.astext().replace(f"{module}.{name}", known)
+            return env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", known, node, type(contnode)("", said))
     return None
 
 

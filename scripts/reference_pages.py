@@ -1,6 +1,7 @@
 """Reference pages of the site that are made from the code: the command line, and the public names. Text only; Sphinx is not needed."""
 
 import inspect
+import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -52,7 +53,9 @@ def _spelt(one: Any) -> str:
 def _said(one: Any) -> str:
     known = one.default is not None and one.default != () and not callable(one.default) and not one.is_flag
     default = f" Default: `{one.default}`." if known and one.param_type_name == "option" else ""
-    return " ".join(f"{one.help or ''}{default}".split()).replace("|", "\\|").replace("*", "\\*").replace("<", "\\<")
+    text = " ".join((one.help or "").split()).replace("*", "\\*").replace("<", "\\<")
+    text = re.sub(r"(?<![\w-])--[a-z][a-z-]*", r"`\g<0>`", text)
+    return f"{text}{default}".replace("|", "\\|")
 
 
 def name_reference(face: str) -> str:
