@@ -62,3 +62,9 @@ def test_the_tests_do_not_need_what_the_site_is_built_with():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert any(words.startswith("sphinx") for words in extras["docs"])
     assert not [words for words in extras["test"] if "sphinx" in words or "docs" in words]
+
+
+def test_every_figure_is_in_the_gallery():
+    gallery = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    names = [name for name in import_module("bayes_toe.plots").__all__ if not name.endswith("_axes")]
+    assert [name for name in names if f"bt.plots.{name}(" not in gallery] == ["write_figures"]  # which draws no other ones
