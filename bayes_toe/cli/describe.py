@@ -74,8 +74,21 @@ def predict(
 
 def methods(
     *,
-    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder that run wrote, or draws; population.nc in it is told of.")],
+    results: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULTS", help="Folder that run wrote, or draws; population.nc, compare.csv and sensitivity.csv in it are told of."
+        ),
+    ],
     output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
+    ] = None,
+    sensitivity: Annotated[
+        Path | None,
+        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity; NAME_parts.csv beside it is told of."),
+    ] = None,
     task: TableTask,
 ) -> None:
     """What was done, for a paper: model, priors, sampling and what it reached, versions, citations, tables for a supplement.
@@ -87,7 +100,7 @@ def methods(
     from bayes_toe.data.tables import write_table
 
     markup = markup_for(output)
-    told = read_methods(results)
+    told = read_methods(results, compare, sensitivity)
     tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
     written_files = [output, output.with_suffix(".bib"), *tables]
     task.require_files(*written_files)

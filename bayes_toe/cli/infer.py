@@ -91,10 +91,10 @@ def _group(analysis: Analysis, task: RunningTask) -> Group:
     from bayes_toe.groups.population import population
     from bayes_toe.groups.predictive_check import predictive_check
 
-    study, settings = analysis.study, analysis.settings
-    with task.progress("subjects alone, then the group", len(study)) as tick, warnings.catch_warnings():
+    study, draws = analysis.study, analysis.draws
+    with task.progress("the group", len(study)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # said below
-        found = population(study, seed=settings.seed, prior=settings.prior, workers=task.workers, progress=tick)
+        found = population(study, posterior=draws, workers=task.workers, progress=tick)
     group = Group(found, predictive_check(found))
     for line in answer(found):
         terminal.say(task.console, line)

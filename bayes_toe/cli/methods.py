@@ -12,10 +12,15 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.markup import Done, Latex, Markdown, Markup
+from bayes_toe.cli.methods_of_models import compared_facts, varied_facts
 from bayes_toe.cli.results_folder import draws_in
 from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit
+from bayes_toe.comparison.comparison_file import ComparisonFile, read_comparison
 from bayes_toe.comparison.evidence_file import read_evidence
 from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
+from bayes_toe.comparison.prior_sensitivity import SensitivityTable
+from bayes_toe.comparison.sensitivity_file import read_parts_sensitivity, read_sensitivity
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import is_store
@@ -63,6 +68,8 @@ class Methods:
         Whether corner plots lie beside them.
     notes : tuple of str
         What is there and is not told of, and why.
+    compared, varied, varied_parts : ComparisonFile, SensitivityTable, PartsSensitivity or None
+        Of compare.csv, sensitivity.csv and sensitivity_parts.csv, where these lie beside the draws or are named.
     """
 
     draws: Draws
@@ -70,6 +77,9 @@ class Methods:
     group: Population | None
     figures: bool
     notes: tuple[str, ...]
+    compared: ComparisonFile | None = None
+    varied: SensitivityTable | None = None
+    varied_parts: PartsSensitivity | None = None
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -88,8 +98,8 @@ class Methods:
         return ("parameters", "fit" if self.evidence is None else "order_effect", *(() if self.group is None else ("population",)))
 
 
-def read_methods(results: Path) -> Methods:
-    """What lies in a results folder, or beside a file of draws.
+def read_methods(results: Path, compared: Path | None = None, varied: Path | None = None) -> Methods:
+    """What lies in a results folder, or beside a file of draws; with tables of compare and sensitivity that lie elsewhere.
 
     Raises
     ------
@@ -100,17 +110,47 @@ def read_methods(results: Path) -> Methods:
     draws, beside = load(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
         raise InputError(f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters")
-    evidence, notes = beside / "evidence.csv", []
-    if evidence.exists() and draws.model != PREDICTIVE_UPDATE.name:
-        notes.append(f"{shown(evidence)} is about H1, the draws are of the model {draws.model!r}: left out")
+    notes: list[str] = []
     group = _group(beside / "population.nc", draws)
     if group is None and (beside / "population.csv").exists():
         notes.append(
             f"{shown(beside / 'population.csv')}: left out, since what it was made with is in population.nc, which "
             "bayes-toe population writes"
         )
-    told = evidence.exists() and draws.model == PREDICTIVE_UPDATE.name
-    return Methods(draws, read_evidence(evidence, draws) if told else None, group, (beside / "corner").is_dir(), tuple(notes))
+    evidence = _about_h1(_there(beside / "evidence.csv"), draws, notes)
+    scan = _table(varied, beside, "sensitivity.csv")
+    scan = _about_h1(scan, draws, notes) if varied is None else scan
+    parts = None if scan is None else _there(scan.with_name(f"{scan.stem}_parts{scan.suffix}"))
+    models = _table(compared, beside, "compare.csv")
+    return Methods(
+        draws,
+        None if evidence is None else read_evidence(evidence, draws),
+        group,
+        (beside / "corner").is_dir(),
+        tuple(notes),
+        None if models is None else read_comparison(models, draws),
+        None if scan is None else read_sensitivity(scan, draws),
+        None if parts is None else read_parts_sensitivity(parts, draws),
+    )
+
+
+def _about_h1(path: Path | None, draws: Draws, notes: list[str]) -> Path | None:
+    """A file that only draws of H1 can be told with; otherwise a note that it is left out."""
+    if path is None or draws.model == PREDICTIVE_UPDATE.name:
+        return path
+    notes.append(f"{shown(path)} is about H1, the draws are of the model {draws.model!r}: left out")
+    return None
+
+
+def _table(given: Path | None, beside: Path, name: str) -> Path | None:
+    """The file that was named, or in the folder that was named; otherwise that beside the draws, where there is one."""
+    if given is None:
+        return _there(beside / name)
+    return given / name if given.is_dir() else given
+
+
+def _there(path: Path) -> Path | None:
+    return path if path.exists() else None
 
 
 def _posterior(results: Path) -> Path:
@@ -196,6 +236,8 @@ def _facts(told: Methods) -> dict[str, Any]:
         "misfits": len(wrong),
         "weighed": None if evidence is None else _weighed(evidence),
         "in_short": None if evidence is None else in_short(evidence, synthetic=draws.synthetic),
+        "compared": None if told.compared is None else compared_facts(told.compared),
+        "varied": None if told.varied is None else varied_facts(told.varied, told.varied_parts),
         "group": None if told.group is None else _group_facts(told.group),
     }
 

@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, StudyFile, writes
+from bayes_toe.cli.options import DrawCount, StudyFileOrSaved, writes
+from bayes_toe.cli.saved import belonging_draws
 from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
+    from bayes_toe.data.study import Study
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.predictive_check import PredictiveCheck
+    from bayes_toe.inference.draws import Draws
+    from bayes_toe.model.prior import Prior
 
 _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
@@ -34,7 +38,7 @@ class PopulationTask(KeepingTableTask):
 
 def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
     *,
-    study: StudyFile,
+    study: StudyFileOrSaved,
     output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
         "population.nc"
     ),
@@ -57,6 +61,15 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
             "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 500 trials each."
         ),
     ] = None,
+    posterior: Annotated[
+        Path | None,
+        typer.Option(
+            "--posterior",
+            metavar="RESULTS/posterior.nc",
+            help="Draws that run or sample wrote, in the place of sampling subjects alone: their columns alone_, starts and scales of the "
+            "group's chains, study, prior and, without --seed, seed. The group is sampled, to the same joint posterior.",
+        ),
+    ] = None,
     hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
     task: PopulationTask,
 ) -> None:
@@ -72,28 +85,48 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
 
     files = _beside(output)
     task.require_files(*files)
-    keep = task.partial(output)
+    keep = task.partial(output) if posterior is None else None
     given = None if hyperprior is None else read_hyperprior(hyperprior)
     people = None if covariates is None else read_covariates(covariates)
     if people is None and categorical:
         raise InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
-    read, prior = task.read(study)
-    terminal.say_study(task.console, read)
+    read, prior, stored = _study_and_prior(study, posterior, model, task)
     terminal.say_smaller_models(task.console, read)
-    with task.progress("subjects alone, then the group", len(read)) as tick, warnings.catch_warnings():
+    what = "subjects alone, then the group" if stored is None else "the group"
+    with task.progress(what, len(read)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # said below
         found = infer(
             read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
-            hyperprior=given, scatter=scatter, method=method, correlations=correlations, workers=task.workers, progress=tick, keep=keep,
+            posterior=stored, hyperprior=given, scatter=scatter, method=method, correlations=correlations, workers=task.workers,
+            progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
     _write(found, check, files, task)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
-    task.say_taken(keep)
-    task.finish(keep, failed)
+    if keep is not None:
+        task.say_taken(keep)
+        task.finish(keep, failed)
     say_population(task.console, found, check.warnings)
     task.say_written("written:", *files, seed=found.settings.seed)
     leave_unless_whole(task, failed, {} if found.converged else {"group": found.chains.reason})
+
+
+def _study_and_prior(
+    study: StudyFileOrSaved, posterior: Path | None, model: str, task: PopulationTask
+) -> tuple[Study, Prior, Draws | None]:
+    """What is asked about, said, with the draws that are there already."""
+    stored: Draws | None
+    if posterior is not None:
+        if task.resume:
+            raise InputError("--resume: allowed without --posterior, where subjects are sampled alone")
+        draws = belonging_draws(posterior, study, task, model)
+        read, prior, stored = draws.study, draws.prior, draws
+    elif study.files:
+        (read, prior), stored = task.read(study), None
+    else:
+        raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
+    terminal.say_study(task.console, read)
+    return read, prior, stored
 
 
 def _write(found: Population, check: PredictiveCheck, files: tuple[Path, ...], task: PopulationTask) -> None:

@@ -76,6 +76,30 @@ def read_some_numbers(path: str | Path, key: str, names: Sequence[str]) -> tuple
     return [cells.columns[key].text(row) for row in range(len(cells.rows))], columns
 
 
+def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
+    r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
+
+    Errors as of :func:`read_numbers`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     table = Path(folder, "table.csv")
+    ...     _ = table.write_text("model,value\nsymmetric,0.5\nsymmetric,\n", encoding="utf-8")
+    ...     texts, values = read_rows(table, ["model"], ["value"])
+    >>> texts["model"], values["value"].tolist()
+    (['symmetric', 'symmetric'], [0.5, nan])
+    """
+    needed = [*texts, *names]
+    header, text = read_header(path, frozenset(needed))
+    cells = read_cells(header, text, *_places(header, needed, ()))
+    values = {name: numbers(cells, cells.columns[name]) for name in names}
+    wrong = {name: np.isnan(found) & ~is_empty(cells.columns[name]) for name, found in values.items()}
+    refuse(header.source, [cells.fault, *(number_fault(cells, cells.columns[name], bad) for name, bad in wrong.items())])
+    return {name: [cells.columns[name].text(row) for row in range(len(cells.rows))] for name in texts}, values
+
+
 def _places(header: Header, needed: Sequence[str], optional: Sequence[str]) -> tuple[dict[str, int], list[str]]:
     """Where the columns are that the file has, and what is wrong with its header."""
     counts = {name: header.names.count(name) for name in (*needed, *optional)}

@@ -10,9 +10,11 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
 from bayes_toe.groups.told import Funnel, Told
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
+from bayes_toe.inference.draws import Draws
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
@@ -80,20 +82,52 @@ def alone(subject: Subject, model: Model, prior: Prior, centre: float, draws: in
     posterior = Posterior(subject, model, prior, centre=centre)
     fitted = fit_proposal(posterior, generator(seed, subject.name, model.name, "alone"), draws=draws)
     some = np.isfinite(fitted.draws.log_posterior)
-    x, weights = fitted.draws.x[some], fitted.draws.shares[some]
-    believed = posterior.sample_prior(generator(seed, subject.name, "prior"), _PRIOR_DRAWS)
+    x = fitted.draws.x[some]
     eta = posterior.to_group(x)
-    at, first = (_tellable(posterior, *points) for points in ((x, eta), (believed, posterior.to_group(believed))))
-    place = weights @ at
-    gained = 1.0 / (weights @ np.square(at - place)) - 1.0 / first.var(axis=0)
-    with np.errstate(divide="ignore"):  # nothing told: a precision of 0
-        log_precision = np.log(np.where(gained > 0.0, gained, 0.0))
+    told = _told(posterior, x, eta, fitted.draws.shares[some], seed)
     _, jacobian = posterior.from_group(eta)
     log_prior = posterior.log_prior(x) + np.log(np.diagonal(jacobian, axis1=1, axis2=2)).sum(axis=1)
     log_weights = fitted.draws.log_weights[some] + np.log(len(x) / len(fitted.draws.x))  # those of density 0 count as draws
     shares = np.exp(smoothed_weights(log_weights).log_weights)
     equal = eta[generator(seed, subject.name, "alone").choice(len(eta), _EQUAL, p=shares / shares.sum())]
-    return Alone(subject.name, eta, log_weights, log_prior, equal, log_precision, place, fitted.trusted)
+    return Alone(subject.name, eta, log_weights, log_prior, equal, *told, fitted.trusted)
+
+
+def alone_from_draws(draws: Draws, name: str, model: Model, centre: float, seed: int) -> Alone:
+    """The same from draws of the subject's own posterior that are there already, of equal weight; none that could be weighted anew.
+
+    Raises
+    ------
+    InputError
+        If the subject met other first stimuli than the group, and the model counts from their mean.
+    """
+    own = Posterior(draws.subject(name), model, draws.prior)
+    if _counts_from_centre(model) and not np.isclose(own.sbar, centre):
+        raise InputError(
+            f"posterior: subject {name!r} met other first stimuli than the group, and {model.name!r} counts from their mean; "
+            "allowed: no posterior"
+        )
+    posterior = replace(own, centre=centre)
+    x = posterior.points({key: draws.values(name, key).ravel() for key in draws.parameters})
+    eta = posterior.to_group(x)
+    told = _told(posterior, x, eta, np.full(len(x), 1.0 / len(x)), seed)
+    equal = eta[generator(seed, name, "alone").choice(len(eta), _EQUAL)]
+    return Alone(name, eta[:0], np.empty(0), np.empty(0), equal, *told, name not in draws.not_converged)
+
+
+def _counts_from_centre(model: Model) -> bool:
+    """Whether what is stored depends on the mean first stimulus: of an offset beside a pull of its own, of a slope of the noise."""
+    return ("offset" in model.group and model.pull is not None) or "noise_slope" in model.coordinates
+
+
+def _told(posterior: Posterior, x: FloatArray, eta: FloatArray, shares: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Log precision and place of every parameter by the answers, from weighted draws less what the prior knows, shape (k,) each."""
+    believed = posterior.sample_prior(generator(seed, posterior.subject.name, "prior"), _PRIOR_DRAWS)
+    at, first = (_tellable(posterior, *points) for points in ((x, eta), (believed, posterior.to_group(believed))))
+    place = shares @ at
+    gained = 1.0 / (shares @ np.square(at - place)) - 1.0 / first.var(axis=0)
+    with np.errstate(divide="ignore"):  # nothing told: a precision of 0
+        return np.log(np.where(gained > 0.0, gained, 0.0)), place
 
 
 def _tellable(posterior: Posterior, x: FloatArray, eta: FloatArray) -> FloatArray:

@@ -14,9 +14,10 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.notebook import as_html
+from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
-from bayes_toe.groups.alone import Alone, alone, told_by
+from bayes_toe.groups.alone import Alone, alone, alone_from_draws, told_by
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
@@ -28,6 +29,8 @@ from bayes_toe.groups.population_table import PopulationTable, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
 from bayes_toe.groups.reweighting import WEIGHTED, Reweighted, reweight_group
 from bayes_toe.groups.scatter import Scatter, scatter_named
+from bayes_toe.inference.belonging import require_belonging
+from bayes_toe.inference.draws import Draws
 from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model, Posterior
@@ -206,6 +209,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     draws: int = 2000,
     seed: int | None = None,
     prior: Prior | str | None = None,
+    posterior: Draws | None = None,
     hyperprior: Hyperprior | None = None,
     scatter: str = "normal",
     method: str = "joint",
@@ -232,6 +236,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     seed, prior, workers, engine, progress, keep
         As in :func:`bayes_toe.analysis.sample`; the prior is that of subjects alone and does not enter the joint posterior. `keep` keeps
         these, and progress is told the name of every subject whose own posterior is done.
+    posterior : Draws, optional
+        Draws of the subjects' own posteriors under that model (:func:`bayes_toe.analysis.sample`), which are then not sampled again: the
+        columns `alone_` are of these, and the group's chains take from them where they start and on which scales. Prior and, by default,
+        seed are theirs. The joint posterior is the same.
     hyperprior : Hyperprior, optional
     scatter : {"normal", "t"}
         How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
@@ -244,7 +252,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     Raises
     ------
     InputError
-        If there are fewer than two subjects, a word or number is not allowed, or covariates do not fit.
+        If there are fewer than two subjects, a word or number is not allowed, covariates do not fit, or the posterior is of another study,
+        model or prior.
 
     Warns
     -----
@@ -261,34 +270,85 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     given = Hyperprior() if hyperprior is None else hyperprior
     shared = workers if engine is None else engine
     with keeping(keep) as kept:
+        seed, prior = _of_posterior(posterior, study, model, seed, prior)
         numbers = prior_for(study, prior), given.for_study(study)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
         correlated = _tells_correlations(study.select(who.subjects), method) if correlations is None else correlations
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, method, correlated)
-        made = _drawn(study, settings, who, workers=shared, progress=progress, kept=kept)
+        made = _drawn(study, settings, who, posterior, workers=shared, progress=progress, kept=kept)
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return made
 
 
+def _of_posterior(
+    posterior: Draws | None, study: Study, model: str, seed: int | None, prior: Prior | str | None
+) -> tuple[int | None, Prior | str | None]:
+    """Seed and prior, those of stored draws where there are any; which are refused where they belong to something else."""
+    if posterior is None:
+        return seed, prior
+    where = "posterior" if posterior.file is None else shown(posterior.file)
+    given = None if prior is None else prior_for(study, prior)
+    require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
+    return posterior.seed if seed is None else seed, posterior.prior
+
+
 def _drawn(
-    study: Study, settings: GroupSettings, who: Regressors, *, workers: Workers, progress: Progress | None, kept: Kept | Unkept
+    study: Study,
+    settings: GroupSettings,
+    who: Regressors,
+    posterior: Draws | None,
+    *,
+    workers: Workers,
+    progress: Progress | None,
+    kept: Kept | Unkept,
 ) -> Population:
     model, scatter = _model(settings.model), scatter_named(settings.scatter)
-    _require(settings, who)
+    _require(settings, who, posterior)
     centre = mean_first(study)
-    weighted = WEIGHTED if settings.method == "reweight" else 0
-    jobs = [partial(_member, weighted, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
-    done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
-    failed = {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
-    if len(who.subjects) - len(failed) < _FEWEST:
+    if posterior is None:
+        members, failed = _sampled(study, settings, who, model, centre, workers=workers, progress=progress, kept=kept)
+    else:
+        members, failed = _stored(posterior, settings, who, model, centre, progress)
+    if len(members) < _FEWEST:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    members, who = list(done), who.without(failed)
+    who = who.without(failed)
     group = study.select(who.subjects)
     chains = _chains(members, group, settings, model, scatter, centre, who)
     own = np.stack([one.equal for one in members], axis=1)
     rough = tuple(one.name for one in members if not one.trusted)
     return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
+
+
+def _sampled(
+    study: Study,
+    settings: GroupSettings,
+    who: Regressors,
+    model: Model,
+    centre: float,
+    *,
+    workers: Workers,
+    progress: Progress | None,
+    kept: Kept | Unkept,
+) -> tuple[list[Alone], dict[str, str]]:
+    """Every subject alone, and whose work was lost."""
+    weighted = WEIGHTED if settings.method == "reweight" else 0
+    jobs = [partial(_member, weighted, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
+    done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
+    return list(done), {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
+
+
+def _stored(
+    posterior: Draws, settings: GroupSettings, who: Regressors, model: Model, centre: float, progress: Progress | None
+) -> tuple[list[Alone], dict[str, str]]:
+    """The same from draws that are there already."""
+    members = []
+    for name in who.subjects:
+        if name not in posterior.failed:
+            members.append(alone_from_draws(posterior, name, model, centre, settings.seed))
+            if progress is not None:
+                progress(name)
+    return members, dict(posterior.failed)
 
 
 def _member(weighted: int, *given: Any) -> Alone:
@@ -319,9 +379,11 @@ def _tells_correlations(group: Study, method: str) -> bool:
     return method == "joint" and sum(one.total_trials >= LONG for one in group) >= MANY
 
 
-def _require(settings: GroupSettings, who: Regressors) -> None:
+def _require(settings: GroupSettings, who: Regressors, posterior: Draws | None) -> None:
     if settings.method not in METHODS:
         raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
+    if settings.method == "reweight" and posterior is not None:
+        raise InputError("population: method 'reweight' with a posterior, whose draws are not independent; allowed: method 'joint'")
     if settings.method == "reweight" and settings.scatter != "normal":
         raise InputError(f"population: method 'reweight' with scatter {settings.scatter!r}, allowed: 'normal', or method 'joint'")
     if settings.method == "reweight" and settings.correlations:

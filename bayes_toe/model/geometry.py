@@ -114,7 +114,7 @@ def axis_band(theta: Natural, s1: npt.ArrayLike, levels: tuple[float, ...] = (0.
 
 
 def displacement(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
-    """Signed label of a pair's class, d = s2 - mu_2(s1), natural-log units; q is a function of |d|. Source: Results, New symmetries.
+    """Signed label of a pair's class, d = s2 - mu_2(s1), natural-log units; q depends on its magnitude. Source: Results, New symmetries.
 
     Examples
     --------

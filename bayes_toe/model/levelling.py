@@ -116,7 +116,7 @@ class Levelling:
         y = x.copy()
         y[:, 0] = (x[:, 0] - mean) * np.exp(-log_spread)
         y[:, self.logits] = probit_of_logit(x[:, self.logits])
-        return y, self._log_volume(x, y) - log_spread
+        return y, self._log_volume(y) - log_spread
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there, shape (points,).
@@ -129,10 +129,10 @@ class Levelling:
         x[np.abs(y[:, self.logits]).max(axis=1) > FARTHEST] = nowhere(y.shape[1], 2)
         mean, log_spread = self._conditional(x)
         x[:, 0] = mean + y[:, 0] * np.exp(log_spread)
-        return x, self._log_volume(x, y) - log_spread
+        return x, self._log_volume(y) - log_spread
 
-    def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
+    def _log_volume(self, y: FloatArray) -> FloatArray:
+        return np.asarray(log_slope(y[:, self.logits]).sum(axis=1))
 
     def _conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
@@ -163,14 +163,14 @@ class Probits:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
         y = x.copy()
         y[:, self.logits] = probit_of_logit(x[:, self.logits])
-        return y, self._log_volume(x, y)
+        return y, self._log_volume(y)
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unconstrained coordinates x of y, shape (points, k), and log |dy/dx| there; points beyond :data:`FARTHEST` are nowhere."""
         x = y.copy()
         x[:, self.logits] = logit_of_probit(y[:, self.logits])
         x[(np.abs(y[:, self.logits]) > FARTHEST).any(axis=1)] = nowhere(y.shape[1], self.log_width)
-        return x, self._log_volume(x, y)
+        return x, self._log_volume(y)
 
-    def _log_volume(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(log_slope(x[:, self.logits], y[:, self.logits]).sum(axis=1))
+    def _log_volume(self, y: FloatArray) -> FloatArray:
+        return np.asarray(log_slope(y[:, self.logits]).sum(axis=1))

@@ -346,7 +346,7 @@ class Update:
         far = 1.0 / MAX_PULL - p
         a = logit_gamma + np.log(far)
         down = expit(-a)
-        slope = np.exp(-log_slope(logit_gamma, probit)) * (1.0 - p) / ((1.0 + p) * (down + expit(a) / far))
+        slope = np.exp(-log_slope(probit)) * (1.0 - p) / ((1.0 + p) * (down + expit(a) / far))
         return GroupPull(a, slope, p, p * down * slope)
 
 

@@ -6,10 +6,9 @@ Where data leave a share open its logit has exponential tails, its probit normal
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import log_expit, log_ndtr, ndtri_exp
+from scipy.special import erfcx, log_expit, log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.distributions import LOG_2PI
 
 
 def probit_of_logit(logit: FloatArray) -> FloatArray:
@@ -28,6 +27,13 @@ def logit_of_probit(probit: FloatArray) -> FloatArray:
     return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
 
 
-def log_slope(logit: FloatArray, probit: FloatArray) -> FloatArray:
-    """Log d(probit)/d(logit) = log [expit(logit) expit(-logit) / phi(probit)] where both stand for one share."""
-    return np.asarray(log_expit(logit) + log_expit(-logit) + 0.5 * (np.square(probit) + LOG_2PI))
+def log_slope(probit: FloatArray) -> FloatArray:
+    """Log d(probit)/d(logit) = log [Phi(y) Phi(-y) / phi(y)] at the probit y, by Mills' ratio: far out nothing cancels.
+
+    Examples
+    --------
+    >>> log_slope(np.array([0.0, 1e12])).round(3).tolist()
+    [-0.467, -27.631]
+    """
+    far = np.abs(probit)
+    return np.asarray(log_ndtr(far) + np.log(erfcx(far * np.sqrt(0.5))) + 0.5 * np.log(0.5 * np.pi))

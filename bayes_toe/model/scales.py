@@ -160,4 +160,4 @@ class Logit:
     def from_group(self, eta: FloatArray) -> Slopes:
         """The logit of the share."""
         x = logit_of_probit(eta)
-        return x, np.exp(-log_slope(x, eta))
+        return x, np.exp(-log_slope(eta))

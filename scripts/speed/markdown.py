@@ -45,7 +45,7 @@ def _opening(report: Report) -> Iterator[str]:
         "# Speed against error",
         "",
         "Every method on the same subjects, in one run, on one machine, against deterministic integration"
-        " ([tests/reference](../tests/reference)). Times of one run of one subject; what compiles does so apart."
+        " ([tests/reference](../tests/reference/README.md)). Times of one run of one subject; what compiles does so apart."
         " No row is left out because it looks bad; what failed or was not run is listed with its reason.",
         "",
         "![Wall time against error, per method](speed_vs_error.png)",

@@ -50,7 +50,7 @@ def test_without_a_group_there_is_no_section_and_files_of_one_before_go(analysis
     assert not any((out / name).exists() for name in GROUP_PRODUCTS)
 
 
-def test_run_computes_the_group_with_its_own_seed_and_leaves_with_3_where_it_did_not_converge(analysis, tmp_path, monkeypatch):
+def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(analysis, tmp_path, monkeypatch):
     asked = {}
 
     def population(study, **options):
@@ -61,8 +61,8 @@ def test_run_computes_the_group_with_its_own_seed_and_leaves_with_3_where_it_did
     monkeypatch.setattr("bayes_toe.analysis.run", lambda *_, **__: analysis)
     file = grouped_csv(tmp_path / "study.csv", analysis.study)
     done = inside("run", file, "-o", tmp_path / "out", "--population", "--pictures", "none", "--seed", 5, "--workers", 1)
-    assert (done.returncode, asked["names"], asked["seed"]) == (3, analysis.study.names, analysis.settings.seed)
-    assert asked["prior"] == analysis.settings.prior
+    assert (done.returncode, asked["names"]) == (3, analysis.study.names)
+    assert asked["posterior"] is analysis.draws  # whose prior and seed are the group's
     assert "order effect of the population: " in done.stdout
     assert "attention the group's chains did not converge: few draws" in done.stdout
     assert "population.csv, population_subjects.csv, population.png, population.nc" in done.stdout

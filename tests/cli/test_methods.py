@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from populations import made_up
 import bayes_toe as bt
 from bayes_toe.cli.headline import in_short
 from bayes_toe.cli.markup import Latex, Markdown
+from bayes_toe.comparison.words import compared
+from bayes_toe.comparison.words import order_effect as evidence_words
 from bayes_toe.inference.draws import Draws
 
 FILES = {"m.md", "m.bib", "m_parameters.csv", "m_parameters.tex", "m_order_effect.csv", "m_order_effect.tex"}
@@ -150,6 +153,93 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     done = inside("methods", tmp_path, "-o", tmp_path / "n.md")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "population.nc: found other answers than the draws have of C" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def tables(small_study, tmp_path_factory):
+    """A folder with the tables of a comparison of few models, and of three values of each number of the prior."""
+    folder, models = tmp_path_factory.mktemp("tables"), ["free frequencies", "symmetric", "constant bias", "predictive update"]
+    found = bt.compare(small_study, models, draws=200, seed=1, workers=1)
+    found.save(folder / "compare.csv")
+    varied = bt.sensitivity(small_study, steps=3, seed=5, workers=1)
+    varied.save(folder / "sensitivity.csv")
+    moved = bt.parts_sensitivity(small_study, models, factors=(0.5, 1.0, 2.0), seed=5, workers=1)
+    moved.save(folder / "sensitivity_parts.csv")
+    return folder, found, varied, moved
+
+
+def test_a_comparison_and_a_sensitivity_are_told_of(results, tables):
+    folder, found, varied, moved = tables
+    text, _ = document(results, "--compare", folder, "--sensitivity", folder / "sensitivity.csv")
+    (order,), best = found.parts, Counter(row.model for row, _ in found.best_compositions().values())
+    kinds = Counter(evidence_words(np.log(order.probability[i])) for i in range(3))
+    said = [
+        "3 models, the combinations of the parts order (none, constant error, update), and free frequencies (H0) were compared",
+        f"largest Pareto k-hat {max(row.pareto_k for row in found if row.pareto_k is not None):.2f}",
+        *(f"{word} for {count}" for word, count in kinds.items()),
+        f"P(update) {compared(order.study[2])}",
+        f"The model with the highest evidence: {', '.join(f'{name} for {count}' for name, count in best.most_common())}.",
+        "It describes the answers of all (no posterior predictive p-value below 0.01).",
+        f"of {len(varied.rows)} values by draws that were made anew",
+        "mu1\\_sd 2.5 to 40",
+        f"is the same at every value of the priors of all of them for {sum(not moved.turns(name) for name in 'ABC')} of 3 subjects",
+    ]
+    assert [one for one in said if one not in text] == []
+    turning = [name for name in varied.names if any(varied.turns(name, number) for number in varied.varied)]
+    assert (f"Its sign turns within this range for {len(turning) or 'none'} of 3 subjects") in text
+    assert "@penny2010" in text
+    assert "penny2010" in (results / "text" / "m.bib").read_text(encoding="utf-8")
+    assert "Comparison of models" not in document(results)[0]
+
+
+def test_tables_beside_the_draws_are_found_and_what_they_lack_is_said(results, tables, tmp_path):
+    for path in (*results.glob("*.nc"), *tables[0].iterdir()):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    frame = pd.read_csv(tmp_path / "compare.csv")
+    frame.loc[(frame.subject == "A") & (frame.model == "symmetric"), ["log_evidence", "log_evidence_se"]] = np.nan
+    frame.loc[frame.subject == "B", "p_predictive"] = 0.001
+    frame.to_csv(tmp_path / "compare.csv", index=False)
+    (tmp_path / "sensitivity_parts.csv").unlink()
+    text, _ = document(tmp_path)
+    assert "Some evidence was withheld for A." in text
+    assert "no estimate for 1 of 3 subjects" in text
+    assert re.search(r"Even this one does not describe the answers of B \(p = 0.001\)", text)
+    assert "Sensitivity to the prior" in text
+    assert "likeliest order effect is the same" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("compare.csv", "Normal(0, 10)", "Normal(0, 9)", "compare.csv, column prior: found"),
+        (
+            "compare.csv",
+            "A,free frequencies,13,-",
+            "A,free frequencies,13,-1",
+            "found other answers than the draws have of 'A'",
+        ),
+        ("compare.csv", "C,symmetric", "D,symmetric", "compare.csv: found other subjects than the draws have, 'D'"),
+        ("compare.csv", "C,symmetric", "C,other", "compare.csv: no row of subject 'A' with model 'other'"),
+        ("compare.csv", "p_predictive", "p", "column p_predictive: missing"),
+        ("sensitivity.csv", "Normal(0, 40)", "Normal(0, 41)", "sensitivity.csv, column prior: found"),
+        ("sensitivity.csv", "A,mu1_sd,4.0,40.0", "A,mu1_sd,4.0,x", "column value: found 'x'"),
+        (
+            "sensitivity_parts.csv",
+            "mu1_sd,1.0,10.0",
+            "mu1_sd,1.0,11.0",
+            "found a range of 'mu1_sd' about another prior",
+        ),
+    ],
+)
+def test_tables_of_another_analysis_are_one_line(results, tables, tmp_path, name, old, new, said):
+    for path in tables[0].iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    text = (tmp_path / name).read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / name).write_text(text.replace(old, new), encoding="utf-8")
+    done = inside("methods", results, "-o", tmp_path / "m.md", "--compare", tmp_path, "--sensitivity", tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
 
 
 @pytest.mark.parametrize(

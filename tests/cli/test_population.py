@@ -88,6 +88,24 @@ def test_what_is_refused(folder, options, said):
     assert not [*folder.glob("population*"), *folder.glob("other*")]
 
 
+def test_stored_draws_are_not_sampled_again(folder):
+    assert inside("sample", "study.csv", "-o", "posterior.nc", *OPTIONS, cwd=folder).returncode in (0, 3)
+    of_draws = ("population", "--posterior", "posterior.nc", "-o", "stored.nc", "--draws", "200")
+    done = inside(*of_draws, cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "seed 1; written: stored.nc" in done.stdout
+    assert bt.load_population(folder / "stored.nc").study.names == tuple("ABCDE")
+    for option, said in (
+        (("--resume", "--overwrite"), "--resume: allowed without --posterior"),
+        (("--overwrite", "--model", "constant bias"), "posterior.nc: found draws of the model 'predictive update'"),
+        (("-o", "posterior.nc", "--overwrite"), "posterior.nc: this command reads that file"),
+    ):
+        refused = inside(*of_draws, *option, cwd=folder)
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+        assert said in refused.stderr
+    assert "STUDY.csv: missing, allowed: a file, or --posterior" in inside("population", "-o", "none.nc", cwd=folder).stderr
+
+
 def test_a_table_does_not_take_the_place_of_the_study(folder):
     """population -o study.nc writes study.csv beside it."""
     before = (folder / "study.csv").read_bytes()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import few_pairs
 
+import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
 from bayes_toe.groups.alone import alone
@@ -94,3 +95,49 @@ def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
     found = run()
     assert found.rough == ("B",)
     assert found.shortfalls[0] == "subject 'B' alone: few of the draws count, so that its columns alone_ are rough"
+
+
+# --- draws that are there already ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stored():
+    return bt.sample(STUDY, draws=1000, seed=1, workers=1)
+
+
+def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, monkeypatch):
+    """24 z scores: false alarms once in 1500 runs."""
+
+    def sampled(*_):
+        raise AssertionError("a subject was sampled alone")
+
+    monkeypatch.setattr("bayes_toe.groups.population.alone", sampled)
+    other = run(posterior=stored, seed=None)
+    assert (other.settings.seed, other.settings.prior, other.rough) == (1, stored.prior, ())
+    pairs = [(getattr(found.chains, name)[..., j], getattr(other.chains, name)[..., j]) for name in ("mean", "scatter") for j in range(4)]
+    pairs += [(found.chains.eta[:, :, i, j], other.chains.eta[:, :, i, j]) for i in range(2) for j in range(4)]
+    for one, two in pairs:
+        assert abs(one.mean() - two.mean()) < 4.2 * np.hypot(errors(one).mean, errors(two).mean)
+    mine = stored.values("B", "mu1")
+    assert other.alone.shape == found.alone.shape
+    assert abs(np.median(other.alone[:, 1, 0]) - np.median(mine)) < 0.1 * mine.std()
+    assert set(other.alone[:, 1, 3]) <= set(other.posterior("B").to_group(stored.points("B").reshape(-1, 4))[:, 3])
+
+
+def test_stored_draws_of_something_else_are_refused(run, stored):
+    for what, said in (
+        ({"study": few_pairs(["A", "B"])}, "posterior: found draws of subject 'C', whom .* does not have"),
+        ({"model": "constant bias"}, "posterior: found draws of the model 'predictive update', allowed: 'constant bias'"),
+        ({"prior": bt.Prior(mu1_sd=1.0)}, "posterior: found draws under .*; allowed: that prior, or none, given"),
+        ({"method": "reweight"}, "method 'reweight' with a posterior, whose draws are not independent; allowed: method 'joint'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            run(posterior=stored, **what)
+
+
+def test_what_counts_from_the_mean_first_stimulus_asks_for_the_same_one(run):
+    first, *others = STUDY
+    apart = bt.Study([bt.Subject("A", first.s1 + 0.2, first.s2 + 0.2, first.n_equal, first.n_trials), *others])
+    weighting = bt.sample(apart, model="free weighting", draws=50, seed=1, workers=1)
+    with pytest.raises(InputError, match="subject 'A' met other first stimuli than the group, and 'free weighting' counts from their mean"):
+        run(apart, model="free weighting", posterior=weighting, hyperprior=None)

@@ -1,0 +1,99 @@
+"""What a text for a methods section says of a comparison of models, and of how conclusions move with the prior."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.cli.headline import p_value
+from bayes_toe.comparison.comparison_file import ComparisonFile
+from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
+from bayes_toe.comparison.parts_table import STUDY, PartTable
+from bayes_toe.comparison.prior_sensitivity import SensitivityTable
+from bayes_toe.comparison.reweighting import RESAMPLED
+from bayes_toe.comparison.words import KINDS, POSITIVE, STATED, compared, order_effect
+from bayes_toe.data.messages import counted, listed
+from bayes_toe.inference.predictive_checks import MISFIT
+
+_MOST_NAMED = 10
+#: The levels of the part order for which there are words of their own, and those words that are no level.
+ORDERS = ("none", "constant error", "update")
+SOME, UNDECIDED, WITHHELD = "some order effect", "undecided", "no estimate"
+
+
+def compared_facts(table: ComparisonFile) -> dict[str, Any]:
+    """Which models, how sure, what each part is, and whether the best model describes the answers."""
+    best = table.best
+    composed = [record.name for record in table.records if record.levels]
+    wrong = [f"{name} (p {'' if (p := p_value(fit)).startswith('<') else '= '}{p})" for name, (_, fit) in best.items() if fit < MISFIT]
+    errors, ks = table.log_evidence_se[~np.isnan(table.log_evidence_se)], table.pareto_k[~np.isnan(table.pareto_k)]
+    withheld = np.isnan(table.log_evidence).sum(axis=1)
+    return {
+        "models": counted(len(composed), "model"),
+        "named": "" if table.parts else listed(composed, _MOST_NAMED),
+        "free": len(composed) < len(table.records),
+        "parts": "; ".join(f"{part.part} ({', '.join(part.levels)})" for part in table.parts),
+        "error": f"{errors.max():.2g}" if len(errors) else "",
+        "pareto_k": f"{ks.max():.2f}" if len(ks) else "",
+        "scale": STATED.partition(" (Kass")[0],
+        "withheld": listed([name for name, missing in zip(table.subjects, withheld, strict=True) if missing], _MOST_NAMED),
+        "found": [_found(part, table.subjects) for part in table.parts],
+        "best": ", ".join(f"{name} for {count}" for name, count in Counter(name for name, _ in best.values()).most_common()),
+        "judged": not all(np.isnan(fit) for _, fit in best.values()),
+        "wrong": listed(wrong, _MOST_NAMED),
+    }
+
+
+def _found(part: PartTable, subjects: tuple[str, ...]) -> str:
+    """How many subjects have which level, and how probable each is for a new subject."""
+    with np.errstate(divide="ignore"):  # a probability below the smallest float
+        logs = np.log(part.probability)
+    kinds = part.part == "order" and part.levels == ORDERS
+    words = Counter(
+        order_effect(row) if kinds else _level(row, part.levels) for row in [None if np.isnan(row).any() else row for row in logs]
+    )
+    named = [word for word in (*(KINDS if kinds else part.levels), SOME, UNDECIDED, WITHHELD) if words[word]]
+    said = f"{part.part}: {', '.join(f'{word} for {words[word]}' for word in named)} of {counted(len(subjects), 'subject')}"
+    if part.study is None:
+        return said
+    shares = ", ".join(f"P({level}) {compared(p)}" for level, p in zip(part.levels, part.study.tolist(), strict=True))
+    return f"{said}; of a new subject, {shares}"
+
+
+def _level(logs: FloatArray | None, levels: tuple[str, ...]) -> str:
+    """The level with positive evidence against each other one."""
+    if logs is None:
+        return WITHHELD
+    order = np.sort(logs)
+    return levels[logs.argmax()] if order[-1] - order[-2] >= POSITIVE else UNDECIDED
+
+
+def varied_facts(table: SensitivityTable, parts: PartsSensitivity | None) -> dict[str, Any]:
+    """Over which priors, by which means, and whose conclusion is another one under some of them."""
+    turning = {name: [f"{varied} = {listed([f'{value:.3g}' for value in table.turns(name, varied)], 3)}" for varied in table.varied
+                      if table.turns(name, varied)] for name in table.names}  # fmt: skip
+    withheld = sorted({row.subject for row in table if row.log_bayes_factor is None})
+    return {
+        "ranges": ", ".join(_range(table, varied) for varied in table.varied),
+        "rows": f"{len(table.rows):,}",
+        "anew": f"{sum(row.method == RESAMPLED for row in table):,}",
+        "subjects": counted(len(table.names), "subject"),
+        "turning": listed([f"{name} ({', '.join(where)})" for name, where in turning.items() if where], _MOST_NAMED),
+        "many": sum(bool(where) for where in turning.values()),
+        "withheld": listed(withheld, _MOST_NAMED),
+        "parts": None if parts is None else _moving(parts),
+    }
+
+
+def _range(table: SensitivityTable, varied: str) -> str:
+    values = [row.value for row in table.of(table.names[0], varied)]
+    return f"{varied} {min(values):g} to {max(values):g}"
+
+
+def _moving(parts: PartsSensitivity) -> dict[str, Any]:
+    subjects = [name for name in parts.subjects if name != STUDY]
+    moving = [name for name in subjects if parts.turns(name)]
+    return {"still": len(subjects) - len(moving), "subjects": counted(len(subjects), "subject"), "moving": listed(moving, _MOST_NAMED)}
