@@ -168,10 +168,15 @@ def assert_agrees(target, x, tolerance, digits=DIGITS):
             assert (np.abs(value - truth) <= tolerance * np.maximum(size, 1e-80)).all(), (target.model.name, value, truth, size)
 
 
-def subject(isi, scale=1):
+def subject(isi, scale=1.0):
     s1, s2 = [0.0, 0.0, 0.5, 0.25, 0.125], [0.0, 0.5, 0.0, 0.375, 0.75]
     counts = np.array([45, 20, 15, 30, 2]), np.array([50, 50, 50, 40, 50])
-    return Subject("S", s1, s2, scale * counts[0], scale * counts[1], isi)
+    return Subject("S", s1, s2, *((scale * part).astype(int) for part in counts), isi)
+
+
+def scale(name, most=1.0):
+    """Beta-binomial answers go one by one: there of a fifth as many, for time's sake."""
+    return 0.2 if "beta-binomial" in name else most
 
 
 @pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
@@ -179,7 +184,7 @@ def subject(isi, scale=1):
 @settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_derivatives_of_every_rung(name, isi, data):
-    target = posterior_of(subject(isi), PRIOR, model=name)
+    target = posterior_of(subject(isi, scale=scale(name)), PRIOR, model=name)
     ranges = {"offset": (-0.6, 0.6), "offset_score": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
     ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
     # Subnormal ones left out: a displacement that underflows lies beyond the kink that an exponent of 1 has at z = 0.
@@ -197,8 +202,7 @@ FAR |= {"noise_slope": [-40.0, 40.0], "logit_lapse_rate": [-60.0, 30.0], "log_ex
 @pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
 @pytest.mark.parametrize("name", RUNGS + COMPOSED)
 def test_derivatives_far_out(name, isi):
-    scale = 1 if "beta-binomial" in name else 1000
-    target = posterior_of(subject(isi, scale=scale), Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0), model=name)
+    target = posterior_of(subject(isi, scale=scale(name, 1000.0)), Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0), model=name)
     middle = {"offset": 0.31, "offset_score": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
     middle |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
     for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
