@@ -31,6 +31,7 @@ from .population import new_subject_axes as new_subject_axes
 from .population import population_figure as population_figure
 from .population import predictive_check_axes as predictive_check_axes
 from .power import interval_width_axes as interval_width_axes
+from .power import population_power_axes as population_power_axes
 from .power import power_axes as power_axes
 from .power import power_figure as power_figure
 from .prior_predictive import prior_predictive_axes as prior_predictive_axes
