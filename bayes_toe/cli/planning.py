@@ -14,6 +14,7 @@ from bayes_toe.cli.options import Seed, writes
 from bayes_toe.cli.task import KeepingTableTask, ModelTask, TableTask, WritingTask, leave_unless_whole
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
+from bayes_toe.planning.aims import AIMS
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from bayes_toe.planning.stopping import StoppingTable
     from bayes_toe.planning.study_design import StudyDesign
 
-_AIMS = ("update", "gain", "mu1", "width", "parameters")
 _POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
 _STOPPING, _POPULATION = "power_stopping.csv", "power_population.csv"
 Observers = Annotated[
@@ -193,7 +193,7 @@ def design(
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
     space: LevelOptions,
-    aim: Annotated[str, typer.Option("--for", metavar="|".join(_AIMS), help="Name the update, or know a quantity, or all.")] = "update",
+    aim: Annotated[str, typer.Option("--for", metavar="|".join(AIMS), help="Name the update, or know a quantity, or all.")] = "update",
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
     task: DesignTask,

@@ -174,10 +174,9 @@ class Adaptive:
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
         """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
-        columns = [self.pairs.s1, self.pairs.s2, *([] if self.pairs.isi is None else [self.pairs.isi])]
         content = {
             "format": _FORMAT,
-            "pairs": np.stack(columns, axis=1).tolist(),
+            "pairs": np.stack(self.pairs.pairs.columns, axis=1).tolist(),
             "model": list(self._clouds),
             "prior": asdict(self.prior),
             **{key: getattr(self, key) for key in ("seed", "about", "draws")},
@@ -229,8 +228,7 @@ class Adaptive:
             done, self._work = (done, None) if portion is None else (done + portion, self._work)
 
     def _pair(self, index: int) -> Pair:
-        columns = (self.pairs.s1, self.pairs.s2, *(() if self.pairs.isi is None else (self.pairs.isi,)))
-        return tuple(float(column[index]) for column in columns)
+        return tuple(float(column[index]) for column in self.pairs.pairs.columns)
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their P(equal) of every pair, (draws, pairs), and the entropy of these answers.

@@ -270,8 +270,7 @@ def comparisons(design: StudyDesign) -> FloatArray:
     [[0.0, 0.3]]
     """
     weak, strong = np.minimum(design.s1, design.s2), np.maximum(design.s1, design.s2)
-    columns = [weak, strong, *([] if design.isi is None else [design.isi])]
-    return np.unique(np.column_stack(columns)[weak < strong], axis=0)
+    return np.unique(np.column_stack([weak, strong, *design.pairs.columns[2:]])[weak < strong], axis=0)
 
 
 def asymmetry_of(observer: Observer, pairs: FloatArray) -> float:
