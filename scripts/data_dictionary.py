@@ -169,7 +169,7 @@ _FREQUENCIES = {
 
 _PLANNED = {
     "design": "Name of the design.", "trials": "Trials of a subject.",
-    **dict.fromkeys(("observers", "kind"), "Kind of the assumed observers: none, constant error, update."),
+    **dict.fromkeys(("observers", "kind"), "Kind of the assumed observers: none, constant error, update; of studies also mixed."),
     "observer": "Name of the simulated observer: the same one in every design.",
 }  # fmt: skip
 
@@ -329,8 +329,8 @@ FILES = (
     ),
     File(
         "power_subjects.csv", "`power`", "design, number of trials, kind and number of subjects of a study", STUDY_COLUMNS, (), _PLANNED | {
-            "subjects": "Subjects of a study, all of this kind.", "studies": "How many such studies there are.",
-            "named": "Share of them that names this kind as the most frequent, protected exceedance above 0.95.",
+            "subjects": "Subjects of a study.", "studies": "How many such studies there are.",
+            "named": "Share of them that names this kind, or the one that is the most frequent in the mixed population, as the most frequent, protected exceedance above 0.95.",
             "low": "Lower end of its 95 % interval.", "high": "Upper end.", "another_named": "Share that names another kind.",
         },
     ),

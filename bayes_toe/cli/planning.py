@@ -128,7 +128,7 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
     from bayes_toe.model.prior_file import preset_or_file
-    from bayes_toe.planning.observers import observers_from
+    from bayes_toe.planning.observers import observers_from, shares_from
     from bayes_toe.planning.power import power as simulate
     from bayes_toe.planning.power_of_populations import power_of_populations
     from bayes_toe.planning.power_of_studies import power_of_studies
@@ -145,7 +145,8 @@ def power(
             designs, numbers, task.observers,
             data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
-    of_studies, stopped, grouped = power_of_studies(table, sizes), None, None
+    shares = shares_from(task.observers)
+    of_studies, stopped, grouped = power_of_studies(table, sizes, shares), None, None
     if rule is not None:
         with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
             stopped = stopping(
@@ -153,7 +154,9 @@ def power(
                 data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
             )  # fmt: skip
     if groups.population:
-        with task.progress("simulating studies", len(designs) * len(kinds) * sum(size > 1 for size in sizes) * groups.studies) as tick:
+        with task.progress(
+            "simulating studies", len(designs) * (len(kinds) + bool(shares)) * sum(size > 1 for size in sizes) * groups.studies
+        ) as tick:
             grouped = power_of_populations(
                 {name: one.with_total(numbers[-1]) for name, one in designs.items()}, sizes, task.observers,
                 studies=groups.studies, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, simplefilter
@@ -27,7 +28,7 @@ from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.groups.population import Population, population
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, UPDATE, Observer, of_kind
+from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, UPDATE, Observer, mixture, of_kind, shares_from
 from bayes_toe.planning.power import assumed, each_observer, named_designs
 from bayes_toe.planning.power_of_studies import SUBJECTS
 from bayes_toe.planning.power_table import mean, share
@@ -44,7 +45,12 @@ STUDIES = 20
 #: What is counted, and quantities of which the expected width of the 90 % interval is told.
 ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
 WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
-_WHO = {NONE: "subjects without one", CONSTANT_ERROR: "subjects with a constant error", UPDATE: "subjects who update"}
+_WHO = {
+    NONE: "subjects without one",
+    CONSTANT_ERROR: "subjects with a constant error",
+    UPDATE: "subjects who update",
+    MIXED: "the mixed population",
+}
 _DIRECTION, _BAND = 0.975, 0.95
 _DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
@@ -68,7 +74,7 @@ class AnalysedStudy:
     trials, subjects : int
         Trials of each subject.
     kind : str
-        Of all its subjects.
+        Of all its subjects, or "mixed".
     direction : float
         Probability that the mean asymmetry is positive; NaN where the design has no pair of different stimuli.
     truth : float
@@ -168,7 +174,7 @@ class PopulationPower(Table[AnalysedStudy]):
 
     def _sentence(self, design: str) -> str:
         rows = [one for one in self.counted.values() if one.design == design and one.quantity == SOMEWHERE]
-        main = UPDATE if UPDATE in self.kinds else self.kinds[-1]
+        main = next((kind for kind in (MIXED, UPDATE) if kind in self.kinds), self.kinds[-1])
         found = [one for one in rows if one.observers == main]
         said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.studies})" for one in found)
         line = f"with {design} and {found[0].trials} trials each, population shows an order effect of {_WHO[main]} in {said}"
@@ -228,20 +234,24 @@ def power_of_populations(
     with keeping(keep, "simulated studies") as kept:
         root = kept.seed(seed)
         people = assumed(observers, studies * sizes[-1], root, prior)
-        rows, failed = each_observer(
-            kept, analysed_study, named_designs(design).items(), list(planned_studies(people, sizes)), root, prior, workers, progress
-        )
+        shares = shares_from(observers) if observers is None or isinstance(observers, str | Path) else {}
+        planned = list(planned_studies(people, sizes, shares, root))
+        rows, failed = each_observer(kept, analysed_study, named_designs(design).items(), planned, root, prior, workers, progress)
     return PopulationPower(rows, root, failed)
 
 
-def planned_studies(people: Sequence[Observer], sizes: Sequence[int]) -> Iterator[PlannedStudy]:
-    """Studies of observers of one kind, taken together in order; smaller ones have the first subjects of the largest."""
-    for kind in dict.fromkeys(one.kind for one in people):
-        some = of_kind(people, kind)
+def planned_studies(people: Sequence[Observer], sizes: Sequence[int], shares: Mapping[str, float], seed: int) -> Iterator[PlannedStudy]:
+    """Studies of observers of one kind, taken together in order, or of a mixture; smaller ones have the first subjects of the largest."""
+    groups = {kind: of_kind(people, kind) for kind in dict.fromkeys(one.kind for one in people)}
+    most = min(len(some) for some in groups.values()) // sizes[-1]
+    largest = {kind: [some[i * sizes[-1] : (i + 1) * sizes[-1]] for i in range(len(some) // sizes[-1])] for kind, some in groups.items()}
+    if shares:
+        drawn = islice(mixture(shares, sizes[-1], seed), most)
+        largest[MIXED] = [[groups[kind][number] for kind, number in study] for study in drawn]
+    for kind, studies in largest.items():
         for size in sizes:
-            for number in range(len(some) // sizes[-1]):
-                first = number * sizes[-1]
-                yield PlannedStudy(f"study {number + 1} of {size}, {kind}", kind, tuple(some[first : first + size]))
+            for number, study in enumerate(studies, 1):
+                yield PlannedStudy(f"study {number} of {size}, {kind}", kind, tuple(study[:size]))
 
 
 def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> AnalysedStudy:

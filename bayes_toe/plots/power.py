@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 
     from bayes_toe.planning.power_of_populations import CountedStudies, PopulationPower
 
-_TITLES = {"none": "observers without order effect", "constant error": "with a constant error", "update": "who update"}
+_TITLES = {
+    "none": "observers without order effect",
+    "constant error": "with a constant error",
+    "update": "who update",
+    "mixed": "of a mixed population",
+}
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
 

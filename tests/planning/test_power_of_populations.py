@@ -50,12 +50,23 @@ def test_many_pairs_are_no_more_chances():
 
 
 def test_smaller_studies_are_parts_of_larger_ones_and_no_subject_is_in_two_of_a_size():
-    planned = list(planned_studies(observers_from(None, 9, seed=1), [2, 4]))
+    planned = list(planned_studies(observers_from(None, 9, seed=1), [2, 4], {}, 1))
     assert [(one.kind, len(one.people)) for one in planned[:4]] == [("none", 2), ("none", 2), ("none", 4), ("none", 4)]
     assert len({one.name for one in planned}) == len(planned) == 12
     small, large = (planned[i].people for i in (1, 3))
     assert small == large[:2]
     assert not set(map(id, planned[2].people)) & set(map(id, large))
+
+
+def test_studies_of_a_mixed_population_have_about_its_shares_and_no_subject_twice():
+    people, shares = observers_from(None, 600, seed=1), {"none": 0.2, "constant error": 0.2, "update": 0.6}
+    large = [one.people for one in planned_studies(people, [3, 12], shares, 1) if one.kind == "mixed" and len(one.people) == 12]
+    kinds = [one.kind for study in large for one in study]
+    assert len(large) == 50
+    assert len({one.name for study in large for one in study}) == 600
+    assert kinds.count("update") / 600 == pytest.approx(0.6, abs=3.3 * np.sqrt(0.24 / 600))  # false alarm 1 in 1,000
+    small = next(one.people for one in planned_studies(people, [3, 12], shares, 1) if one.kind == "mixed")
+    assert small == large[0][:3]
 
 
 def test_asymmetries_of_observers_have_the_sign_of_the_populations():
