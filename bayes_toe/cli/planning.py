@@ -90,7 +90,7 @@ class GroupOptions:
 
     population: Annotated[
         bool,
-        typer.Option("--population", help="Also whole studies by the analysis of groups, population: some 0.7 s a subject of each."),
+        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
     ] = False
     studies: Annotated[
         int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")

@@ -212,7 +212,7 @@ def power_of_populations(
 ) -> PopulationPower:
     """How often :func:`~bayes_toe.groups.population.population` finds the order effect of simulated subjects, and how narrow it gets.
 
-    A study takes some 0.7 seconds a subject.
+    A study takes about a second a subject.
 
     Parameters
     ----------
