@@ -28,6 +28,7 @@ from bayes_toe.groups.member_table import COLUMNS as MEMBER_COLUMNS
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import PopulationRow
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
+from bayes_toe.planning.power_of_populations import POPULATION_COLUMNS
 from bayes_toe.planning.power_of_studies import STUDY_COLUMNS
 from bayes_toe.planning.power_table import DATA_SET_COLUMNS, POWER_COLUMNS
 from bayes_toe.planning.stopping import STOPPING_COLUMNS
@@ -168,7 +169,7 @@ _FREQUENCIES = {
 
 _PLANNED = {
     "design": "Name of the design.", "trials": "Trials of a subject.",
-    **dict.fromkeys(("observers", "kind"), "Kind of the assumed observers: none, constant error, update."),
+    **dict.fromkeys(("observers", "kind"), "Kind of the assumed observers: none, constant error, update; of studies also mixed."),
     "observer": "Name of the simulated observer: the same one in every design.",
 }  # fmt: skip
 
@@ -328,9 +329,20 @@ FILES = (
     ),
     File(
         "power_subjects.csv", "`power`", "design, number of trials, kind and number of subjects of a study", STUDY_COLUMNS, (), _PLANNED | {
-            "subjects": "Subjects of a study, all of this kind.", "studies": "How many such studies there are.",
-            "named": "Share of them that names this kind as the most frequent, protected exceedance above 0.95.",
+            "subjects": "Subjects of a study.", "studies": "How many such studies there are.",
+            "named": "Share of them that names this kind, or the one that is the most frequent in the mixed population, as the most frequent, protected exceedance above 0.95.",
             "low": "Lower end of its 95 % interval.", "high": "Upper end.", "another_named": "Share that names another kind.",
+        },
+    ),
+    File(
+        "power_population.csv", "`power --population`", "design, kind and number of subjects of a study, and quantity", POPULATION_COLUMNS, (),
+        _PLANNED | {
+            "subjects": "Subjects of a study.",
+            "quantity": "How often an order effect is found: in some pair (simultaneous 95 % band of the asymmetries), on average over pairs "
+            "(P(direction) above 0.975), or with the wrong sign; mean widths of 90 % intervals of what is said of the group; how often the "
+            "analysis warned.",
+            "value": "The share or the mean.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
+            "studies": "Over how many simulated studies.",
         },
     ),
     File(

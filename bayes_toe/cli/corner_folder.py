@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from bayes_toe.cli.results_folder import Drawing, Truth, corner_files
+from bayes_toe.cli.results_folder import Drawing, corner_files
+from bayes_toe.data.example import Truth
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws

@@ -14,17 +14,18 @@ from bayes_toe.cli.options import Seed, writes
 from bayes_toe.cli.task import KeepingTableTask, ModelTask, TableTask, WritingTask, leave_unless_whole
 from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
+from bayes_toe.planning.aims import AIMS
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
+    from bayes_toe.planning.power_of_populations import PopulationPower
     from bayes_toe.planning.power_of_studies import StudyPower
     from bayes_toe.planning.power_table import PowerTable
     from bayes_toe.planning.stopping import StoppingTable
     from bayes_toe.planning.study_design import StudyDesign
 
-_AIMS = ("update", "gain", "mu1", "width", "parameters")
 _POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
-_STOPPING = "power_stopping.csv"
+_STOPPING, _POPULATION = "power_stopping.csv", "power_population.csv"
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -84,6 +85,19 @@ class LevelOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GroupOptions:
+    """Whole studies by the analysis of groups."""
+
+    population: Annotated[
+        bool,
+        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
+    ] = False
+    studies: Annotated[
+        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
+    ] = 20
+
+
+@dataclass(frozen=True, kw_only=True)
 class ListingTask(WritingTask):
     """A random order."""
 
@@ -106,6 +120,7 @@ def power(
     look: Annotated[
         int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
     ] = 50,
+    groups: GroupOptions,
     task: PlanningTask,
 ) -> None:
     """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
@@ -113,12 +128,13 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
     from bayes_toe.model.prior_file import preset_or_file
-    from bayes_toe.planning.observers import observers_from
+    from bayes_toe.planning.observers import observers_from, shares_from
     from bayes_toe.planning.power import power as simulate
+    from bayes_toe.planning.power_of_populations import power_of_populations
     from bayes_toe.planning.power_of_studies import power_of_studies
     from bayes_toe.planning.stopping import StoppingRule, stopping
 
-    task.require_folder(output, (*_POWER, _STOPPING))
+    task.require_folder(output, (*_POWER, _STOPPING, _POPULATION))
     keep = task.partial(output)
     prior = preset_or_file(task.prior)
     designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
@@ -129,39 +145,50 @@ def power(
             designs, numbers, task.observers,
             data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
-    studies, stopped = power_of_studies(table, sizes), None
+    shares = shares_from(task.observers)
+    of_studies, stopped, grouped = power_of_studies(table, sizes, shares), None, None
     if rule is not None:
         with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
             stopped = stopping(
                 designs, rule, task.observers,
                 data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
             )  # fmt: skip
-    _write_power(table, studies, stopped, output, task)
+    if groups.population:
+        with task.progress(
+            "simulating studies", len(designs) * (len(kinds) + bool(shares)) * sum(size > 1 for size in sizes) * groups.studies
+        ) as tick:
+            grouped = power_of_populations(
+                {name: one.with_total(numbers[-1]) for name, one in designs.items()}, sizes, task.observers,
+                studies=groups.studies, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
+            )  # fmt: skip
+    _write_power(table, of_studies, stopped, grouped, output, task)
     task.say_taken(keep)
-    failed = table.failed if stopped is None else {**table.failed, **stopped.failed}
+    done = [one for one in (table, stopped, grouped) if one is not None]
+    failed = {name: reason for one in done for name, reason in one.failed.items()}
     task.finish(keep, failed)
-    for line in (*table.sentences(), *studies.sentences(), *(() if stopped is None else stopped.sentences())):
+    for line in (line for one in (table, of_studies, *done[1:]) for line in one.sentences()):
         terminal.say(task.console, terminal.safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
     leave_unless_whole(task, failed, {})
 
 
-def _write_power(table: PowerTable, studies: StudyPower, stopped: StoppingTable | None, output: Path, task: PlanningTask) -> None:
+def _write_power(
+    table: PowerTable, studies: StudyPower, stopped: StoppingTable | None, grouped: PopulationPower | None, output: Path, task: PlanningTask
+) -> None:
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.plots.figure_files import save_figure
     from bayes_toe.plots.power import power_figure
 
-    made = _POWER if stopped is None else (*_POWER, _STOPPING)
-    with whole_folder(output, (*_POWER, _STOPPING), required=made, overwrite=task.overwrite) as target:
+    asked = {name: one for name, one in ((_STOPPING, stopped), (_POPULATION, grouped)) if one is not None}
+    with whole_folder(output, (*_POWER, _STOPPING, _POPULATION), required=(*_POWER, *asked), overwrite=task.overwrite) as target:
         counted, data_sets, of_studies, *figures = (target / name for name in _POWER)
-        if stopped is not None:
-            stopped.save(target / _STOPPING, spreadsheet_safe=task.spreadsheet_safe)
         table.save(counted, spreadsheet_safe=task.spreadsheet_safe)
         write_table(table.data_sets_frame(), data_sets, spreadsheet_safe=task.spreadsheet_safe)
-        studies.save(of_studies, spreadsheet_safe=task.spreadsheet_safe)
+        for path, one in {of_studies: studies, **{target / name: one for name, one in asked.items()}}.items():
+            one.save(path, spreadsheet_safe=task.spreadsheet_safe)
         for path in figures:
-            save_figure(power_figure(table), path)
+            save_figure(power_figure(table, grouped), path)
 
 
 def design(
@@ -169,7 +196,7 @@ def design(
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
     space: LevelOptions,
-    aim: Annotated[str, typer.Option("--for", metavar="|".join(_AIMS), help="Name the update, or know a quantity, or all.")] = "update",
+    aim: Annotated[str, typer.Option("--for", metavar="|".join(AIMS), help="Name the update, or know a quantity, or all.")] = "update",
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
     task: DesignTask,

@@ -15,6 +15,7 @@ from bayes_toe.cli.attention import flagged
 from bayes_toe.cli.group_section import GROUP_PRODUCTS, Group, group_section, write_group
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.data.example import Truth
 from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import write_table
@@ -33,8 +34,6 @@ from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
-
-Truth = Mapping[str, Mapping[str, float]]
 
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (

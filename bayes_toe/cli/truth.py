@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.cli.results_folder import Truth
+from bayes_toe.data.example import Truth
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.number_table import read_some_numbers
 from bayes_toe.errors import InputError

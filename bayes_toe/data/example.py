@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import TypeAlias
 
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.read_study import read_study
@@ -17,6 +18,8 @@ from bayes_toe.data.study import Study
 
 #: What made the bundled files.
 COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604"
+#: True natural parameters by subject.
+Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 _NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 
 
@@ -34,7 +37,7 @@ def example_study() -> Study:
     return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
 
 
-def example_truth() -> Mapping[str, Mapping[str, float]]:
+def example_truth() -> Truth:
     """True natural parameters of the bundled study, by subject.
 
     Examples

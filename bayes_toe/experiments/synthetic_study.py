@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_toe.data.example import Truth
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.recipes import design_named, natural_from, population_from
@@ -14,8 +15,6 @@ from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, PAPER_BATCHES, Desi
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import root_seed
-
-Truth = Mapping[str, Mapping[str, float]]
 
 
 class Simulated(NamedTuple):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.example import example_truth
+from bayes_toe.data.example import Truth, example_truth
 from bayes_toe.data.messages import listed
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -35,8 +35,6 @@ _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
-
-Truths = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ def explore(
     draws: Draws | Sequence[Draws] | Mapping[str, Draws],
     *,
     subjects: Sequence[str] | None = None,
-    truths: Truths | None = None,
+    truths: Truth | None = None,
     population: Population | None = None,
 ) -> Explorer:
     """A corner plot that answers back: drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
@@ -112,7 +110,7 @@ def entries(
     draws: Draws | Sequence[Draws] | Mapping[str, Draws],
     *,
     subjects: Sequence[str] | None = None,
-    truths: Truths | None = None,
+    truths: Truth | None = None,
     population: Population | None = None,
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
@@ -183,7 +181,7 @@ def require_few(found: int, what: str) -> None:
         raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
 
 
-def _require_known(found: Sequence[Entry], truths: Truths) -> None:
+def _require_known(found: Sequence[Entry], truths: Truth) -> None:
     """Refuse true values of what no model has."""
     allowed = list(dict.fromkeys(name for entry in found for name in entry.target.names.all))
     for subject, known in truths.items():
@@ -201,7 +199,7 @@ def _require_group(group: Population, named: Mapping[str, Draws], subjects: tupl
         raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, group.study.names)], 20)}")
 
 
-def _truths(draws: Draws, given: Truths | None) -> Truths:
+def _truths(draws: Draws, given: Truth | None) -> Truth:
     if given is not None:
         return given
     return example_truth() if draws.attrs.get("source") == "bundled example (synthetic)" else {}

@@ -68,9 +68,12 @@ class Asymmetries:
     kept: IndexArray
 
 
-def asymmetries(found: Population) -> Asymmetries | None:
-    """Of a population; None where no pair of different stimuli was presented in both orders."""
-    pairs = _both_orders(found.study)
+def asymmetries(found: Population, pairs: FloatArray | None = None) -> Asymmetries | None:
+    """Of a population; None where no pair of different stimuli was presented in both orders.
+
+    `pairs`, weaker and stronger stimulus and interval where there are any, (comparisons, 2 or 3), asks for these instead.
+    """
+    pairs = _both_orders(found.study) if pairs is None else pairs
     if not len(pairs):
         return None
     shown, places = _shown_both_ways(pairs)

@@ -7,9 +7,9 @@ tempered; where sixteen components stay poor, more draws and twenty-four take ov
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
@@ -23,6 +23,9 @@ from bayes_toe.model.target import Target
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
+Result = TypeVar("Result")
+#: Work that can be left and taken up again.
+Portions: TypeAlias = Generator[int, None, Result]
 _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
 _COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
@@ -80,24 +83,53 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = 
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
 
+def fitting(posterior: Target, rng: np.random.Generator, draws: int) -> Portions[FittedProposal]:
+    """:func:`fit_proposal` for whoever has other things to do in between: in portions, each told by about how many draws it took.
+
+    As many draws as asked for in any case.
+    """
+    fitted = yield from _adapting(posterior, rng, None, draws)
+    if fitted.independent:
+        return fitted
+    yield draws
+    return _judged(fitted.proposal, rng, draws)
+
+
 def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
+    return _finished(_adapting(posterior, rng, start, draws))
+
+
+def _adapting(posterior: Target, rng: np.random.Generator, start: Start, draws: int) -> Portions[FittedProposal]:
     stage = STAGES[0]
-    begun = find_maxima(posterior) if start is None else start
-    history = _adapt(_first(posterior, begun, rng) if isinstance(begun, Maxima) else _refitted([begun], stage), stage, rng)
+    if start is None:
+        start = find_maxima(posterior)
+        yield _LARGE
+    history = yield from _adapt(_first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage), stage, rng)
     if _best(history).efficiency < _POOR:
         stage = STAGES[1]
-        history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
+        history = yield from _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
     best = _best(history)
     sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
+    yield _LARGE
     judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
+        yield draws
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
     chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)
     return replace(chosen, independent=len(judged) == 1)
+
+
+def _finished(portions: Portions[Result]) -> Result:
+    while True:
+        try:
+            next(portions)
+        except StopIteration as end:
+            found: Result = end.value
+            return found
 
 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
@@ -136,11 +168,13 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
     return _Round(proposal, draws, efficiency(draws.log_weights))
 
 
-def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
+def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> Portions[list[_Round]]:
     """Rounds of drawing and refitting, until the efficiency is enough."""
     history = [_round(proposal, rng, stage.draws)]
+    yield stage.draws
     while len(history) < stage.rounds and history[-1].efficiency < stage.enough:
         history.append(_round(_refitted(history[-_HISTORY:], stage), rng, stage.draws))
+        yield stage.draws
     return history
 
 

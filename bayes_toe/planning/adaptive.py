@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.particles import ENOUGH, URGENT, Particles
+from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator, root_seed
 
@@ -30,6 +30,7 @@ Pair = tuple[float, ...]
 PARAMETERS, WHICH_MODEL = "parameters", "model"
 DRAWS = 4000
 _JUDGES = 512  # draws of a model by which pairs are compared
+_PORTION = 4000  # draws that are made at one trial, about
 _BINS = 16  # of a quantity
 _FORMAT = "bayes-toe adaptive 1"
 
@@ -93,6 +94,7 @@ class Adaptive:
             for one in models
         }
         self._answers: list[tuple[Pair, bool]] = []
+        self._work: Iterator[int] | None = None
         self._seen: dict[str, tuple[int, FloatArray, FloatArray]] = {}
         _require_about(self.about, list(self._clouds.values()), self.pairs.unanswered)
 
@@ -115,11 +117,7 @@ class Adaptive:
         self._answers.append((shown_pair, bool(equal)))
         for cloud in self._clouds.values():
             cloud.answered(single)
-        left = {name: cloud.left for name, cloud in self._clouds.items()}
-        worst = min(left, key=lambda name: left[name])  # nobody waits for several models where one may follow at the next trial
-        for name, share in left.items():
-            if share < URGENT or (name == worst and share < ENOUGH):
-                self._clouds[name].renew(self.subject, generator(self.seed, "adaptive", name, "particles", self.trials))
+        self._renew()
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
@@ -176,10 +174,9 @@ class Adaptive:
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
         """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
-        columns = [self.pairs.s1, self.pairs.s2, *([] if self.pairs.isi is None else [self.pairs.isi])]
         content = {
             "format": _FORMAT,
-            "pairs": np.stack(columns, axis=1).tolist(),
+            "pairs": np.stack(self.pairs.pairs.columns, axis=1).tolist(),
             "model": list(self._clouds),
             "prior": asdict(self.prior),
             **{key: getattr(self, key) for key in ("seed", "about", "draws")},
@@ -214,9 +211,24 @@ class Adaptive:
 
     # --- Parts ------------------------------------------------------------------------------------------
 
+    def _renew(self) -> None:
+        """Make draws anew that have come to count too little, one model's after the other's, at most so much at a trial.
+
+        How much is counted in draws, never in seconds: what a session does depends on its answers alone.
+        """
+        if self._work is None:
+            left = {name: cloud.left for name, cloud in self._clouds.items()}
+            worst = min(left, key=lambda name: left[name])
+            if left[worst] < ENOUGH:
+                rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
+                self._work = self._clouds[worst].renewing(self.subject, rng)
+        done = 0
+        while self._work is not None and done < _PORTION:
+            portion = next(self._work, None)
+            done, self._work = (done, None) if portion is None else (done + portion, self._work)
+
     def _pair(self, index: int) -> Pair:
-        columns = (self.pairs.s1, self.pairs.s2, *(() if self.pairs.isi is None else (self.pairs.isi,)))
-        return tuple(float(column[index]) for column in columns)
+        return tuple(float(column[index]) for column in self.pairs.pairs.columns)
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their P(equal) of every pair, (draws, pairs), and the entropy of these answers.

@@ -24,11 +24,11 @@ from bayes_toe.model.crowd import Crowd
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.aims import AIMS
 from bayes_toe.planning.observers import UPDATE, Observer, natural_of
 from bayes_toe.planning.power_table import CERTAIN
+from bayes_toe.planning.study_design import Pairs
 
-#: What a design may be made for.
-AIMS = ("update", "gain", "mu1", "width", "parameters")
 #: The model under which information counts, and the lapse rate of observers who have none by assumption.
 MODEL = "update + sloped + both ways"
 SMALL_LAPSES = 0.02
@@ -36,18 +36,6 @@ SMALL_PULL = 1e-3  # of those who do not update
 #: Share of the score for what is not asked: pairs that the aim could spare keep q0 and width from being guessed.
 _SHARED = 0.2
 _INTEREST = ("offset", "logit_pull", "log_width", "logit_q0")
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs that could be shown, natural-log intensities and seconds, shape (pairs,) each."""
-
-    s1: FloatArray
-    s2: FloatArray
-    isi: FloatArray | None = None
-
-    def __len__(self) -> int:
-        return len(self.s1)
 
 
 class _Change:
@@ -66,7 +54,7 @@ class Information:
     Attributes
     ----------
     aim : str
-        One of :data:`AIMS`.
+        One of :data:`bayes_toe.planning.aims.AIMS`.
     rows : array, shape (observers, pairs, k)
         The information of a trial is the outer product of a row with itself.
     prior : array, shape (observers, k, k)

@@ -5,6 +5,7 @@ An observer does not depend on the design: offsets, and slopes of the noise, cou
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,7 @@ DEFAULT: Mapping[str, Mapping[str, tuple[float, float]]] = {
     UPDATE: {"pull": (0.30, 0.38), "offset": (0.0, 0.15), **_SHARED},
 }
 _SECOND = 1.0  # reference interval of observers that no earlier study has, seconds
+MIXED, _SHARE = "mixed", "share"
 _RANGES = {
     "pull": (0.0, MAX_PULL, f"above 0 and below {MAX_PULL:.6f}"),
     "offset": (-np.inf, np.inf, "finite"),
@@ -48,10 +50,11 @@ _RANGES = {
     "q0": (0.0, 1.0, "above 0 and below 1"),
     "noise_slope": (-np.inf, np.inf, "finite"),
     "lapse_rate": (0.0, 1.0, "above 0 and below 1"),
+    _SHARE: (0.0, np.inf, "above 0"),
 }
-_OPTIONAL = ("noise_slope", "lapse_rate")
+_OPTIONAL = ("noise_slope", "lapse_rate", _SHARE)
 _NEEDED = {NONE: ("width", "q0"), CONSTANT_ERROR: ("offset", "width", "q0"), UPDATE: ("pull", "offset", "width", "q0")}
-_LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
+_LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]; share = NUMBER"
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,7 @@ def read_ranges(path: str | Path) -> tuple[dict[str, dict[str, tuple[float, floa
         problems.append(f"found no kind of observers, allowed: {_LINES}")
     for kind, ranges in found.items():
         problems += _kind_problems(kind, ranges)
+    problems += [] if problems else _share_problems(found)
     if problems:
         raise InputError([f"{path}: {line}" for line in problems])
     return {kind: {name: _range(value) for name, value in ranges.items()} for kind, ranges in found.items()}, at
@@ -193,6 +197,43 @@ def _kind_problems(kind: str, ranges: object) -> Iterator[str]:
             yield f"[{kind}]: {name}: found {shown(value)}, allowed: a number {said}, or [LOWEST, HIGHEST] of such"
 
 
+def _share_problems(found: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    shares = [ranges[_SHARE] for ranges in found.values() if _SHARE in ranges]
+    if shares and (len(shares) < len(found) or any(isinstance(one, list) for one in shares) or shares.count(max(shares)) > 1):
+        yield "share: allowed: a number in every section, one of which is the largest, or in none"
+
+
+def shares_from(source: str | Path | None) -> dict[str, float]:
+    """Shares of the kinds in a mixed population, from a TOML file that says them; empty where nothing does.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_ranges`.
+    """
+    ranges = read_ranges(source)[0] if source is not None and Path(source).suffix == ".toml" else {}
+    shares = {kind: ranges[kind][_SHARE][0] for kind in PLAIN if _SHARE in ranges.get(kind, {})}
+    return {kind: share / sum(shares.values()) for kind, share in shares.items()}
+
+
+def mixture(shares: Mapping[str, float], size: int, seed: int) -> Iterator[list[tuple[str, int]]]:
+    """Studies of so many subjects of a mixed population, without end: kind and number of each, no subject in two studies.
+
+    Examples
+    --------
+    >>> next(mixture({"none": 0.25, "update": 0.75}, 4, seed=1))
+    [('none', 0), ('update', 0), ('none', 1), ('update', 1)]
+    """
+    rng, met = generator(seed, "mixed studies", size), Counter[str]()
+    while True:
+        kinds = [str(kind) for kind in rng.choice(list(shares), size, p=list(shares.values()))]
+        study = []
+        for kind in kinds:
+            study.append((kind, met[kind]))
+            met[kind] += 1
+        yield study
+
+
 def _range(value: Any) -> tuple[float, float]:
     """Lowest and highest; NaN where a value is neither a number nor two."""
     if isinstance(value, list):
@@ -205,7 +246,7 @@ def _in_ranges(ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: floa
         for number in range(size):
             name = f"{kind} {number + 1}"
             rng = generator(seed, name, "observer")
-            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items()}
+            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
             yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at)
 
 

@@ -13,13 +13,14 @@ from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.aims import AIMS
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
-from bayes_toe.planning.information import AIMS, Pairs, information
+from bayes_toe.planning.information import information
 from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from, of_kind
 from bayes_toe.planning.power import design_prior, power, simulated
 from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
 from bayes_toe.planning.reasons import FULL, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
-from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, apportioned, paper_study_design
+from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -252,13 +253,8 @@ class _Maker:
             )
         s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(self.levels, self.levels, indexing="ij"))
         isi = np.repeat(np.array(self.goal.isi), len(self.levels) ** 2) if self.goal.isi else None
-        keep = self.goal.keep
-        if keep is None:
-            return Pairs(s1, s2, isi)
-        columns = [np.stack([s1, s2, *([] if isi is None else [isi])])]
-        columns.append(np.stack([keep.s1, keep.s2, *([] if keep.isi is None else [keep.isi])]))
-        every = np.unique(np.concatenate(columns, axis=1), axis=1)
-        return Pairs(every[0], every[1], every[2] if len(every) > 2 else None)
+        found, keep = Pairs(s1, s2, isi), self.goal.keep
+        return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
 
     def _fixed(self) -> IntArray:
         return np.zeros(len(self.pairs), np.int64) if self.goal.keep is None else self._counts(self.goal.keep).astype(np.int64)
@@ -267,7 +263,7 @@ class _Maker:
         """Trials of a design by admissible pair."""
         place = {key: i for i, key in enumerate(_keys(self.pairs))}
         counts = np.zeros(len(self.pairs))
-        for key, n in zip(_keys(Pairs(design.s1, design.s2, design.isi)), design.n_trials, strict=True):
+        for key, n in zip(_keys(design.pairs), design.n_trials, strict=True):
             counts[place[key]] += n
         return counts
 
@@ -296,11 +292,11 @@ class _Maker:
 
     def _design(self, n: IntArray) -> StudyDesign:
         some = np.flatnonzero(n)
-        isi = None if self.pairs.isi is None else self.pairs.isi[some]
-        return StudyDesign(self.pairs.s1[some], self.pairs.s2[some], n[some], isi)
+        s1, s2, *isi = (column[some] for column in self.pairs.columns)
+        return StudyDesign(s1, s2, n[some], *isi)
 
     def _candidate(self, design: StudyDesign) -> Candidate:
-        own = information(Pairs(design.s1, design.s2, design.isi), self.people, self.goal.aim, self.prior)
+        own = information(design.pairs, self.people, self.goal.aim, self.prior)
         total = own.total(design.n_trials.astype(np.float64))
         return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
 
@@ -344,8 +340,7 @@ class _Maker:
 
 
 def _keys(pairs: Pairs) -> list[tuple[float, ...]]:
-    columns = [pairs.s1, pairs.s2, *([] if pairs.isi is None else [pairs.isi])]
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+    return list(zip(*(column.tolist() for column in pairs.columns), strict=True))
 
 
 def _width(one: Observer) -> float:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.adaptation import fit_proposal, refreshed
+from bayes_toe.inference.adaptation import fitting, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 
-#: Share of the draws that counted when they were made: below the first they are made anew, below the second at once.
-ENOUGH, URGENT = 0.5, 0.1
+#: Share of the draws that counted when they were made, below which they are made anew.
+ENOUGH = 0.5
 #: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
 _POOR = 0.25
 
@@ -50,6 +51,7 @@ class Particles:
     log_weight: FloatArray
     fitted: FittedProposal | None = None
     generation: int = 0
+    _meanwhile: list[Subject] = field(default_factory=list)  # answers since they were last begun to be made anew
 
     @classmethod
     def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
@@ -80,6 +82,7 @@ class Particles:
 
     def answered(self, more: Subject) -> None:
         """Take in further answers."""
+        self._meanwhile.append(more)
         gained = self.target(more).log_likelihood(self.x)
         self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
 
@@ -90,10 +93,23 @@ class Particles:
 
     def renew(self, subject: Subject, rng: np.random.Generator) -> None:
         """Make the draws anew, for all answers so far."""
+        for _ in self.renewing(subject, rng):
+            pass
+
+    def renewing(self, subject: Subject, rng: np.random.Generator) -> Iterator[int]:
+        """The same in portions, told by about how many draws they took; answers may come in between, and old draws serve meanwhile.
+
+        Where the old proposal can be brought up to date it is one portion, else there are a few.
+        """
+        self._meanwhile = []
         target = self.target(subject)
         fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
         if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
-            fitted = fit_proposal(target, rng, draws=len(self.x))
-        draws = fitted.draws
+            if fitted is not None:
+                yield len(self.x)
+            fitted = yield from fitting(target, rng, draws=len(self.x))
+        draws, later, self._meanwhile = fitted.draws, self._meanwhile, []
         self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
         self.generation += 1
+        for more in later:
+            self.answered(more)

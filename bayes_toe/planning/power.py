@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,14 @@ Row = TypeVar("Row")
 TRIALS, DATA_SETS = (325, 650, 1300), 100
 #: Independent draws behind each evidence.
 DRAWS = 4000
+
+
+class Named(Protocol):
+    """By whose name random streams are keyed."""
+
+    @property
+    def name(self) -> str:
+        """Unique."""
 
 
 def power(
@@ -86,13 +94,13 @@ def each_observer(
     kept: Kept | Unkept,
     job: Callable[..., Row],
     designs: Iterable[tuple[str, StudyDesign]],
-    people: Sequence[Observer],
+    people: Sequence[Named],
     seed: int,
     prior: Prior | str | None,
     workers: Workers,
     progress: Progress | None,
 ) -> tuple[tuple[Row, ...], dict[str, str]]:
-    """A job done for every observer of every design, and by name of the observer why some could not be.
+    """A job done for every observer, or study of such, of every design, and by the observer's name why some could not be.
 
     The job is called with the design's name, the design, the observer, `seed` and `prior`, in numbers for the design's stimuli.
     """

@@ -217,12 +217,12 @@ def _counted(design: str, trials: int, kind: str, rows: Sequence[DataSet]) -> It
     told = [row.widths for row in rows if row.widths is not None]
     if told:
         for name, values in zip(WIDTHS, zip(*told, strict=True), strict=True):
-            yield made(f"90 % width of {name}", _mean(values), len(told))
+            yield made(f"90 % width of {name}", mean(values), len(told))
     yield made("evidence withheld", share(len(rows) - len(known), len(rows)), len(rows))
 
 
-def _mean(values: Sequence[float]) -> tuple[float, float, float]:
+def mean(values: Sequence[float]) -> tuple[float, float, float]:
     """A mean and its 95 % interval; the interval is the number itself where there is one value only."""
-    mean = float(np.mean(values))
+    middle = float(np.mean(values))
     error = float(np.std(values, ddof=1) / np.sqrt(len(values)) * ndtri(0.5 * (1 + _LEVEL))) if len(values) > 1 else float("nan")
-    return mean, mean - error, mean + error
+    return middle, middle - error, middle + error

@@ -176,5 +176,5 @@ def _looks(rule: StoppingRule) -> Iterator[tuple[int, int]]:
 
 
 def _answers(design: StudyDesign, pairs: IntArray, equal: BoolArray) -> Subject:
-    isi = None if design.isi is None else design.isi[pairs]
-    return Subject.from_trials("session", design.s1[pairs], design.s2[pairs], equal, isi)
+    s1, s2, *isi = (column[pairs] for column in design.pairs.columns)
+    return Subject.from_trials("session", s1, s2, equal, *isi)

@@ -22,6 +22,23 @@ DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
 
 
 @dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs that could be shown, natural-log intensities and seconds, shape (pairs,) each."""
+
+    s1: FloatArray
+    s2: FloatArray
+    isi: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.s1)
+
+    @property
+    def columns(self) -> tuple[FloatArray, ...]:
+        """s1, s2 and, where there are intervals, isi."""
+        return (self.s1, self.s2) if self.isi is None else (self.s1, self.s2, self.isi)
+
+
+@dataclass(frozen=True, eq=False)
 class StudyDesign:
     """Ordered pairs, each with its number of trials, sorted by (s1, s2).
 
@@ -58,6 +75,11 @@ class StudyDesign:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         for key in DESIGN_COLUMNS:
             object.__setattr__(self, key, getattr(pairs, key))
+
+    @property
+    def pairs(self) -> Pairs:
+        """The pairs without their numbers of trials."""
+        return Pairs(self.s1, self.s2, self.isi)
 
     @property
     def n_pairs(self) -> int:

@@ -82,8 +82,7 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
     order = [_ordered(design, of_block, between, rng) for of_block, between in zip(counts, gaps, strict=True)]
     all_of_them = np.concatenate(order)
     block = np.repeat(np.arange(1, blocks + 1), [len(part) for part in order])
-    isi = None if design.isi is None else design.isi[all_of_them]
-    return TrialList(subject, block, design.s1[all_of_them], design.s2[all_of_them], isi)
+    return TrialList(subject, block, *(column[all_of_them] for column in design.pairs.columns))
 
 
 def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | None = None, overwrite: bool = False) -> Path:

@@ -31,6 +31,7 @@ from .parts import part_axes as part_axes
 from .parts_sensitivity import parts_sensitivity_figure as parts_sensitivity_figure
 from .population import population_figure as population_figure
 from .power import interval_width_axes as interval_width_axes
+from .power import population_power_axes as population_power_axes
 from .power import power_axes as power_axes
 from .power import power_figure as power_figure
 from .prior_predictive import prior_predictive_axes as prior_predictive_axes

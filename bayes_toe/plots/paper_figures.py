@@ -14,6 +14,7 @@ from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.data.example import Truth
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 
 CAPTIONS = "captions.md"
-Truth = Mapping[str, Mapping[str, float]]
 #: How many subjects the figures of single subjects show, where none are chosen.
 _EXAMPLES = 3
 _DPI = 300

@@ -2,35 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
+from bayes_toe.planning.power_of_populations import ON_AVERAGE, SOMEWHERE
 from bayes_toe.planning.power_table import NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
-_TITLES = {"none": "observers without order effect", "constant error": "with a constant error", "update": "who update"}
+    from bayes_toe.planning.power_of_populations import CountedStudies, PopulationPower
+
+_TITLES = {
+    "none": "observers without order effect",
+    "constant error": "with a constant error",
+    "update": "who update",
+    "mixed": "of a mixed population",
+}
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
 
 
-def power_figure(table: PowerTable) -> Figure:
-    """How often each kind of observers is named, and the expected 90 % intervals of the update's quantities."""
-    kinds = table.kinds
-    told = "update" in kinds and any(name.startswith("90 % width") for name in table.quantities)
-    figure = new_figure(PAGE, (4.5 if told else 2.5) + 0.17 * len(table.designs))  # a line of the legend each
-    above, *below = figure.subfigures(2 if told else 1, 1, squeeze=False).ravel()
-    for column, (ax, kind) in enumerate(zip(above.subplots(1, len(kinds), sharey=True, squeeze=False).ravel(), kinds, strict=True)):
-        power_axes(table, kind, ax=ax)
-        ax.set_ylabel("share of observers" if column == 0 else "")
-        ax.label_outer()
-    for rest in below:
-        for ax, quantity in zip(rest.subplots(1, len(WIDTHS)), WIDTHS, strict=True):
-            interval_width_axes(table, quantity, ax=ax)
+def power_figure(table: PowerTable, populations: PopulationPower | None = None) -> Figure:
+    """How often each kind of observers is named, the expected 90 % intervals of the update's quantities, and what whole studies find."""
+    told = "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities)
+    rows = [
+        _row(table.kinds, partial(power_axes, table), "share of observers"),
+        *([_row(WIDTHS, partial(interval_width_axes, table))] if told else []),
+        *([] if populations is None else [_row(populations.kinds, partial(population_power_axes, populations), "share of studies")]),
+    ]
+    figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.designs) * (1 if populations is None else 2))  # of the legend
+    for part, draw in zip(figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True):
+        draw(part)
     legend_below(figure, size=LETTERS, columns=2)
     return figure
+
+
+def _row(keys: Sequence[str], draw: Callable[..., Axes], shared: str = "") -> Callable[[SubFigure], None]:
+    """Panels beside each other; with a word for it they share the axis upward."""
+
+    def made(part: SubFigure) -> None:
+        for column, (ax, key) in enumerate(zip(part.subplots(1, len(keys), sharey=bool(shared), squeeze=False).ravel(), keys, strict=True)):
+            draw(key, ax=ax)
+            if shared:
+                ax.set_ylabel(shared if column == 0 else "")
+                ax.label_outer()
+
+    return made
 
 
 def power_axes(table: PowerTable, kind: str = "update", *, ax: Axes | None = None) -> Axes:
@@ -38,10 +59,23 @@ def power_axes(table: PowerTable, kind: str = "update", *, ax: Axes | None = Non
     ax = panel(ax)
     for index, design in enumerate(table.designs):
         label = plain(design)
-        _line(ax, 2 * index, [table[design, trials, kind, NAMED] for trials in table.trials], f"named, {label}")
-        _line(ax, 2 * index + 1, [table[design, trials, kind, WRONG] for trials in table.trials], f"another named, {label}", ":")
-    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of observers")
-    return _by_trials(ax, table)
+        _line(ax, 2 * index, table.trials, [table[design, trials, kind, NAMED] for trials in table.trials], f"named, {label}")
+        _line(
+            ax, 2 * index + 1, table.trials, [table[design, trials, kind, WRONG] for trials in table.trials], f"another named, {label}", ":"
+        )
+    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of observers", xlabel="trials of a subject")
+    return _by(ax, table.trials)
+
+
+def population_power_axes(table: PopulationPower, kind: str = "update", *, ax: Axes | None = None) -> Axes:
+    """Share of simulated studies of one kind of subjects whose analysis as a group finds an order effect, by their number."""
+    ax = panel(ax)
+    for index, design in enumerate(table.designs):
+        for place, quantity, style in ((2 * index, SOMEWHERE, "-"), (2 * index + 1, ON_AVERAGE, ":")):
+            found = [table.counted[design, kind, size, quantity] for size in table.subjects]
+            _line(ax, place, [one.subjects for one in found], found, f"order effect {quantity}, {plain(design)}", style)
+    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of studies", xlabel=f"subjects of {table.trials:,} trials")
+    return _by(ax, table.subjects)
 
 
 def interval_width_axes(table: PowerTable, quantity: str, *, ax: Axes | None = None) -> Axes:
@@ -49,15 +83,15 @@ def interval_width_axes(table: PowerTable, quantity: str, *, ax: Axes | None = N
     ax = panel(ax)
     for index, design in enumerate(table.designs):
         found = [table[design, trials, "update", f"90 % width of {quantity}"] for trials in table.trials]
-        _line(ax, 2 * index, found, "")
+        _line(ax, 2 * index, table.trials, found, "")
     ax.set_yscale("log")
-    ax.set_ylabel(f"90 % interval of {quantity}")
-    return _by_trials(ax, table)
+    ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject")
+    return _by(ax, table.trials)
 
 
-def _line(ax: Axes, place: int, found: list[Counted], label: str, style: str = "-") -> None:
+def _line(ax: Axes, place: int, at: Sequence[int], found: Sequence[Counted | CountedStudies], label: str, style: str = "-") -> None:
     """A line with error bars, next to those of other places."""
-    x, y = [one.trials * (1.0 + 0.025 * place) for one in found], [one.value for one in found]
+    x, y = [number * (1.0 + 0.025 * place) for number in at], [one.value for one in found]
     errors = [[one.value - one.low for one in found], [one.high - one.value for one in found]]
     colour, marker = _COLOURS[place // 2 % len(_COLOURS)], _MARKERS[place // 2 % len(_MARKERS)]
     filled = colour if style == "-" else "white"
@@ -67,17 +101,16 @@ def _line(ax: Axes, place: int, found: list[Counted], label: str, style: str = "
     )  # fmt: skip
 
 
-def _by_trials(ax: Axes, table: PowerTable) -> Axes:
+def _by(ax: Axes, numbers: Sequence[int]) -> Axes:
     from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, NullLocator
 
     ax.set_xscale("log")
-    ax.set_xlim(min(table.trials) / 1.25, max(table.trials) * 1.25)
-    ax.xaxis.set_major_locator(FixedLocator(list(table.trials)))
+    ax.set_xlim(min(numbers) / 1.25, max(numbers) * 1.25)
+    ax.xaxis.set_major_locator(FixedLocator(list(numbers)))
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_xticklabels([f"{number:,}" for number in table.trials])
+    ax.set_xticklabels([f"{number:,}" for number in numbers])
     if ax.get_yscale() == "log":
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
         ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         ax.yaxis.set_minor_locator(NullLocator())
-    ax.set_xlabel("trials of a subject")
     return dress(ax)

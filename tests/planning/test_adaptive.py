@@ -7,6 +7,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.inference import adaptation
 from bayes_toe.planning.adaptive import Adaptive
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.study_design import StudyDesign
@@ -111,6 +112,24 @@ def test_draws_outside_of_the_support_weigh_nothing(done):
         assert not np.isnan(cloud.log_weight).any()
     assert np.isfinite(cloud.log_evidence)
     assert cloud.generation > before
+
+
+def test_no_trial_makes_many_draws_and_old_ones_serve_until_new_ones_are_made(monkeypatch, updates):
+    """Work is spread over trials by its amount; what draws weigh is about all answers, also those that came while they were made."""
+    made, original, most, fits = [], adaptation._round, 0, 0
+    monkeypatch.setattr(adaptation, "_round", lambda proposal, rng, size: made.append(size) or original(proposal, rng, size))
+    current, rng = Adaptive(PAIRS, THREE, seed=1), np.random.default_rng(3)
+    for _ in range(25):
+        pair = PAIRS[int(rng.integers(len(PAIRS)))]
+        made.clear()
+        current.answer(pair, bool(rng.uniform() < says_equal(updates, pair)))
+        most, fits = max(most, sum(made)), fits + (current._work is not None)
+        for cloud in current._clouds.values():
+            target = cloud.target(current.subject)
+            assert cloud.log_posterior == pytest.approx(target.log_prior(cloud.x) + target.log_likelihood(cloud.x), abs=1e-9)
+    assert 4000 <= most < 8000
+    assert fits > 5  # trials that left some of the work to the next
+    assert all(cloud.generation > 0 for cloud in current._clouds.values())
 
 
 def test_intervals_are_part_of_a_pair():

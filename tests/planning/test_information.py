@@ -5,9 +5,10 @@ import pytest
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import AIMS, MODEL, Pairs, information
+from bayes_toe.planning.aims import AIMS
+from bayes_toe.planning.information import MODEL, information
 from bayes_toe.planning.observers import observers_from, of_kind
-from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.planning.study_design import Pairs, StudyDesign
 
 PAIRS = Pairs(np.array([-0.5, 0.0, 0.7, 1.1, 0.2]), np.array([-0.2, 0.0, 0.5, 0.6, 1.9]))
 

@@ -5,7 +5,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.planning.observers import DEFAULT, observers_from, of_kind
+from bayes_toe.planning.observers import DEFAULT, observers_from, of_kind, shares_from
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 
 
@@ -54,9 +54,11 @@ def test_a_file_may_ask_for_noise_and_lapses(tmp_path):
         ("[update]\npull = 0.5\noffset = 0\nwidth = 1\nq0 = 0.9\n", "[update]: pull: found 0.5, allowed: a number above 0 and below 0.38"),
         ("[none]\nwidth = [2, 1]\nq0 = 0.9\n", "[none]: width: found a list, allowed: a number above 0, or [LOWEST, HIGHEST]"),
         ("[some]\nwidth = 1\n", "key 'some': allowed: at, and the sections [none], [constant error], [update]"),
-        ("[none]\nwidth = 1\nq0 = 0.9\npull = 0.3\n", "[none]: key 'pull': unknown, allowed: lapse_rate, noise_slope, q0, width"),
+        ("[none]\nwidth = 1\nq0 = 0.9\npull = 0.3\n", "[none]: key 'pull': unknown, allowed: lapse_rate, noise_slope, q0, share, width"),
         ("at = true\n[none]\nwidth = 1\nq0 = 0.9\n", "key at: allowed: a finite number"),
         ("", "found no kind of observers"),
+        ("[none]\nwidth = 1\nq0 = 0.9\nshare = 0\n", "[none]: share: found 0, allowed: a number above 0"),
+        ("[none]\nwidth = 1\nq0 = 0.9\nshare = [1, 2]\n", "share: allowed: a number in every section, one of which is the largest"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, said):
@@ -65,6 +67,17 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, said):
         observers_from(tmp_path / "people.toml", 1, seed=1)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_shares_change_no_observer(tmp_path):
+    ranges = "width = [0.2, 0.4]\nq0 = [0.8, 0.9]\n"
+    text = f"[none]\n{{}}{ranges}[update]\n{{}}pull = [0.1, 0.3]\noffset = 0\n{ranges}"
+    for name, shares in (("plain", ("", "")), ("mixed", ("share = 1\n", "share = 3\n"))):
+        (tmp_path / f"{name}.toml").write_text(text.format(*shares), encoding="utf-8")
+    plain, mixed = (observers_from(tmp_path / f"{name}.toml", 2, seed=1) for name in ("plain", "mixed"))
+    assert plain == mixed
+    assert shares_from(tmp_path / "mixed.toml") == {"none": 0.25, "update": 0.75}
+    assert shares_from(tmp_path / "plain.toml") == shares_from(None) == shares_from("prior") == {}
 
 
 def test_other_words_are_refused():

@@ -8,12 +8,14 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.aims import AIMS
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
-from bayes_toe.planning.information import AIMS, Pairs, information
+from bayes_toe.planning.information import information
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.optimal import DesignGoal, grid, optimal_design, proposed, read_levels
 from bayes_toe.planning.power_table import NAMED
 from bayes_toe.planning.reasons import OPTIMISED, PAPER
+from bayes_toe.planning.study_design import Pairs
 
 WIDE = grid(-0.75, 1.25, 0.25)
 
@@ -130,9 +132,3 @@ def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_pa
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert said in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_words_for_aims_are_those_of_the_command():
-    from bayes_toe.cli.planning import _AIMS
-
-    assert _AIMS == AIMS

@@ -73,6 +73,18 @@ def test_whole_studies_name_what_single_subjects_cannot():
     assert found["update", 8].named == float(exact[2] > 0.95)
 
 
+def test_a_mixed_population_names_its_most_frequent_kind():
+    rows = made_up("none", *[(0.98, 0.01, 0.01)] * 40) + made_up("update", *[(0.01, 0.01, 0.98)] * 160)
+    table = PowerTable(tuple(rows), ("d",), 0)
+    found = power_of_studies(table, (10, 20), {"none": 0.1, "update": 0.9})
+    ten, twenty = (row for row in found if row.observers == "mixed")
+    assert 15 < ten.studies <= 20  # until one kind has no subject left
+    assert (twenty.subjects, twenty.another_named) == (20, 0.0)
+    assert twenty.named > 0.8
+    assert found.sentences()[-1].startswith("with d and 100 trials each, the most frequent kind of the mixed population is named in")
+    assert power_of_studies(table, (10, 20)).rows == found.rows[:4]
+
+
 def test_withheld_evidence_is_counted_as_not_named_and_said():
     rows = [*made_up("update", (0.01, 0.01, 0.98)), DataSet("d", 100, "update 2", "update", None, None, None)]
     table = PowerTable(tuple(rows), ("d",), 0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.planning.information import Pairs
 from bayes_toe.planning.optimal import DesignGoal, OptimalDesign
+from bayes_toe.planning.power_of_populations import AnalysedStudy, PopulationPower
 from bayes_toe.planning.power_table import NAMED, DataSet, PowerTable
 from bayes_toe.planning.reasons import OPTIMISED, PAPER, Candidate
-from bayes_toe.planning.study_design import paper_study_design
+from bayes_toe.planning.study_design import Pairs, paper_study_design
 
 
 def made_up(designs, trials):
@@ -40,6 +40,21 @@ def test_the_figure_has_a_panel_a_kind_and_a_quantity(table):
     figure = bt.plots.power_figure(table)
     assert len(figure.axes) == 6
     assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "who update"]
+
+
+def test_whole_studies_by_the_number_of_their_subjects(table):
+    rows = [
+        AnalysedStudy(name, 400, size, kind, p, -0.1, p < 0.1, (0.1,) * 5, warned=False)
+        for name in table.designs
+        for kind in ("none", "update")
+        for size in (4, 8)
+        for p in (0.001, 0.16 / size, 0.5)
+    ]
+    figure = bt.plots.power_figure(table, PopulationPower(tuple(rows), 1, {}))
+    assert len(figure.axes) == 8
+    some, average = (figure.axes[-1].containers[i].lines[0].get_ydata().tolist() for i in (0, 1))
+    assert (some, average) == ([2 / 3, 2 / 3], [1 / 3, 2 / 3])
+    assert figure.axes[-1].get_xlabel() == "subjects of 400 trials"
 
 
 def test_a_design_on_the_plane():

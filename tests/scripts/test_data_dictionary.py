@@ -15,6 +15,7 @@ from bayes_toe.cli.supplement import order_effect_table, parameter_table
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
+from bayes_toe.planning.power_of_populations import AnalysedStudy, PopulationPower
 from bayes_toe.planning.power_of_studies import power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
@@ -66,6 +67,7 @@ def planned(folder):
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
         "power_subjects.csv": power_of_studies(table).frame(),
+        "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.9, 0.1, False, (0.1,) * 5, False),), 1, {}).frame(),
         "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),

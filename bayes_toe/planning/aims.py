@@ -1,0 +1,3 @@
+"""What a design may be made for."""
+
+AIMS = ("update", "gain", "mu1", "width", "parameters")
