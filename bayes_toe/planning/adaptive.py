@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -174,16 +174,8 @@ class Adaptive:
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
         """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
-        content = {
-            "format": _FORMAT,
-            "pairs": np.stack(self.pairs.pairs.columns, axis=1).tolist(),
-            "model": list(self._clouds),
-            "prior": asdict(self.prior),
-            **{key: getattr(self, key) for key in ("seed", "about", "draws")},
-            "answers": self.answers,
-        }
         with whole_file(path, overwrite=overwrite) as target:
-            target.write_text(json.dumps(content), encoding="utf-8")
+            target.write_text(json.dumps(self._content()), encoding="utf-8")
         return Path(path)
 
     @classmethod
@@ -199,14 +191,32 @@ class Adaptive:
             content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}")
-            made = cls(
-                content["pairs"], content["model"], Prior(**content["prior"]),
-                seed=content["seed"], about=content["about"], draws=content["draws"],
-            )  # fmt: skip
-            for *pair, equal in content["answers"]:
-                made.answer(pair, equal)
+            return cls._of(content)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save") from error
+
+    def __reduce__(self) -> tuple[Callable[..., Adaptive], tuple[dict[str, Any]]]:
+        """For copies and other processes: as :meth:`resume` makes it."""
+        return type(self)._of, (self._content(),)
+
+    def _content(self) -> dict[str, Any]:
+        return {
+            "format": _FORMAT,
+            "pairs": np.stack(self.pairs.pairs.columns, axis=1).tolist(),
+            "model": list(self._clouds),
+            "prior": asdict(self.prior),
+            **{key: getattr(self, key) for key in ("seed", "about", "draws")},
+            "answers": self.answers,
+        }
+
+    @classmethod
+    def _of(cls, content: dict[str, Any]) -> Adaptive:
+        made = cls(
+            content["pairs"], content["model"], Prior(**content["prior"]),
+            seed=content["seed"], about=content["about"], draws=content["draws"],
+        )  # fmt: skip
+        for *pair, equal in content["answers"]:
+            made.answer(pair, equal)
         return made
 
     # --- Parts ------------------------------------------------------------------------------------------

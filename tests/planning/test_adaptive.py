@@ -1,6 +1,8 @@
 """Adaptive sessions: the posterior is that of `sample`, the next pair is the best one, and a file brings a session back."""
 
 import json
+import pickle
+from copy import copy, deepcopy
 
 import numpy as np
 import pytest
@@ -97,9 +99,18 @@ def test_a_file_brings_a_session_back(tmp_path, done):
     assert np.array_equal(again.subject.n_equal, done.subject.n_equal)
 
 
-def test_draws_outside_of_the_support_weigh_nothing(done):
-    from copy import copy
+def test_a_copy_goes_on_by_itself_also_while_draws_are_made_anew():
+    session = Adaptive([(0.0, level) for level in (0.0, 0.2, 0.4)], ["symmetric", "predictive update"], seed=5, draws=512)
+    while session._work is None:
+        session.answer((0.0, 0.2), session.trials % 2 == 0)
+    at = session.trials
+    for copied in (deepcopy(session), pickle.loads(pickle.dumps(session))):
+        assert (copied.next(), copied.probabilities) == (session.next(), session.probabilities)
+        copied.answer((0.0, 0.4), True)
+        assert (copied.trials, session.trials) == (at + 1, at)
 
+
+def test_draws_outside_of_the_support_weigh_nothing(done):
     [cloud] = map(copy, done._clouds.values())
     cloud.log_posterior, cloud.log_weight, before = cloud.log_posterior.copy(), cloud.log_weight.copy(), cloud.generation
     cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
