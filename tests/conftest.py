@@ -1,6 +1,7 @@
 """Shared pieces: small studies, one analysis of them, and the paths of the real data where they are present."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,11 @@ def few_pairs(names):
     """A study that costs little: four pairs of every subject."""
     pairs = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
     return bt.Study([bt.Subject(name, *pairs, [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate(names)])
+
+
+def known_observers(names):
+    """Bundled subjects under other names: who has answered so much that a group of them is quickly sampled."""
+    return bt.Study([replace(one, name=name) for name, one in zip(names, bt.example_study(), strict=False)], synthetic=True)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, inside
-from conftest import few_pairs, grouped_csv
+from conftest import few_pairs, grouped_csv, known_observers
 from populations import made_up
 
 import bayes_toe as bt
@@ -18,6 +18,7 @@ from bayes_toe.groups.regressors import regressors
 from bayes_toe.inference.diagnostics import Convergence
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
+MEMBERS = "ABCDEFGH"
 SHORT = "8 effective draws of the sd of mu1"
 OPTIONS = ("--seed", "1", "--draws", "200", "--workers", "1")
 
@@ -25,8 +26,10 @@ OPTIONS = ("--seed", "1", "--draws", "200", "--workers", "1")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("population")
-    grouped_csv(folder / "study.csv", few_pairs("ABCDE"))
-    (folder / "people.csv").write_text("subject,site,age\nA,1,20\nB,2,30\nC,1,25\nD,2,33\nE,1,\n", encoding="utf-8")
+    grouped_csv(folder / "study.csv", known_observers([*MEMBERS, "I"]))
+    ages = zip(MEMBERS, "12121212", (20, 30, 25, 33, 28, 41, 22, 36), strict=True)
+    people = ["subject,site,age", *(f"{name},{site},{age}" for name, site, age in ages), "I,1,"]
+    (folder / "people.csv").write_text("\n".join(people), encoding="utf-8")
     (folder / "near.toml").write_text("[gamma]\nsd_scale = 0.5\n", encoding="utf-8")
     return folder
 
@@ -43,22 +46,22 @@ def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
     said = [line for line in done.stdout.splitlines() if line.startswith(("order", "a subject at the mean", "site 2 - 1: asymmetry"))]
     assert len(said) == 3
-    assert re.search(r"first, -?[\d.]+ \(-?[\d.]+, -?[\d.]+\) on average over 1 comparison and all subjects", said[0])
+    assert re.search(r"first, -?[\d.]+ \(-?[\d.]+, -?[\d.]+\) on average over 4 comparisons and all subjects", said[0])
     assert "(site 1, age mean): pull " in said[1]
     assert re.search(r"│ site 2 +│ +probit gamma │.*(no|a) difference │", done.stdout)
     assert "probit gamma: mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(0.5)" in done.stdout
-    assert "note subjects left out: 'E' (no age)" in done.stdout
+    assert "note subjects left out: 'I' (no age)" in done.stdout
     assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done.stdout
 
 
 def test_files_are_those_of_the_population(done, folder):
     found = bt.load_population(folder / "group.nc")
-    assert (found.study.names, dict(found.left_out), found.converged) == (tuple("ABCD"), {"E": "no age"}, True)
+    assert (found.study.names, dict(found.left_out), found.converged) == (tuple(MEMBERS), {"I": "no age"}, True)
     assert found.settings.hyperprior.as_dict()["gamma"]["sd_scale"] == 0.5
     table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values={name: "" for name in ("bf_below", "bf_error")})
     assert np.array_equal(table["mean"], found.summary()["mean"])
     assert (table.level[table.quantity == "effect"].unique() == ["site 2", "age"]).all()
-    assert pd.read_csv(folder / "group_subjects.csv").subject.unique().tolist() == list("ABCD")
+    assert pd.read_csv(folder / "group_subjects.csv").subject.unique().tolist() == list(MEMBERS)
 
 
 def test_what_is_there_is_not_replaced(done, folder):
@@ -94,7 +97,7 @@ def test_stored_draws_are_not_sampled_again(folder):
     done = inside(*of_draws, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "seed 1; written: stored.nc" in done.stdout
-    assert bt.load_population(folder / "stored.nc").study.names == tuple("ABCDE")
+    assert bt.load_population(folder / "stored.nc").study.names == (*MEMBERS, "I")
     for option, said in (
         (("--resume", "--overwrite"), "--resume: allowed without --posterior"),
         (("--overwrite", "--model", "constant bias"), "posterior.nc: found draws of the model 'predictive update'"),

@@ -5,7 +5,7 @@ import time
 
 import pytest
 from commands import call, inside
-from conftest import few_pairs, grouped_csv
+from conftest import few_pairs, grouped_csv, known_observers
 from processes import needs_proc, start, until, until_gone
 
 pytestmark = needs_proc
@@ -43,6 +43,7 @@ def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(f
 
 
 def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(folder):
+    grouped_csv(folder / "study.csv", known_observers("ABCD"))
     options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
     running = start("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
     until(lambda: len(list(folder.glob("group.nc.partial/*.kept"))) > 1, running)
