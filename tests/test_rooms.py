@@ -5,6 +5,7 @@ version errors arrays seeds cluster workers records < data < kept < model < infe
 """
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -63,8 +64,13 @@ def _modules():
     return sorted(".".join(parts) for parts in found if parts not in {("__init__",), ("__main__",)})
 
 
+@cache
 def _imported(name):
     """Dotted names of everything that a module imports, also inside functions."""
+    return tuple(_imports(name))
+
+
+def _imports(name):
     for node in ast.walk(ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
