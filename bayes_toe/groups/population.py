@@ -263,7 +263,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     Examples
     --------
     >>> from bayes_toe.data.example import example_study
-    >>> found = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
+    >>> found = population(example_study().select(["S01", "S02", "S03", "S04", "S05"]), draws=200, seed=1, workers=1)
     >>> found.names, found.converged
     (('mu1', 'gamma', 'width', 'q0'), True)
     """
