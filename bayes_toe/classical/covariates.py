@@ -17,7 +17,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import listed, quoted
-from bayes_toe.data.tables import Table
+from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,9 +66,7 @@ class CovariateTable(Table[CovariateTest]):
 
     def frame(self) -> pd.DataFrame:
         """One row per covariate and outcome; empty where a test does not exist."""
-        import pandas as pd
-
-        return pd.DataFrame([[getattr(row, key) for key in COVARIATE_COLUMNS] for row in self.rows], columns=list(COVARIATE_COLUMNS))
+        return frame_of(self.rows, COVARIATE_COLUMNS)
 
 
 def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, float]]) -> CovariateTable:

@@ -250,8 +250,6 @@ def _study_and_prior(study: StudyFileOrSaved, posterior: Path | None, task: Mode
     if posterior is not None:
         draws = saved_draws(posterior, study, task)
         return draws.study, draws.prior, draws.seed
-    if not study.files:
-        raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
     return (*task.opened(study), task.seed)
 
 

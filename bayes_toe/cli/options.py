@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bayes_toe.errors import InputError
 from bayes_toe.model.prior_fields import PriorFields
 
 if TYPE_CHECKING:
@@ -121,6 +122,12 @@ class StudyFileOrSaved(StudyFileOrExample):
         list[Path] | None,
         typer.Argument(metavar="[STUDY.csv]...", help="Trials or counts, CSV, .parquet or .mat; not needed with --posterior."),
     ] = None
+
+    def read(self) -> Study:
+        """The study of the files, which there must be where it is asked for."""
+        if not self.files:
+            raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
+        return super().read()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
 _STOPPING, _POPULATION = "power_stopping.csv", "power_population.csv"
+Found = TypeVar("Found")
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -139,28 +140,23 @@ def power(
     prior = preset_or_file(task.prior)
     designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
     rule = None if stop is None else StoppingRule(stop, numbers[-1], look)
-    kinds = dict.fromkeys(one.kind for one in observers_from(task.observers, 1, 0))  # refuses a bad file before any work
-    with task.progress("simulating and analysing", len(designs) * len(numbers) * len(kinds) * data_sets) as tick:
-        table = simulate(
-            designs, numbers, task.observers,
-            data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
-        )  # fmt: skip
+    kinds = len({one.kind for one in observers_from(task.observers, 1, 0)})  # refuses a bad file before any work
+
+    def simulated(what: str, total: int, work: Callable[..., Found], *asked: object, **more: object) -> Found:
+        with task.progress(what, total) as tick:
+            return work(*asked, task.observers, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
+
+    total = len(designs) * len(numbers) * kinds * data_sets
+    table = simulated("simulating and analysing", total, simulate, designs, numbers, data_sets=data_sets, seed=task.seed)
     shares = shares_from(task.observers)
     of_studies, stopped, grouped = power_of_studies(table, sizes, shares), None, None
     if rule is not None:
-        with task.progress("simulating sessions", len(designs) * len(kinds) * data_sets) as tick:
-            stopped = stopping(
-                designs, rule, task.observers,
-                data_sets=data_sets, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
-            )  # fmt: skip
+        total = len(designs) * kinds * data_sets
+        stopped = simulated("simulating sessions", total, stopping, designs, rule, data_sets=data_sets, seed=table.seed)
     if groups.population:
-        with task.progress(
-            "simulating studies", len(designs) * (len(kinds) + bool(shares)) * sum(size > 1 for size in sizes) * groups.studies
-        ) as tick:
-            grouped = power_of_populations(
-                {name: one.with_total(numbers[-1]) for name, one in designs.items()}, sizes, task.observers,
-                studies=groups.studies, seed=table.seed, prior=prior, workers=task.workers, progress=tick, keep=keep,
-            )  # fmt: skip
+        longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
+        total = len(designs) * (kinds + bool(shares)) * sum(size > 1 for size in sizes) * groups.studies
+        grouped = simulated("simulating studies", total, power_of_populations, longest, sizes, studies=groups.studies, seed=table.seed)
     _write_power(table, of_studies, stopped, grouped, output, task)
     task.say_taken(keep)
     done = [one for one in (table, stopped, grouped) if one is not None]

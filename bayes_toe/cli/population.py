@@ -115,16 +115,10 @@ def _study_and_prior(
     study: StudyFileOrSaved, posterior: Path | None, model: str, task: PopulationTask
 ) -> tuple[Study, Prior, Draws | None]:
     """What is asked about, said, with the draws that are there already."""
-    stored: Draws | None
-    if posterior is not None:
-        if task.resume:
-            raise InputError("--resume: allowed without --posterior, where subjects are sampled alone")
-        draws = belonging_draws(posterior, study, task, model)
-        read, prior, stored = draws.study, draws.prior, draws
-    elif study.files:
-        (read, prior), stored = task.read(study), None
-    else:
-        raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
+    if posterior is not None and task.resume:
+        raise InputError("--resume: allowed without --posterior, where subjects are sampled alone")
+    stored = None if posterior is None else belonging_draws(posterior, study, task, model)
+    read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     terminal.say_study(task.console, read)
     return read, prior, stored
 

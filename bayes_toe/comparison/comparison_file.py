@@ -11,9 +11,10 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.parts_table import PartTable, part_tables
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import bare, quoted
 from bayes_toe.data.number_table import read_rows
 from bayes_toe.errors import InputError
+from bayes_toe.inference.belonging import require_said_prior, require_subjects
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import Record, model_named
@@ -72,18 +73,13 @@ def read_comparison(path: str | Path, draws: Draws) -> ComparisonFile:
     texts, numbers = read_rows(path, ("subject", "model", "prior"), _NUMBERS)
     models = tuple(dict.fromkeys(texts["model"]))
     places = {key: row for row, key in enumerate(zip(texts["subject"], texts["model"], strict=True))}
-    others = set(texts["subject"]) ^ set(draws.names)
-    if others - draws.failed.keys():
-        whom = listed([*map(quoted, sorted(others))], 3)
-        raise InputError(f"{source}: found other subjects than the draws have, {whom}, allowed: one study")
+    require_subjects(source, texts["subject"], draws)
     for name, model in product(draws.names, models):
         if (name, model) not in places:
             raise InputError(f"{source}: no row of subject {quoted(name)} with model {quoted(model)}, allowed: every subject with each")
     records = tuple(map(model_named, models))
     for record in records:
-        said, wanted = texts["prior"][places[draws.names[0], record.name]], record.describe(draws.prior)
-        if said != wanted:
-            raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws, {wanted}")
+        require_said_prior(source, texts["prior"][places[draws.names[0], record.name]], record.describe(draws.prior))
     rows = np.array([[places[name, model] for model in models] for name in draws.names])
     found = ComparisonFile(draws.names, records, *(numbers[name][rows] for name in _NUMBERS))
     _require_answers(found, draws, source)

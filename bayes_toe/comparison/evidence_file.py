@@ -11,7 +11,7 @@ from bayes_toe.data.cells import read_cells, read_header
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.number_table import read_some_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.inference.belonging import require_update
+from bayes_toe.inference.belonging import require_said_prior, require_update
 from bayes_toe.inference.draws import Draws
 
 _NUMBERS = tuple(name for name in EVIDENCE_COLUMNS if name not in ("subject", "prior"))
@@ -40,9 +40,7 @@ def read_evidence(path: str | Path, draws: Draws) -> EvidenceTable:
     others = [*sorted(set(draws.names) ^ (rows.keys() - draws.failed.keys())), *_other_counts(draws, rows, columns)]
     if others:
         raise InputError(f"{source}: found other answers than the draws have of {listed([*map(quoted, others)], 3)}, allowed: one analysis")
-    said = _prior_in(path)
-    if said != draws.prior.describe():
-        raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws, {draws.prior.describe()}")
+    require_said_prior(source, _prior_in(path), draws.prior.describe())
     return EvidenceTable(
         tuple(_row(draws, name, {key: float(values[rows[name]]) for key, values in columns.items()}) for name in draws.names),
         seed=draws.seed,

@@ -19,7 +19,7 @@ from bayes_toe.comparison.parts_table import STUDY, part_tables
 from bayes_toe.comparison.prior_sensitivity import moved
 from bayes_toe.comparison.reweighting import RESAMPLED, reweighted, under
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tables import Table
+from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.ladder import Record, require_models
@@ -87,10 +87,7 @@ class PartsSensitivity(Table[PartsRow]):
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of sensitivity_parts.csv."""
-        import pandas as pd
-
-        frame = pd.DataFrame([[getattr(row, name) for name in COLUMNS] for row in self.rows], columns=list(COLUMNS))
-        return frame.astype({"factor": "float64", "probability": "float64"})
+        return frame_of(self.rows, COLUMNS).astype({"factor": "float64", "probability": "float64"})
 
     def of(self, subject: str, varied: str, part: str) -> dict[str, list[PartsRow]]:
         """Rows of one subject, varied value and part, ascending, by level."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
@@ -12,10 +11,10 @@ import numpy as np
 from bayes_toe.comparison.parts_sensitivity import PartsRow, PartsSensitivity
 from bayes_toe.comparison.parts_table import STUDY
 from bayes_toe.comparison.prior_sensitivity import QUANTILES, SUMMARISED, SensitivityRow, SensitivityTable
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import bare, quoted
 from bayes_toe.data.number_table import read_rows
 from bayes_toe.errors import InputError
-from bayes_toe.inference.belonging import require_update
+from bayes_toe.inference.belonging import require_said_prior, require_subjects, require_update
 from bayes_toe.inference.draws import Draws
 
 _NOTHING = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
@@ -32,15 +31,12 @@ def read_sensitivity(path: str | Path, draws: Draws) -> SensitivityTable:
     source = bare(Path(path).name)
     require_update(draws, source)
     texts, numbers = read_rows(path, ("subject", "varied", "method", "prior"), ("factor", "value", "log_bayes_factor", "se", "pareto_k"))
-    _require_subjects(source, texts["subject"], draws)
+    require_subjects(source, texts["subject"], draws)
     rows = []
     for i, (subject, varied, method, said) in enumerate(zip(*texts.values(), strict=True)):
         draws.prior.declared_as(varied)
         prior = replace(draws.prior, **{varied: float(numbers["value"][i])})  # type: ignore[arg-type]  # a number of the prior
-        if said != prior.describe():
-            raise InputError(
-                f"{source}, column prior: found {quoted(said)}, allowed: that of the draws but for {varied}, {prior.describe()}"
-            )
+        require_said_prior(source, said, prior.describe(), f" but for {varied}")
         factor, bayes_factor, error = (_known(numbers[name][i]) for name in ("factor", "log_bayes_factor", "se"))
         rows.append(SensitivityRow(subject, varied, factor, prior, bayes_factor, error, float(numbers["pareto_k"][i]), method, _NOTHING))
     found = SensitivityTable(tuple(rows), prior=draws.prior, seed=draws.seed)
@@ -58,7 +54,7 @@ def read_parts_sensitivity(path: str | Path, draws: Draws) -> PartsSensitivity:
     """
     source = bare(Path(path).name)
     texts, numbers = read_rows(path, ("subject", "varied", "part", "level"), ("factor", "value", "probability", "pareto_k", "sampled_anew"))
-    _require_subjects(source, (name for name in texts["subject"] if name != STUDY), draws)
+    require_subjects(source, (name for name in texts["subject"] if name != STUDY), draws)
     rows = []
     for i, (subject, varied, part, level) in enumerate(zip(*texts.values(), strict=True)):
         value, k, anew = (float(numbers[name][i]) for name in ("value", "pareto_k", "sampled_anew"))
@@ -80,10 +76,3 @@ def _require_middle(source: str, found: SensitivityTable | PartsSensitivity) -> 
         given = getattr(found.prior, varied, None)
         if (varied, given) not in values:
             raise InputError(f"{source}: found a range of {quoted(varied)} about another prior, allowed: about that of the draws, {given}")
-
-
-def _require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
-    others = (set(names) ^ set(draws.names)) - draws.failed.keys()
-    if others:
-        whom = listed([*map(quoted, sorted(others))], 3)
-        raise InputError(f"{source}: found other subjects than the draws have, {whom}, allowed: one study")

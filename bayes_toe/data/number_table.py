@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.cells import Header, read_cells, read_header, refuse
+from bayes_toe.data.cells import Cells, Fault, Header, read_cells, read_header, refuse
 from bayes_toe.data.columns import is_empty, name_faults, number_fault, numbers
 from bayes_toe.data.messages import bare, listed, quoted
 
@@ -69,9 +69,7 @@ def read_some_numbers(path: str | Path, key: str, names: Sequence[str]) -> tuple
         found = listed([quoted(name) for name in header.names])
         problems = [f"{header.place}: found {found}, allowed: {bare(key)} and some of {', '.join(names)}"]
     cells = read_cells(header, text, places, problems)
-    columns = {name: numbers(cells, column) for name, column in cells.columns.items() if name != key}
-    wrong = {name: np.isnan(values) & ~is_empty(cells.columns[name]) for name, values in columns.items()}
-    faults = [number_fault(cells, cells.columns[name], bad) for name, bad in wrong.items()]
+    columns, faults = _numbers_or_nothing(cells, [name for name in cells.columns if name != key])
     refuse(header.source, [cells.fault, *name_faults(cells, cells.columns[key]), *faults])
     return [cells.columns[key].text(row) for row in range(len(cells.rows))], columns
 
@@ -94,10 +92,16 @@ def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> t
     needed = [*texts, *names]
     header, text = read_header(path, frozenset(needed))
     cells = read_cells(header, text, *_places(header, needed, ()))
-    values = {name: numbers(cells, cells.columns[name]) for name in names}
-    wrong = {name: np.isnan(found) & ~is_empty(cells.columns[name]) for name, found in values.items()}
-    refuse(header.source, [cells.fault, *(number_fault(cells, cells.columns[name], bad) for name, bad in wrong.items())])
+    values, faults = _numbers_or_nothing(cells, names)
+    refuse(header.source, [cells.fault, *faults])
     return {name: [cells.columns[name].text(row) for row in range(len(cells.rows))] for name in texts}, values
+
+
+def _numbers_or_nothing(cells: Cells, names: Sequence[str]) -> tuple[dict[str, FloatArray], list[Fault]]:
+    """Columns of numbers, NaN where a cell is empty, and the cells that hold something else."""
+    columns = {name: numbers(cells, cells.columns[name]) for name in names}
+    wrong = {name: np.isnan(values) & ~is_empty(cells.columns[name]) for name, values in columns.items()}
+    return columns, [number_fault(cells, cells.columns[name], bad) for name, bad in wrong.items()]
 
 
 def _places(header: Header, needed: Sequence[str], optional: Sequence[str]) -> tuple[dict[str, int], list[str]]:

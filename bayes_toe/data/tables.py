@@ -73,6 +73,13 @@ class Table(ABC, Generic[Row]):
         return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
 
 
+def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
+    """A frame of what rows have under the names of its columns."""
+    import pandas as pd
+
+    return pd.DataFrame([[getattr(row, name) for name in columns] for row in rows], columns=list(columns))
+
+
 @dataclass(frozen=True, eq=False)
 class SubjectTable(Table[SubjectRow]):
     """A table with one row for each subject, looked up by the subject's name.

@@ -1,4 +1,4 @@
-"""Whether saved draws are those that somebody means: of this study, under this prior, this model and this seed."""
+"""Whether saved draws are those that somebody means, and tables beside them theirs: of this study, prior, model and seed."""
 
 from __future__ import annotations
 
@@ -53,6 +53,30 @@ def require_update(draws: Draws, what: str) -> None:
     InputError
     """
     require_belonging(draws, what, model=PREDICTIVE_UPDATE.name)
+
+
+def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
+    """Refuse a table that is not of the draws' subjects; those that failed may be in it or not.
+
+    Raises
+    ------
+    InputError
+    """
+    others = (set(names) ^ set(draws.names)) - draws.failed.keys()
+    if others:
+        whom = listed([*map(quoted, sorted(others))], 3)
+        raise InputError(f"{source}: found other subjects than the draws have, {whom}, allowed: one study")
+
+
+def require_said_prior(source: str, said: str, wanted: str, but: str = "") -> None:
+    """Refuse a table that says another prior, in words, than that of the draws.
+
+    Raises
+    ------
+    InputError
+    """
+    if said != wanted:
+        raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws{but}, {wanted}")
 
 
 def _other_study(draws: Draws, study: Study) -> str:

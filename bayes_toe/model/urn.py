@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_expit
+from scipy.special import expit, log_expit
 
 from bayes_toe.arrays import FloatArray, IntArray
 
@@ -43,7 +43,7 @@ def log_drawn(answers: tuple[FloatArray, FloatArray], v: FloatArray, n: IntArray
     """
     pairs = _ByCount(n)
     (u, other), v, b = map(pairs.take, answers), pairs.take(v), pairs.take(before)
-    rho, rest = np.exp(log_expit(v)), np.exp(log_expit(-v))
+    rho, rest = expit(v), expit(-v)
     own, step, scale = _parts(u, v, least=_LEAST)
     unlike = np.exp(other) * rest + b * rho
     product, taken, total = np.ones(u.shape), np.zeros(u.shape), np.zeros(u.shape)

@@ -22,7 +22,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study
-from bayes_toe.data.tables import Table
+from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.groups.population import Population, population
@@ -163,10 +163,7 @@ class PopulationPower(Table[AnalysedStudy]):
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of power_population.csv."""
-        import pandas as pd
-
-        rows = [[getattr(one, key) for key in POPULATION_COLUMNS] for one in self.counted.values()]
-        return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
+        return frame_of(self.counted.values(), POPULATION_COLUMNS)
 
     def sentences(self) -> list[str]:
         """How often the order effect of subjects is found in some pair, and how often one that is not there, a line a design."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.exact_random_effects import exact_random_effects
-from bayes_toe.data.tables import Table
+from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.planning.observers import MIXED, PLAIN, mixture
 from bayes_toe.planning.power_table import CERTAIN, WORDS, PowerTable, share
 
@@ -49,9 +49,7 @@ class StudyPower(Table[StudyShare]):
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of power_subjects.csv."""
-        import pandas as pd
-
-        return pd.DataFrame([[getattr(row, key) for key in STUDY_COLUMNS] for row in self.rows], columns=list(STUDY_COLUMNS))
+        return frame_of(self.rows, STUDY_COLUMNS)
 
     def sentences(self) -> list[str]:
         """What studies of subjects who update name, or of the last kind there is, a line a design and number of trials."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import betaincinv, ndtri
 
 from bayes_toe.data.messages import listed
-from bayes_toe.data.tables import Table
+from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import PLAIN, SAID, UPDATE
 
@@ -148,9 +148,7 @@ class PowerTable(Table[DataSet]):
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv: a share or a mean a row, with low and high end of a 95 % interval of its error."""
-        import pandas as pd
-
-        return pd.DataFrame([[getattr(one, key) for key in POWER_COLUMNS] for one in self.counted], columns=list(POWER_COLUMNS))
+        return frame_of(self.counted, POWER_COLUMNS)
 
     def data_sets_frame(self) -> pd.DataFrame:
         """Every simulated data set, with the columns of power_data_sets.csv."""
