@@ -18,8 +18,10 @@ from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.differencing import DIFFERENCING
 from bayes_toe.model.distributions import Uniform
 from bayes_toe.model.links import BELL, EXPONENT, Lapsing, Link
-from bayes_toe.model.parameters import WIDTH, Block, Memory, Offset, Single, Update
+from bayes_toe.model.memory import Memory
+from bayes_toe.model.parameters import WIDTH, Block, Offset, Single
 from bayes_toe.model.posterior import Model, Pull
+from bayes_toe.model.predictive_update import Update
 from bayes_toe.model.propagators import MEAN_REVERSION, RANDOM_WALK, Propagator
 from bayes_toe.model.scales import Log, Logit, Plain
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
