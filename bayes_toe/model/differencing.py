@@ -17,8 +17,24 @@ from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.links import Answers, Link, Logarithm
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_MANY_NODES, _MANY_WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+def _gauss_legendre(n: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of integrals over 0..1; nodes near 0, where what is integrated here is largest, are as precise as any.
+
+    Newton's method for P_n(1 - 2 t) = 0 by the recurrence of differences of successive polynomials, which loses nothing at small t.
+    """
+    t = 0.5 * (1.0 + np.polynomial.legendre.leggauss(n)[0])
+    for _ in range(2):
+        before, p, step = np.ones(n), 1.0 - 2.0 * t, -2.0 * t
+        for j in range(1, n):
+            step = (j * step - 2.0 * t * (2 * j + 1) * p) / (j + 1)
+            before, p = p, p + step
+        t = t + p * 2.0 * t * (1.0 - t) / (n * (before - (1.0 - 2.0 * t) * p))
+    return t, 4.0 * t * (1.0 - t) / np.square(n * before)
+
+
+_NODES, _WEIGHTS = _gauss_legendre(12)
+_MANY_NODES, _MANY_WEIGHTS = _gauss_legendre(40)
 
 
 def differencing_answers(z: FloatArray, logit_peak: FloatArray) -> Answers:
@@ -63,8 +79,8 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
     level = _level(distance, k)
     if level.any():
         d, half = distance[level], k[level]
-        t = 0.5 * half[:, None] * (_NODES + 1.0)
-        mean = 0.5 * (np.exp(-0.5 * np.square(t)) * np.cosh(d[:, None] * t)) @ _WEIGHTS
+        t = half[:, None] * _NODES
+        mean = (np.exp(-0.5 * np.square(t)) * np.cosh(d[:, None] * t)) @ _WEIGHTS
         result[level] = np.log(2.0 * half * mean) - 0.5 * (np.square(d) + LOG_2PI)
     return np.asarray(result)
 
@@ -124,8 +140,16 @@ def differencing_slopes(z: FloatArray, logit_peak: FloatArray) -> tuple[Logarith
     many = inside > -LN2
     with np.errstate(over="ignore", invalid="ignore"):  # branches not taken
         of_equal = _chosen(_level(distance, at.k), _narrow_slopes(distance, at, logit_peak), _inside_slopes(distance, at, inside))
-        of_different = _chosen(many, _outside_slopes(distance, at, outside), of_equal.of_complement(np.exp(inside - outside)))
+        of_different = _chosen(many, _outside_slopes(distance, at, outside, logit_peak), of_equal.of_complement(np.exp(inside - outside)))
     return of_equal.mirrored(side, distance), of_different.mirrored(side, distance)
+
+
+def differencing_shape(z: FloatArray, equal: Logarithm, logit_peak: FloatArray) -> FloatArray:
+    """Slope of log P(equal) in logit q0 less 1 - q0; of a narrow window, which is nearly the peak times a shape, without the difference."""
+    distance, at = np.abs(z), _Criterion.at(logit_peak, z.shape)
+    shape, level = np.asarray(equal.own[0] - expit(-logit_peak)), _level(distance, at.k)
+    shape[level] = _narrow_drift(distance[level], at.k[level])[0] * at.rate[level]
+    return shape
 
 
 def differencing_fall(z: FloatArray, logit_peak: FloatArray) -> FloatArray:
@@ -137,8 +161,8 @@ def differencing_fall(z: FloatArray, logit_peak: FloatArray) -> FloatArray:
         far = np.where(np.broadcast_to(logit_peak, k.shape) < 0.0, expit(logit_peak) - inside, outside - expit(-logit_peak))
         result = np.asarray(np.log(np.where(near, 1.0, far)))
         d, top = distance[near], k[near]
-        s = 0.5 * d[:, None] * (_NODES + 1.0)
-        mean = 0.5 * (np.exp(-0.5 * np.square(top[:, None] - s)) * -np.expm1(-2.0 * top[:, None] * s)) @ _WEIGHTS
+        s = d[:, None] * _NODES
+        mean = (np.exp(-0.5 * np.square(top[:, None] - s)) * -np.expm1(-2.0 * top[:, None] * s)) @ _WEIGHTS
         result[near] = np.log(d * mean) - 0.5 * LOG_2PI
     return result
 
@@ -179,9 +203,8 @@ def _narrow_slopes(z: FloatArray, at: _Criterion, logit_peak: FloatArray) -> _Pe
     F_k = (z E t - E t^2)/k and F_kk = (Var(z t - t^2) - E t^2)/k^2, all by positive terms.
     """
     k = np.minimum(at.k, 0.5)
-    (t1, t2, t3, t4), (_, u2, _, u4) = _moments(np.minimum(z, 0.5 / np.maximum(k, 1e-300)), k), _moments(np.zeros_like(z), k)
-    first, first_0 = z * t1 - t2, -u2
-    slope = (first - first_0) / k
+    slope, (t1, t2, t3, t4), (u2, u4) = _narrow_drift(z, k)
+    first = z * t1 - t2
     bend = (z * z * t2 - 2.0 * z * t3 + t4 - np.square(first) - t2 - (u4 - np.square(u2) - u2)) / np.square(k)
     lapse, peak = expit(-logit_peak), expit(logit_peak)
     return _Peaked(
@@ -193,16 +216,22 @@ def _narrow_slopes(z: FloatArray, at: _Criterion, logit_peak: FloatArray) -> _Pe
     )
 
 
+def _narrow_drift(z: FloatArray, k: FloatArray) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+    """F_k(z, k) - F_k(0, k), moments 1 to 4 inside the window at z, and moments 2 and 4 at 0."""
+    t, u = _moments(np.minimum(z, 0.5 / np.maximum(k, 1e-300)), k), _moments(np.zeros_like(z), k)
+    return (z * t[0] - t[1] + u[1]) / k, t, u[1::2]
+
+
 def _moments(z: FloatArray, k: FloatArray) -> list[FloatArray]:
     """E t, E t^2, E t^3 and E t^4 of a normal about z inside -k..k, narrow; odd ones without cancellation, because z >= 0."""
-    t = 0.5 * k[..., None] * (_NODES + 1.0)
+    t = k[..., None] * _NODES
     weights = np.exp(-0.5 * np.square(t)) * _WEIGHTS
     even, odd = weights * np.cosh(z[..., None] * t), weights * np.sinh(z[..., None] * t)
     mass = even.sum(axis=-1)
     return [((odd if power % 2 else even) * t**power).sum(axis=-1) / mass for power in (1, 2, 3, 4)]
 
 
-def _outside_slopes(z: FloatArray, at: _Criterion, log_outside: FloatArray) -> _Peaked:
+def _outside_slopes(z: FloatArray, at: _Criterion, log_outside: FloatArray, logit_peak: FloatArray) -> _Peaked:
     """Derivatives of log P(|z + e| > k): two half lines with weights w, hazards h and mean excesses m over their edges."""
     edges = (at.k - z, at.k + z)
     weights = [np.exp(log_ndtr(-edge) - log_outside) for edge in edges]
@@ -210,13 +239,40 @@ def _outside_slopes(z: FloatArray, at: _Criterion, log_outside: FloatArray) -> _
     within = [w * h * _excess(edge, h) for w, h, edge in zip(weights, hazards, edges, strict=True)]
     upper, lower = (w * h for w, h in zip(weights, hazards, strict=True))
     between = weights[0] * weights[1]
-    return at.chained(
+    found = at.chained(
         z=upper - lower,
         k=-(upper + lower),
         zz=between * np.square(hazards[0] + hazards[1]) - within[0] - within[1],
         zk=within[0] - within[1] - between * (np.square(hazards[0]) - np.square(hazards[1])),
         kk=between * np.square(hazards[0] - hazards[1]) - within[0] - within[1],
     )
+    far = (at.k > 3.0) & (2.0 * z < at.k)
+    if far.any():
+        found.peak_peak[far] = _bend_far_inside(z[far], at.k[far], np.broadcast_to(logit_peak, z.shape)[far])
+    return found
+
+
+def _bend_far_inside(z: FloatArray, k: FloatArray, logit_peak: FloatArray) -> FloatArray:
+    """Second derivative of log P(|z + e| > k) in the logit of the peak where both edges are far out; shape (n,) each.
+
+    P = 2 e^(-z^2/2) Q(k) C with Q the normal's upper tail, 1 - q0 = 2 Q(k), and C = E cosh(z (k + t)) over the excess t of a normal over
+    k. With D = C - cosh(z k), u = D/C and the hazard h of k the derivative is
+
+        -q0 (1 - q0) (1 - u) + q0^2 (D_k/(h C) - u^2),    D_k/h = (E [z sinh(z (k + t)) - z sinh(z k)] - Cov [t, cosh(z (k + t))])/h:
+
+    what is of the order of 1/k^2 in the general form cancels here on paper. The factor e^(z k)/2 is left out of all that is hyperbolic.
+    """
+    t, weights = _nodes(np.minimum(40.0 / (k - z), 9.0))
+    density = np.exp(-t * (k[:, None] + 0.5 * t)) * weights
+    mass, z_, k_ = density.sum(axis=1), z[:, None], k[:, None]
+    grown = np.exp(z_ * t) * (density / mass[:, None])
+    lost, lower = -np.expm1(-z_ * t), np.exp(-z_ * (2.0 * k_ + t))
+    whole = (grown * (1.0 + np.exp(-2.0 * z_ * (k_ + t)))).sum(axis=1)
+    above = grown * -np.expm1(-z_ * (2.0 * k_ + t)) * lost
+    excess = (t * density).sum(axis=1) / mass
+    change = (z_ * grown * (1.0 + lower) * lost).sum(axis=1) - ((t - excess[:, None]) * above).sum(axis=1)
+    u, q0, lapse = above.sum(axis=1) / whole, expit(logit_peak), expit(-logit_peak)
+    return np.asarray(-q0 * lapse * (1.0 - u) + np.square(q0) * (mass * change / whole - np.square(u)))
 
 
 def _excess(edge: FloatArray, hazard: FloatArray) -> FloatArray:
@@ -229,12 +285,16 @@ def _excess(edge: FloatArray, hazard: FloatArray) -> FloatArray:
 
 def _from_edge(d: FloatArray, wide: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Integral over 0..wide of exp(-d s - s^2/2), and the mean of s under it; shape (n,) each. d > 2 where the window is wide."""
-    end = np.minimum(wide, np.divide(40.0, d, out=np.full(d.shape, np.inf), where=d > 0.0))
-    s = 0.5 * end[:, None] * (_MANY_NODES + 1.0)
-    density = np.exp(-s * (d[:, None] + 0.5 * s))
-    mass = density @ _MANY_WEIGHTS
-    return 0.5 * end * mass, ((s * density) @ _MANY_WEIGHTS) / mass
+    s, weights = _nodes(np.minimum(wide, np.divide(40.0, d, out=np.full(d.shape, np.inf), where=d > 0.0)))
+    density = np.exp(-s * (d[:, None] + 0.5 * s)) * weights
+    mass = density.sum(axis=1)
+    return mass, (s * density).sum(axis=1) / mass
+
+
+def _nodes(end: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of integrals over 0..end, (n,) -> (n, nodes) each."""
+    return end[:, None] * _MANY_NODES, end[:, None] * _MANY_WEIGHTS
 
 
 #: Signal detection: 'equal' where a noisy difference lies within a criterion.
-DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes, differencing_fall)
+DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes, differencing_fall, own_shape=differencing_shape)

@@ -63,6 +63,9 @@ class Link:
         The same -> log of the peak less P(equal).
     own_rise : callable, optional
         z, both log probabilities and the own coordinates -> :class:`Rise` of both, where that is less work than :attr:`slopes`.
+    own_shape : callable, optional
+        z, the slopes of log P(equal) and the own coordinates -> what the logit of the peak adds to log P(equal) beside log q0, of first
+        order. None: nothing, because P(equal) is the peak times a shape.
     """
 
     coordinates: tuple[str, ...]
@@ -70,6 +73,11 @@ class Link:
     slopes: Callable[..., tuple[Logarithm, Logarithm]]
     log_fall: Callable[..., FloatArray]
     own_rise: Callable[..., tuple[Rise, Rise]] | None = None
+    own_shape: Callable[..., FloatArray] | None = None
+
+    def shape(self, z: FloatArray, equal: Logarithm, *own: FloatArray) -> FloatArray:
+        """Slope of log P(equal) in logit q0 less 1 - q0, from the slopes of log P(equal)."""
+        return np.zeros((1, 1)) if self.own_shape is None else self.own_shape(z, equal, *own)
 
     def rise(self, z: FloatArray, answers: Answers, *own: FloatArray) -> tuple[Rise, Rise]:
         """First derivatives of both answers."""
@@ -258,7 +266,7 @@ class Lapsing:
         times a shape), and that of 'different' is (q0 - Q)/(1 - Q) less Q/(1 - Q) times that.
         """
         fall, base, log_q = self.link.log_fall(z, *own[:-1]), self.link.slopes(z, *own[:-1]), self.link.log_answers(z, *own[:-1])
-        shape = base[0].own[0] - expit(-own[0])
+        shape = self.link.shape(z, base[0], *own[:-1])
         of_peak = shape, np.exp(fall - log_q[1]) - shape * np.exp(log_q[0] - log_q[1])
         log_p, parts = self.log_answers(z, *own), self._parts(z, own)
         moved = [sign * np.exp(log_expit(own[-1]) + log_expit(-own[-1]) + fall - log) for sign, log in zip((1.0, -1.0), log_p, strict=True)]
