@@ -1,5 +1,6 @@
 """Shared pieces: small studies, one analysis of them, and the paths of the real data where they are present."""
 
+import gc
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,23 @@ from browsers import launched
 from hypothesis import settings
 
 import bayes_toe as bt
+from bayes_toe import workers
 from bayes_toe.analysis import Analysis
 from bayes_toe.experiments.simulate import reference_design
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_collection():
+    """Libraries and thousands of tests stay: garbage is not looked for among them while they are loaded, nor later."""
+    gc.disable()
+
+
+def pytest_collection_finish():
+    """From here on it is looked for among what tests make."""
+    gc.freeze()
+    gc.set_threshold(10_000)
+    gc.enable()
 
 
 def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
@@ -79,6 +93,7 @@ def study_csv(tmp_path, small_study):
 
 
 os.environ.setdefault("COLUMNS", "140")
+workers._IDLE = 600.0  # seconds: the worker that one test began, with its libraries, is there for the next one that wants one
 # HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own numbers keep these.
 settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
 settings.register_profile("night", max_examples=20_000, deadline=None)

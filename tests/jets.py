@@ -5,6 +5,11 @@ import mpmath
 NONE = mpmath.mpf(0)
 
 
+def times(v, w):
+    """Their product: many slopes are 0, and a product of so many digits takes time."""
+    return v * w if v and w else NONE
+
+
 class Jet:
     """A number with its gradient and Hessian (row by row) in a few coordinates; arithmetic follows the product and chain rules."""
 
@@ -23,38 +28,44 @@ class Jet:
         return [above[min(i, j), max(i, j)] for i in n for j in n]
 
     def _chain(self, value, first, second):
-        a, bend = self.slope, self.bend
-        return Jet(value, [first * v for v in a], self._squares(lambda i, j, at: first * bend[at] + second * (a[i] * a[j])))
+        a, bend, curved = self.slope, self.bend, [times(second, v) for v in self.slope]
+        return Jet(value, [times(first, v) for v in a], self._squares(lambda i, j, at: times(first, bend[at]) + times(curved[i], a[j])))
 
-    def _lift(self, other):
-        return other if isinstance(other, Jet) else Jet(other, [NONE] * len(self.slope), [NONE] * len(self.bend))
+    def _scaled(self, factor):
+        return Jet(
+            factor * self.value, [times(factor, v) for v in self.slope], self._squares(lambda i, j, at: times(factor, self.bend[at]))
+        )
 
     def __add__(self, other):
-        o = self._lift(other)
-        sums = ([v + w for v, w in zip(mine, yours, strict=True)] for mine, yours in ((self.slope, o.slope), (self.bend, o.bend)))
-        return Jet(self.value + o.value, *sums)
+        if not isinstance(other, Jet):
+            return Jet(self.value + other, self.slope, self.bend)
+        sums = ([v + w for v, w in zip(mine, yours, strict=True)] for mine, yours in ((self.slope, other.slope), (self.bend, other.bend)))
+        return Jet(self.value + other.value, *sums)
 
     def __mul__(self, other):
-        o = self._lift(other)
-        f, g, a, b = self.value, o.value, self.slope, o.slope
-        bend = self._squares(lambda i, j, at: f * o.bend[at] + g * self.bend[at] + a[i] * b[j] + a[j] * b[i])
-        return Jet(f * g, [f * w + g * v for v, w in zip(a, b, strict=True)], bend)
+        if not isinstance(other, Jet):
+            return self._scaled(other)
+        f, g, a, b = self.value, other.value, self.slope, other.slope
+
+        def entry(i, j, at):
+            return times(f, other.bend[at]) + times(g, self.bend[at]) + times(a[i], b[j]) + times(a[j], b[i])
+
+        return Jet(f * g, [times(f, w) + times(g, v) for v, w in zip(a, b, strict=True)], self._squares(entry))
 
     def __neg__(self):
-        return self * -1
+        return self._scaled(-1)
 
     def __sub__(self, other):
-        return self + -self._lift(other)
+        return self + -other
 
     def __rsub__(self, other):
-        return self._lift(other) + -self
+        return -self + other
 
     def __truediv__(self, other):
-        o = self._lift(other)
-        return self * o._chain(1 / o.value, -1 / o.value**2, 2 / o.value**3)
+        return self * (other**-1 if isinstance(other, Jet) else 1 / mpmath.mpf(other))
 
     def __rtruediv__(self, other):
-        return self._lift(other) / self
+        return other * self**-1
 
     def __pow__(self, power):
         v = self.value

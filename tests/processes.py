@@ -31,8 +31,7 @@ def members(session):
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            state, _, _, of = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
-            if int(of) == session and state != "Z":
+            if os.getsid(int(folder.name)) == session and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
                 found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
     return found
 

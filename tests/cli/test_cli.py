@@ -21,6 +21,7 @@ import bayes_toe as bt
 from bayes_toe.classical.fit_table import subject_fit
 from bayes_toe.cli.app import COMMANDS
 from bayes_toe.cli.results_folder import corner_files
+from bayes_toe.inference.sampling import SamplerSettings
 
 
 @pytest.fixture(scope="module")
@@ -391,17 +392,13 @@ def test_an_output_that_cannot_be_written_is_known_before_the_work(folder, place
     assert done.stderr.count("\n") == 1
 
 
-def test_not_converged_is_exit_code_3_and_marked_everywhere(folder, monkeypatch, tmp_path):
-    # One pass and an R-hat that chance alone exceeds, set from outside for this test only.
-    code = (
-        "import sys, bayes_toe.inference.sampling as s, bayes_toe.cli.app as c;"
-        "s.SamplerSettings.__init__.__defaults__ = (*s.SamplerSettings.__init__.__defaults__[:-3], 1.000001, 1, 0.05);"
-        "sys.argv = ['bayes-toe', *sys.argv[1:]]; c.main()"
-    )
+def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path):
+    # One pass and an R-hat that chance alone exceeds.
+    defaults = SamplerSettings.__init__.__defaults__
+    monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", (*defaults[:-3], 1.000001, 1, 0.05))
     counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + counts + "\n")
-    args = ["run", "s.csv", "-o", "out", "--draws", "500", "--seed", "1", "--workers", "1"]
-    done = subprocess.run([sys.executable, "-c", code, *args], capture_output=True, text=True, cwd=tmp_path)
+    done = inside("run", "s.csv", "-o", "out", "--draws", "500", "--seed", "1", "--workers", "1", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "not converged" in done.stdout
     assert "did not converge" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

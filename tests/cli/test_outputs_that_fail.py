@@ -85,7 +85,7 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
         shutil.rmtree(out)
         write(*given)
 
-    words = ("run", place / "study.csv", "-o", out, "--draws", 100, "--seed", 1, "--workers", 1)
+    words = ("run", place / "study.csv", "-o", out, "--draws", 100, "--seed", 1, "--workers", 1, "--pictures", "none")
     monkeypatch.setattr(results_folder, "write_report", deleted)
     done = inside(*words)
     assert "cannot be written" in one_line(done)

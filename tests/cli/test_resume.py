@@ -4,7 +4,7 @@ import random
 import time
 
 import pytest
-from commands import call, inside
+from commands import inside
 from conftest import few_pairs, grouped_csv, known_observers
 from processes import needs_proc, start, until, until_gone
 
@@ -33,11 +33,11 @@ def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(f
     if not (folder / "out").exists():
         assert refused.returncode == 2
         assert "go on with --resume or begin anew with --overwrite" in refused.stderr
-        resumed = call("run", "study.csv", "-o", "out", "--resume", *options, cwd=folder)
+        resumed = inside("run", "study.csv", "-o", "out", "--resume", *options, cwd=folder)
         assert resumed.returncode == 0
         assert "of 4 subjects taken from out.partial" in resumed.stdout
     assert sorted(path.name for path in folder.iterdir()) == ["out", "study.csv"]
-    assert inside("run", "study.csv", "-o", "calm", *options, cwd=folder).returncode == 0
+    assert inside("run", "study.csv", "-o", "calm", "--workers", "1", *options, cwd=folder).returncode == 0
     for name in PRODUCTS:
         assert (folder / "out" / name).read_bytes() == (folder / "calm" / name).read_bytes()
 
@@ -51,10 +51,10 @@ def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(f
     running.communicate()
     until_gone(running.pid)
     assert not (folder / "group.nc").exists()
-    resumed = call("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
+    resumed = inside("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
     assert resumed.returncode == 0
     assert "of 4 subjects taken from group.nc.partial" in resumed.stdout
-    assert call("population", "study.csv", "-o", "calm.nc", *options, cwd=folder).returncode == 0
+    assert inside("population", "study.csv", "-o", "calm.nc", *options, cwd=folder).returncode == 0
     assert not (folder / "group.nc.partial").exists()
     for ending in (".nc", ".csv", "_subjects.csv", ".png"):
         assert (folder / f"group{ending}").read_bytes() == (folder / f"calm{ending}").read_bytes()

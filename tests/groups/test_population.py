@@ -1,6 +1,7 @@
 """The verb: what it promises of seeds, workers and the order of subjects."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -70,21 +71,27 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
     assert (own.scatter > 0.0).all()
 
 
-def test_parameters_may_be_correlated_in_large_groups(run, monkeypatch):
-    assert not run().settings.correlations
+def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
+    assert not found.settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.MANY", 3)
     fewest = min(one.total_trials for one in STUDY)
-    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
-    assert not run().settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest)
     own = run()
     assert own.settings.correlations
     assert {key for key in own.chains.shared if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
     assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
     assert own.chains.z.std() > 0.1
-    assert not run(correlations=False).settings.correlations
     with pytest.raises(InputError, match="'reweight' with correlations, allowed: without them, or method 'joint'"):
         run(model="symmetric", method="reweight", correlations=True)
+
+    def chosen(study, settings, *_, **__):
+        return SimpleNamespace(settings=settings, problems=())
+
+    monkeypatch.setattr("bayes_toe.groups.population._drawn", chosen)  # what follows is settled before anything is drawn
+    assert run().settings.correlations
+    assert not run(correlations=False).settings.correlations
+    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
+    assert not run().settings.correlations
 
 
 def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):

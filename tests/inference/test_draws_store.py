@@ -205,7 +205,7 @@ def test_commands_write_and_take_stores(small_study, tmp_path):
     for name in ("p.nc", "p.zarr"):
         done = inside("sample", "study.csv", "-o", name, *options, cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
-    assert inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path).returncode == 0
+    assert inside("run", "study.csv", "-o", "out", "--pictures", "none", *options, cwd=tmp_path).returncode == 0
     done = inside("run", "study.csv", "-o", "out", "--store", "zarr", *options, cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n"), "already holds posterior.nc" in done.stderr) == (2, 1, True)
     done = inside("run", "study.csv", "-o", "out", "--store", "zarr", *options, "--overwrite", cwd=tmp_path)

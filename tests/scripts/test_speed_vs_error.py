@@ -31,6 +31,15 @@ def call(folder, *more):
     return subprocess.run([sys.executable, str(SCRIPT), "-o", str(folder), *SMALL, *more], capture_output=True, text=True)
 
 
+def inside(monkeypatch, folder, *more):
+    """The exit code of the same in this process, which keeps its threads: for refusals."""
+    monkeypatch.setattr(machine, "one_thread", lambda: "")
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "-o", str(folder), *SMALL, *more])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(SCRIPT), run_name="__main__")
+    return left.value.code
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed") / "docs"
@@ -73,21 +82,16 @@ def test_figures_and_sizes(results):
     assert set(sizes.axis) == {"pairs", "trials"}
 
 
-def test_results_are_not_replaced(results):
+def test_results_are_not_replaced(results, monkeypatch, capsys):
     before = (results / "speed_vs_error.csv").read_bytes()
-    done = call(results)
-    assert done.returncode == 2
-    assert "exists" in done.stderr
+    assert inside(monkeypatch, results) == 2
+    assert "exists" in capsys.readouterr().err
     assert (results / "speed_vs_error.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(("option", "value"), [("--peer-hard-cases", "nosuch"), ("--hard-cases", "nosuch"), ("--subjects", "nosuch")])
 def test_unknown_names_are_one_line(tmp_path, monkeypatch, capsys, option, value):
-    monkeypatch.setattr(machine, "one_thread", lambda: "")  # in this process, which keeps its threads
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "-o", str(tmp_path / "docs"), *SMALL, option, value])
-    with pytest.raises(SystemExit) as left:
-        runpy.run_path(str(SCRIPT), run_name="__main__")
-    assert left.value.code == 2
+    assert inside(monkeypatch, tmp_path / "docs", option, value) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert "'nosuch'" in line
     assert not (tmp_path / "docs").exists()
