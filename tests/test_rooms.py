@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
+version errors arrays lean_imports seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
 < analysis < experiments < planning < plots < explorer < cli
 """
 
@@ -18,6 +18,7 @@ ORDER = (
     "version",
     "errors",
     "arrays",
+    "lean_imports",
     "seeds",
     "cluster",
     "workers",
@@ -47,7 +48,7 @@ OWNERS = {
     "pyarrow": {"data.parquet"},
     "zarr": {"inference.draws_store"},
     "matplotlib": {"plots"},
-    "corner": {"plots"},
+    "corner": {"plots.corner_alone"},
     "bokeh": {"explorer"},
     "loky": {"workers"},
     "cloudpickle": {"workers"},

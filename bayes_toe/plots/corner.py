@@ -1,4 +1,4 @@
-"""Corner plots of one subject's draws; the only module that imports corner.
+"""Corner plots of one subject's draws.
 
 The panels are laid out in inches, so that key and tick labels stay clear of them and of each other whatever their number. Few
 panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plots.corner_sheet` draws the same without Axes.
@@ -6,7 +6,6 @@ panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plo
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
@@ -17,6 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
+from bayes_toe.plots.corner_alone import corner_alone
 from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, OVERLAID, RIGHT, TOP, TRUTH, Content, Values, content, overlaid
 from bayes_toe.plots.style import POSTERIOR
 
@@ -132,11 +132,7 @@ def _by_subject(truths: Values | Mapping[str, Values] | None) -> Mapping[str, Va
 
 def _panels(figure: Figure, found: Content, **style: Any) -> npt.NDArray[Any]:
     """Histograms and contours; returns the Axes, of which those above the diagonal are empty."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # corner imports ArviZ, which announces its refactoring
-        import corner as corner_package
-
-    corner_package.corner(
+    corner_alone()(
         found.samples,
         fig=figure,
         bins=shown.BINS,
