@@ -40,11 +40,12 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False) -> str:
         return f"H1 describes the answers of none of {counted(len(table), whose)}; {NEXT}"
     found, wrong = Counter(order_effect(row.log_evidence_orders) for row in described), len(table) - len(described)
     effect, none = sum(found[word] for word in (*KINDS[1:], _SOME)), found[KINDS[0]]
-    undecided = len(described) - effect - none
+    undecided, unknown = found["undecided"], found["no estimate"]
     among = f"the {counted(len(described), whose)} whose answers H1 describes" if wrong else counted(len(described), whose)
-    parts = [f"{effect} of {among} {'has' if effect == 1 else 'have'} an order effect"]
+    parts = [f"{effect} of {among} {'has' if 1 in (effect, len(described)) else 'have'} an order effect"]
     parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []
     parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
+    parts += [f"{unknown} {'has' if unknown == 1 else 'have'} no estimate"] if unknown else []
     last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else "H1 describes the answers of all"
     return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
 

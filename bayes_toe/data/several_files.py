@@ -24,13 +24,13 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     Raises
     ------
     InputError
-        For no file, a file that is given twice, files of which only some have intervals; and all problems of all files, ten at most.
+        For no file, a file that is given twice, files of which only some have intervals; and the problems of the first files that have any.
     """
     named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
     twice = [path for i, path in enumerate(named) if path in named[:i]]
     if not paths or twice:
         raise InputError(f"{bare(twice[0].name)}: found twice, allowed: each file once" if twice else "files: found none, allowed: some")
-    studies, problems = list[Study](), list[str]()
+    studies, faulty = list[Study](), list[list[str]]()
     shared = {path.name for i, path in enumerate(named) if path.name in {one.name for one in (*named[:i], *named[i + 1 :])}}
     for path in paths:
         home = f"{Path(path).absolute().parent.name}/" if isinstance(path, str | Path) and Path(path).name in shared else ""
@@ -38,11 +38,19 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
             study = read(path)
             studies.append(replace(study, source=home + study.source))
         except InputError as error:
-            problems += [home + problem for problem in error.problems]
-    if problems:
-        more = [f"... and {len(problems) - MOST_SHOWN} more lines"] if len(problems) > MOST_SHOWN else []
-        raise InputError([*problems[:MOST_SHOWN], *more])
+            faulty.append([home + problem for problem in error.problems])
+    if faulty:
+        raise InputError(_problems(faulty))
     return studies[0] if len(studies) == 1 else _together(studies)
+
+
+def _problems(faulty: Sequence[list[str]]) -> list[str]:
+    """All lines of the first files, of which the last may count what is not shown; then how many more files have problems."""
+    shown, rest = list(faulty[0]), 1
+    while rest < len(faulty) and len(shown) + len(faulty[rest]) <= MOST_SHOWN:
+        shown += faulty[rest]
+        rest += 1
+    return shown + ([f"... and problems in {counted(len(faulty) - rest, 'more file')}"] if rest < len(faulty) else [])
 
 
 def _together(studies: Sequence[Study]) -> Study:

@@ -128,7 +128,8 @@ def _areas(panel: Panel, density: FloatArray) -> list[Path]:
     x, y = (panel.side * _CENTRES + start for start in (panel.left, panel.bottom))
     contours: Any = contour_generator(x, y, around, fill_type=FillType.OuterCode)
     found = (contours.filled(level, 2.0 * density.max()) for level in reversed(levels(density)))
-    return [Path(np.concatenate(points), np.concatenate(codes)) for points, codes in found]
+    nothing = Path(np.empty((0, 2)))  # where all but a few draws are in one bin, no density is above that bin's
+    return [Path(np.concatenate(points), np.concatenate(codes)) if points else nothing for points, codes in found]
 
 
 def _draw_lines(figure: Figure, lines: Sequence[FloatArray], colour: str, width: float, **style: Any) -> None:

@@ -18,13 +18,14 @@ def table(*rows):
     [
         (
             [(EFFECT, False), (NONE, False), (OPEN, False), (None, False)],
-            "1 of 4 subjects has an order effect, 1 has none, 2 are undecided (",
+            "1 of 4 subjects has an order effect, 1 has none, 1 is undecided, 1 has no estimate (",
             "of all",
         ),
         ([(EFFECT, True), (EFFECT, False), (EFFECT, False)], "2 of the 2 subjects whose answers H1 describes have an order effect (", NEXT),
+        ([(OPEN, False)], "0 of 1 subject has an order effect, 1 is undecided (", "of all"),
         ([(EFFECT, True)], "H1 describes the answers of none of 1 subject; next: bayes-toe compare", NEXT),
     ],
-    ids=["all", "some", "none"],
+    ids=["all", "some", "one", "none"],
 )
 def test_one_sentence(rows, start, end):
     said = in_short(table(*rows))

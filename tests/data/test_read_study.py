@@ -869,3 +869,17 @@ def test_a_hopeless_number_costs_linear_work() -> None:
                 assert growth(pattern, digit, sign) < 2.1, (pattern, digit, sign)
     assert growth(re.compile(r"\d*\d*"), "1", "") > 3.5  # what the reader must not do is seen
     refused(f"{COUNTS}a,{'1' * 120_000}x,{'0' * 120_000}x,{'0' * 120_000}x,{'0' * 120_000}\n")
+
+
+def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(tmp_path: Path) -> None:
+    for name, rows in {"a": 12, "b": 3, "c": 3}.items():
+        (tmp_path / f"{name}.csv").write_text(TRIALS + "a,x,0,equal\n" * rows, encoding="utf-8")
+    files = [tmp_path / f"{name}.csv" for name in "abc"]
+    for asked, last in (
+        (files[:1], "... and 2 more problems"),
+        (files, "... and problems in 2 more files"),
+        (files[1:], "c.csv: row 4, column s1: found 'x', allowed: a finite number"),
+    ):
+        with pytest.raises(InputError) as refusal:
+            read_study(asked)
+        assert refusal.value.problems[-1] == last

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 import bayes_toe as bt
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.plots.corner_content import BINS, BOTTOM, GAP, LEFT, MARKED, PANEL, TRUTH
-from bayes_toe.plots.corner_sheet import corner_sheet
+from bayes_toe.plots.corner_sheet import Panel, _areas, corner_sheet
 from bayes_toe.plots.style import POSTERIOR
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.001}
@@ -87,3 +87,10 @@ def test_words_are_clear_of_the_panels_and_of_each_other(pair):
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     around = [text.get_window_extent() for text in ours.texts]
     assert all(ours.bbox.x0 <= box.x0 < box.x1 <= ours.bbox.x1 and ours.bbox.y0 <= box.y0 < box.y1 <= ours.bbox.y1 for box in around)
+
+
+def test_a_density_that_is_all_in_one_bin_has_an_area_of_nothing():
+    density = np.zeros((BINS, BINS))
+    density[0, 0] = 1.0  # draws that a few of them, far away, press into a corner
+    wide, narrow = _areas(Panel(0.0, 0.0, 1.0, (0.0, 1.0), (0.0, 1.0)), density)
+    assert len(wide.vertices) == len(narrow.vertices) == 0
