@@ -126,6 +126,9 @@ class Bootstrap:
         for name in ("sigma_p=0", "sigma_p=inf", "not unique"):
             if name in on_edge:
                 found.append(f"{on_edge[name]} of {count} bootstrap replicates have {_SAID[name]}")
+        limits = zip(NATURAL, self.fitted.parameters[0], self.intervals(), strict=True)
+        if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
+            found.append(f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies")
         return tuple(found)
 
 
@@ -197,7 +200,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tup
     """
     theta, edge = replicates.fitted.parameters[0], replicates.fitted.at_edge[0]
     if _without_number(replicates.fitted):
-        return None, f"{_LABEL} does not exist: the maximum lies at {edge}"
+        return None, f"{_LABEL} does not exist: the maximum {_lies(edge)}"
     covariance = replicates.covariance()
     if covariance is None:
         return None, _OPEN
@@ -206,7 +209,19 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tup
     half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
     density = (Prior() if prior is None else prior).log_density_variances(Natural(*theta))
     value = float(replicates.fitted.log_likelihood[0] + density + half_log_det)
-    return value, f"{_LABEL}: the maximum lies at {edge}, beyond which its Gaussian reaches" if edge else ""
+    return value, f"{_LABEL}: the maximum {_lies(edge)}, beyond which its Gaussian reaches" if edge else ""
+
+
+def _lies(edge: str) -> str:
+    """Where a maximum is, in words.
+
+    Examples
+    --------
+    >>> _lies("q0=0;not unique"), _lies("not unique"), _lies("gamma=0;q0=1")
+    ('lies at q0=0 and is not unique', 'is not unique', 'lies at gamma=0;q0=1')
+    """
+    at = ";".join(part for part in edge.split(";") if part != "not unique")
+    return " and ".join([*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])])
 
 
 def evidence_by_bootstrap(subject: Subject, *, seed: int, prior: Prior, replicates: int = 1000) -> tuple[float | None, str]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.comparison.presets import UnderPresets
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import counted
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit
@@ -30,10 +32,11 @@ def tally(table: EvidenceTable) -> str:
     return ", ".join(f"{word} for {found[word]}" for word in words) + f" of {len(table)} subjects"
 
 
-def in_short(table: EvidenceTable, *, synthetic: bool = False) -> str:
+def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence[UnderPresets] = ()) -> str:
     """What a study supports, in one sentence: who has an order effect, among those whose answers the model describes, and what next.
 
-    An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it.
+    An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it. `presets` tell
+    about whom the two presets of the prior disagree.
     """
     described, whose = [row for row in table if not row.misfit], "synthetic subject" if synthetic else "subject"
     if not described:
@@ -46,8 +49,26 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False) -> str:
     parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []
     parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
     parts += [f"{unknown} {'has' if unknown == 1 else 'have'} no estimate"] if unknown else []
-    last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else "H1 describes the answers of all"
+    moved = len({one.subject for one in presets if one.differ} & {row.subject for row in described})
+    parts += [f"and of {moved} of them the choice of the prior decides"] if moved else []
+    untold = sum(row.fit is None or row.fit.degrees_of_freedom <= 0 for row in described)
+    last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else _describes(len(described), untold)
     return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
+
+
+def _describes(subjects: int, untold: int) -> str:
+    """That H1 describes the answers of those of whom it can be told: one who has as many parameters as pairs fits whatever was said.
+
+    Examples
+    --------
+    >>> _describes(3, 1), _describes(1, 1)
+    ('H1 describes the answers of 2, of 1 it cannot be told', 'whether H1 describes the answers cannot be told')
+    """
+    if untold == 0:
+        return "H1 describes the answers of all"
+    if untold == subjects:
+        return "whether H1 describes the answers cannot be told"
+    return f"H1 describes the answers of {subjects - untold}, of {untold} it cannot be told"
 
 
 def misfits(table: EvidenceTable) -> str:

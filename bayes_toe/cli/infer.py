@@ -79,7 +79,7 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    terminal.say(task.console, f"[bold]in short[/bold]: {in_short(analysis.evidence, synthetic=read.synthetic)}")
+    terminal.say(task.console, f"[bold]in short[/bold]: {in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
 

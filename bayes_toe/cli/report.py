@@ -193,7 +193,7 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
         "rows": table.rows,
-        "in_short": in_short(table, synthetic=analysis.study.synthetic),
+        "in_short": in_short(table, synthetic=analysis.study.synthetic, presets=analysis.presets),
         "terms": TERMS,
         "settings": _settings(analysis.draws.attrs),
         "tally": tally(table),

@@ -25,6 +25,8 @@ UNCONSTRAINED = ("offset", "logit_pull", "log_width", "logit_q0")
 DERIVED = ("gamma", "sigma1", "gain", "width")
 #: Every quantity that has a name.
 QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
+#: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
+_ROUNDING = 1e-15
 
 
 class Identified(NamedTuple):
@@ -98,13 +100,21 @@ def unconstrained(theta: Natural, sbar: float) -> FloatArray:
 
     Notes
     -----
-    Half a unit in the last place below gamma = 1 the logit is infinite: such a point is on the edge, outside the open support.
+    Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is infinite: such a point is on the edge, outside the open
+    support. Draws come there: from logit(p / p_max) = 36 on no pair of floats tells it.
     """
     gamma = theta.gamma
     p = pull(gamma)
     with np.errstate(divide="ignore"):
-        columns = (p * (theta.mu1 - sbar), logit(p / MAX_PULL), np.log(width(theta.sigma_p, gamma)), logit(theta.q0))
+        columns = (p * (theta.mu1 - sbar), _logit_pull(theta, p), np.log(width(theta.sigma_p, gamma)), logit(theta.q0))
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def _logit_pull(theta: Natural, p: FloatArray) -> FloatArray:
+    """logit(p / p_max), with p_max - p by 1 - gamma (see :func:`log_noise_ratio`), and that by the difference of sigma_p and sigma_l."""
+    apart = (theta.sigma_p - theta.sigma_l) / theta.sigma_p
+    rest = np.where((apart < 0.0) & (apart >= -_ROUNDING), 0.0, apart * (1.0 + theta.sigma_l / theta.sigma_p))
+    return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - np.log(rest))
 
 
 def log_jacobian(x: npt.ArrayLike) -> FloatArray:

@@ -9,8 +9,11 @@ from bayes_toe.cli.headline import NEXT, in_short
 EFFECT, NONE, OPEN = (-9.0, -3.0, 0.0), (0.0, -3.0, -2.0), (0.0, -0.5, -0.2)
 
 
-def table(*rows):
-    return [SimpleNamespace(log_evidence_orders=found, misfit=misfit) for found, misfit in rows]
+JUDGED = SimpleNamespace(degrees_of_freedom=9)
+
+
+def table(*rows, fit=JUDGED):
+    return [SimpleNamespace(subject=f"S{i}", log_evidence_orders=found, misfit=misfit, fit=fit) for i, (found, misfit) in enumerate(rows)]
 
 
 @pytest.mark.parametrize(
@@ -35,3 +38,16 @@ def test_one_sentence(rows, start, end):
 
 def test_synthetic_subjects_are_called_so():
     assert in_short(table((EFFECT, False), (EFFECT, False)), synthetic=True).startswith("2 of 2 synthetic subjects have")
+
+
+@pytest.mark.parametrize("fit", [None, SimpleNamespace(degrees_of_freedom=0)], ids=["withheld", "as many parameters as pairs"])
+def test_where_it_cannot_be_told_whether_h1_describes_the_answers_it_is_not_said(fit):
+    judged, not_judged = table((EFFECT, False)), table((EFFECT, False), (EFFECT, False), fit=fit)
+    assert in_short(not_judged).endswith("whether H1 describes the answers cannot be told")
+    assert in_short([*judged, *not_judged]).endswith("H1 describes the answers of 1, of 2 it cannot be told")
+
+
+def test_of_whom_the_choice_of_the_prior_decides_is_said_of_those_who_are_counted():
+    presets = [SimpleNamespace(subject=f"S{i}", differ=i != 1) for i in range(3)]  # S2's answers are not described
+    said = in_short(table((EFFECT, False), (EFFECT, False), (EFFECT, True)), presets=presets)
+    assert "have an order effect, and of 1 of them the choice of the prior decides (" in said

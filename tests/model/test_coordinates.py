@@ -19,6 +19,15 @@ def test_there_and_back(x, sbar):
     assert back == pytest.approx(np.array(x), rel=1e-7, abs=1e-7)
 
 
+@pytest.mark.parametrize("logit_pull", [30.0, 36.0, 40.0, 700.0])
+def test_a_draw_next_to_the_edge_comes_back_near_it_or_on_it(logit_pull):
+    rng = np.random.default_rng(1)
+    x = np.stack([rng.normal(size=20_000), np.full(20_000, logit_pull), *rng.normal(size=(2, 20_000))], axis=-1)
+    back = unconstrained(natural(x, 0.3), 0.3)
+    assert np.allclose(back[:, [0, 2, 3]], x[:, [0, 2, 3]], rtol=1e-12, atol=1e-12)
+    assert (back[:, 1] > min(logit_pull, 35.0) - 1.0).all()  # also where sigma_l came out above sigma_p
+
+
 @given(points, st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1))
 def test_identified_coordinates_give_the_same_probability(x, sbar, s1, s2):
     c, p, w, q0 = identified(x)
