@@ -21,6 +21,9 @@ from bayes_toe.planning.study_design import Pairs, StudyDesign
 
 _NEVER = 0.01  # P(equal) below which an answer is practically certain
 _NO_LAPSES = 1e-12
+#: What helps where nobody ever says 'equal': with observers who are stated, and with those who are assumed amid all designs.
+_STATED = "observers stated for such stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
+_AMID_ALL = "designs of neighbouring stimuli, amid which these observers are assumed; each of the others by itself"
 
 
 def assumed(
@@ -31,7 +34,7 @@ def assumed(
     Raises
     ------
     InputError
-        If the source is not allowed, or all stated observers of a kind would practically never say 'equal' in a design.
+        If the source is not allowed, or all observers of a kind would practically never say 'equal' in a design.
     """
     if size < 1:
         raise InputError(f"data_sets={size}: allowed is at least 1")
@@ -41,9 +44,9 @@ def assumed(
         people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown))
     else:
         people = given
-    if given is not None and given != PRIOR:  # they are stated, wherever the stimuli are
+    if given != PRIOR:  # of whom some are so
         for name, one in designs.items():
-            _require_answers(people, name, one)
+            _require_answers(people, name, one, _AMID_ALL if given is None else _STATED)
     return people
 
 
@@ -73,16 +76,15 @@ def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
     return replace(prior_for(Study(untimed), prior), reference_interval=prior_for(Study(tuple(timed)), prior).reference_interval)
 
 
-def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign) -> None:
+def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:
     """Refuse a design whose stimuli are so far from observers that all of a kind find even identical ones different."""
     for kind in PLAIN:
         some = of_kind(people, kind)
         if some and not any(_answers(one, design) for one in some):
             stimuli = np.concatenate([design.s1, design.s2])
             raise InputError(
-                f"--observers: with {name}, stimuli from {stimuli.min():g} to {stimuli.max():g}, P(equal) of all observers of the kind "
-                f"'{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; allowed: observers stated for such "
-                "stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
+                f"observers: with {name}, stimuli from {stimuli.min():g} to {stimuli.max():g}, P(equal) of all observers of the kind "
+                f"'{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; allowed: {allowed}"
             )
 
 

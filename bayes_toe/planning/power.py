@@ -73,7 +73,7 @@ def power(
     Raises
     ------
     InputError
-        If there are fewer trials than pairs, something is not allowed, or stated observers would never say 'equal'.
+        If there are fewer trials than pairs, something is not allowed, or observers would practically never say 'equal'.
 
     Examples
     --------

@@ -98,6 +98,8 @@ def test_who_would_find_identical_stimuli_different_is_refused(tmp_path, lapses)
         assumed(tmp_path / "people.toml", designs, 2, 1, None)
     with pytest.raises(InputError, match="with far"):
         assumed(observers_from(tmp_path / "people.toml", 2, 1), designs, 2, 1, None)
+    with pytest.raises(InputError, match=r"with near, stimuli from 0 to 0\.5, .*; allowed: designs of neighbouring stimuli"):
+        assumed(None, {"near": PAIRS, "far": PAIRS.moved(9.0)}, 2, 1, None)
     few = StudyDesign([0.0, 3.0], [3.0, 0.0], [10, 10])  # of which nothing is told either, but by the pairs' fault
     assert assumed(tmp_path / "people.toml", {"near": PAIRS, "few": few}, 1, 1, None)
 
@@ -108,8 +110,8 @@ DESIGN = ("design", "--lowest", "3.3", "--highest", "4.5", "--step", "0.2", "-o"
 @pytest.mark.parametrize(
     ("mu1", "asked", "said"),
     [
-        (0.4, ("power", "d.csv"), "--observers: with these pairs, stimuli from 4 to 4.5, P(equal) of all observers of the kind 'update'"),
-        (-9, DESIGN, "--observers: with the pairs that can be shown, stimuli from 3.3 to 4.5, P(equal) of all"),
+        (0.4, ("power", "d.csv"), "observers: with these pairs, stimuli from 4 to 4.5, P(equal) of all observers of the kind 'update'"),
+        (-9, DESIGN, "observers: with the pairs that can be shown, stimuli from 3.3 to 4.5, P(equal) of all"),
         (0.4, DESIGN, "a wider range, or more trials, or observers nearer to it than these, whose mu1 is 0.4 (of 10"),
     ],
 )
