@@ -20,6 +20,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.assumed import prior_of
 from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator, root_seed
@@ -44,7 +45,8 @@ class Adaptive:
         What can be shown: s1, s2 and, where there are several, intervals. Numbers of trials play no role.
     model : str or sequence of str
         One model, or several that are equally probable beforehand.
-    prior : Prior, optional
+    prior : Prior or str, optional
+        As in :func:`bayes_toe.analysis.evidence`; what refers to the stimuli refers to those of all pairs, each as often.
     seed : int, optional
     about : str, optional
         "parameters", all of them; the name of a quantity, such as "gain"; "model", which of several. By default the last where there are
@@ -71,24 +73,21 @@ class Adaptive:
         self,
         pairs: StudyDesign | npt.ArrayLike,
         model: str | Sequence[str] = PREDICTIVE_UPDATE.name,
-        prior: Prior | None = None,
+        prior: Prior | str | None = None,
         *,
         seed: int | None = None,
         about: str | None = None,
         draws: int = DRAWS,
     ) -> None:
         self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs)
-        self.prior, self.seed, self.draws = Prior() if prior is None else prior, root_seed(seed), draws
+        self.prior, self.seed, self.draws = prior_of([self.pairs], prior), root_seed(seed), draws
         names = [model] if isinstance(model, str) else list(model)
         models = [_allowed(name) for name in dict.fromkeys(names)]
         self.about = about if about is not None else PARAMETERS if len(models) == 1 else WHICH_MODEL
         if draws < _JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_JUDGES}")
         centre = float(self.pairs.s1.mean())
-        isi = self.pairs.isi
-        interval = 1.0 if isi is None else float(np.exp(np.log(isi).mean()))
-        own = self.prior.reference_interval
-        interval = interval if own is None else own
+        interval = 1.0 if self.prior.reference_interval is None else self.prior.reference_interval
         self._clouds = {
             one.name: Particles.of_prior(one, self.prior, centre, interval, draws, generator(self.seed, "adaptive", one.name, "prior"))
             for one in models

@@ -1,6 +1,7 @@
 """Assumed observers: whom a study is planned for. From ranges in a file, from draws of an earlier study, or from the prior.
 
-An observer does not depend on the design: offsets, and slopes of the noise, count from an intensity that is the observer's own.
+Offsets, and slopes of the noise, count from an intensity that is the observer's own. What is not stated is assumed in relation to the
+stimuli that are to be shown (:mod:`bayes_toe.planning.assumed`), and is the same in all designs that are compared.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from bayes_toe.seeds import generator
 NONE, CONSTANT_ERROR, UPDATE = "none", "constant error", "update"
 PLAIN: Mapping[str, Model] = {NONE: SYMMETRIC, CONSTANT_ERROR: CONSTANT_BIAS, UPDATE: PREDICTIVE_UPDATE}
 SAID = dict(zip(PLAIN, KINDS, strict=True))
-#: Middle of the paper's stimuli, natural-log intensity: from where default offsets count.
+#: Middle of the paper's stimuli, natural-log intensity: from where default offsets count where these are amid those shown.
 MIDDLE = 0.25
 #: Ranges of those who are assumed where nothing is said. Pulls and widths are those of subjects with a clear order effect.
 _SHARED = {"width": (0.25, 0.35), "q0": (0.85, 0.98)}
@@ -40,7 +41,8 @@ DEFAULT: Mapping[str, Mapping[str, tuple[float, float]]] = {
     CONSTANT_ERROR: {"offset": (0.05, 0.15), **_SHARED},
     UPDATE: {"pull": (0.30, 0.38), "offset": (0.0, 0.15), **_SHARED},
 }
-_SECOND = 1.0  # reference interval of observers that no earlier study has, seconds
+_SECOND = 1.0  # reference interval where nothing has intervals, seconds
+PRIOR = "prior"  # the source of observers that is no file
 MIXED, _SHARE = "mixed", "share"
 _RANGES = {
     "pull": (0.0, MAX_PULL, f"above 0 and below {MAX_PULL:.6f}"),
@@ -107,18 +109,22 @@ class Observer:
         return design.answered(rng.binomial(design.n_trials, q), self.name)
 
 
-def observers_from(source: str | Path | None, size: int, seed: int, *, prior: Prior | None = None) -> tuple[Observer, ...]:
+def observers_from(
+    source: str | Path | None, size: int, seed: int, *, prior: Prior | None = None, middle: float = MIDDLE
+) -> tuple[Observer, ...]:
     """Assumed observers, `size` of each kind that the source has.
 
     Parameters
     ----------
     source : str or Path, optional
         A TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior'. By default pulls of 0.30 to 0.38,
-        offsets of 0 to 0.15 at an intensity of 0.25, widths of 0.25 to 0.35 and q0 of 0.85 to 0.98; constant errors of 0.05 to 0.15.
+        offsets of 0 to 0.15 at the middle, widths of 0.25 to 0.35 and q0 of 0.85 to 0.98; constant errors of 0.05 to 0.15.
     size : int
     seed : int
     prior : Prior, optional
-        That 'prior' means.
+        That 'prior' means, in numbers; its reference interval is that of all but an earlier study's.
+    middle : float
+        From where offsets count that no file says, natural-log intensity.
 
     Raises
     ------
@@ -133,22 +139,24 @@ def observers_from(source: str | Path | None, size: int, seed: int, *, prior: Pr
     >>> observers[-1].equal(paper_study_design()).shape
     (13,)
     """
+    numbers = Prior() if prior is None else prior
+    interval = _SECOND if numbers.reference_interval is None else numbers.reference_interval
     if source is None:
-        return tuple(_in_ranges(DEFAULT, MIDDLE, size, seed))
-    if str(source) == "prior":
-        return tuple(_of_prior(Prior() if prior is None else prior, size, seed))
+        return tuple(_in_ranges(DEFAULT, middle, interval, size, seed))
+    if str(source) == PRIOR:
+        return tuple(_of_prior(numbers, middle, interval, size, seed))
     if named_store(Path(source)) or Path(source).suffix == ".nc":
         return tuple(_of_draws(Path(source), size, seed))
     if Path(source).suffix == ".toml":
-        return tuple(_in_ranges(*read_ranges(source), size, seed))
+        return tuple(_in_ranges(*read_ranges(source, middle), interval, size, seed))
     raise InputError(f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)")
 
 
 # --- Ranges -----------------------------------------------------------------------------------------
 
 
-def read_ranges(path: str | Path) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
-    r"""Ranges of each kind from a TOML file, and the intensity from which offsets count; within a range observers are uniform.
+def read_ranges(path: str | Path, middle: float = MIDDLE) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
+    r"""Ranges of each kind from a TOML file, and the intensity from which offsets count, else the middle; observers are uniform.
 
     Raises
     ------
@@ -165,7 +173,7 @@ def read_ranges(path: str | Path) -> tuple[dict[str, dict[str, tuple[float, floa
     ({'none': {'width': (0.3, 0.3), 'q0': (0.9, 0.95)}}, 0.5)
     """
     found = dict(toml_table(path, _LINES))
-    at, problems = real(found.pop("at", MIDDLE)), []
+    at, problems = real(found.pop("at", middle)), []
     if not np.isfinite(at):
         problems.append("key at: allowed: a finite number, the intensity from which offsets count")
     if not found:
@@ -241,13 +249,15 @@ def _range(value: Any) -> tuple[float, float]:
     return real(value), real(value)
 
 
-def _in_ranges(ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, size: int, seed: int) -> Iterator[Observer]:
+def _in_ranges(
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, interval: float, size: int, seed: int
+) -> Iterator[Observer]:
     for kind in (kind for kind in PLAIN if kind in ranges):
         for number in range(size):
             name = f"{kind} {number + 1}"
             rng = generator(seed, name, "observer")
             values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
-            yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at)
+            yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at, interval)
 
 
 def _composition(kind: str, values: Mapping[str, float]) -> str:
@@ -269,14 +279,14 @@ def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
 # --- Prior and draws --------------------------------------------------------------------------------
 
 
-def _of_prior(prior: Prior, size: int, seed: int) -> Iterator[Observer]:
+def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int) -> Iterator[Observer]:
     pairs = paper_study_design().unanswered
     for kind, model in PLAIN.items():
-        target = Posterior(pairs, model, prior, MIDDLE)
+        target = Posterior(pairs, model, prior, middle)
         for number in range(size):
             name = f"{kind} {number + 1}"
             x = target.sample_prior(generator(seed, name, "observer"), 1)
-            yield Observer(name, kind, model.name, _needed(target, x, target), MIDDLE)
+            yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval)
 
 
 def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:

@@ -14,12 +14,13 @@ from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.aims import AIMS
+from bayes_toe.planning.assumed import assumed, middle_of, prior_of
 from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
 from bayes_toe.planning.information import information
-from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from, of_kind
-from bayes_toe.planning.power import design_prior, power, simulated
+from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, of_kind
+from bayes_toe.planning.power import power_for, simulated
 from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
-from bayes_toe.planning.reasons import FULL, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
+from bayes_toe.planning.reasons import FULL, MOVED, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
@@ -181,13 +182,13 @@ def optimal_design(
         If trials, levels or observers are such that no design tells anything: with the reason.
     """
     asked, root = DesignGoal() if goal is None else goal, root_seed(seed)
-    people = observers if observers is not None and not isinstance(observers, str | Path) else _people(observers, root, prior)
-    maker = _Maker(np.unique(np.asarray(levels, np.float64)), trials, asked, people, root, prior)
+    different = np.unique(np.asarray(levels, np.float64))
+    every = {"the pairs that can be shown": _once(_admissible(different, asked))}
+    people, judges = (assumed(observers, every, size, root, prior) for size in (ASSUMED, data_sets))
+    maker = _Maker(different, trials, asked, people, root, prior)
     candidates = maker.candidates()
-    judges = people if observers is not None and not isinstance(observers, str | Path) else observers
     designs = {name: one.design for name, one in candidates.items()}
-    table = power(designs, [trials], judges, data_sets=data_sets, seed=root, prior=prior, workers=workers, progress=progress)
-    return maker.chosen(candidates, table)
+    return maker.chosen(candidates, power_for(judges, designs, trials, root, prior, workers, progress))
 
 
 def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
@@ -195,6 +196,7 @@ def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence
 
     Examples
     --------
+    >>> from bayes_toe.planning.observers import observers_from
     >>> people = observers_from(None, 2, seed=1)
     >>> found = proposed(grid(-0.75, 1.25, 0.25), 200, DesignGoal("gain", max_pairs=8), people)
     >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
@@ -203,8 +205,19 @@ def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence
     return _Maker(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
 
 
-def _people(source: str | Path | None, seed: int, prior: Prior | str | None) -> tuple[Observer, ...]:
-    return observers_from(source, ASSUMED, seed, prior=design_prior(paper_study_design(), prior))
+def _admissible(levels: FloatArray, goal: DesignGoal) -> Pairs:
+    """Ordered pairs of levels, at every interval, and those that are kept."""
+    times = max(1, len(goal.isi))
+    if len(levels) ** 2 * times > _MOST_PAIRS:
+        raise InputError(f"{len(levels)} levels make {len(levels) ** 2 * times:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
+    s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(levels, levels, indexing="ij"))
+    isi = np.repeat(np.array(goal.isi), len(levels) ** 2) if goal.isi else None
+    found, keep = Pairs(s1, s2, isi), goal.keep
+    return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
+
+
+def _once(pairs: Pairs) -> StudyDesign:
+    return StudyDesign(pairs.s1, pairs.s2, np.ones(len(pairs), np.int64), pairs.isi)
 
 
 class _Maker:
@@ -215,9 +228,9 @@ class _Maker:
     ) -> None:
         self.trials, self.goal, self.people, self.seed = trials, goal, people, seed
         self.levels = levels
-        self.pairs = self._admissible()
-        every = StudyDesign(self.pairs.s1, self.pairs.s2, np.ones(len(self.pairs), np.int64), self.pairs.isi)
-        self.prior = design_prior(every, prior)
+        self.pairs = _admissible(levels, goal)
+        self.prior = prior_of([_once(self.pairs)], prior)
+        self.paper = paper_amid(self.pairs)
         self.fixed = self._fixed()
         if trials - int(self.fixed.sum()) < _FEWEST:
             kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""
@@ -245,17 +258,6 @@ class _Maker:
         reasons = tuple(reasons_for(found, self.people, self.goal.aim))
         return OptimalDesign(design, self.goal, found, table, self.pairs, worth, reasons, self.seed)
 
-    def _admissible(self) -> Pairs:
-        times = max(1, len(self.goal.isi))
-        if len(self.levels) ** 2 * times > _MOST_PAIRS:
-            raise InputError(
-                f"{len(self.levels)} levels make {len(self.levels) ** 2 * times:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
-            )
-        s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(self.levels, self.levels, indexing="ij"))
-        isi = np.repeat(np.array(self.goal.isi), len(self.levels) ** 2) if self.goal.isi else None
-        found, keep = Pairs(s1, s2, isi), self.goal.keep
-        return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
-
     def _fixed(self) -> IntArray:
         return np.zeros(len(self.pairs), np.int64) if self.goal.keep is None else self._counts(self.goal.keep).astype(np.int64)
 
@@ -282,7 +284,7 @@ class _Maker:
 
     def _like_the_papers(self, task: Task) -> IntArray | None:
         """The paper's pairs at the nearest levels, where these reach as far."""
-        paper = paper_study_design()
+        paper = self.paper
         if self.goal.isi or self.fixed.any() or paper.s1.min() < self.levels[0] - 1e-9 or paper.s1.max() > self.levels[-1] + 1e-9:
             return None
         s1, s2 = (self.levels[np.abs(values[:, None] - self.levels).argmin(axis=1)] for values in (paper.s1, paper.s2))
@@ -301,14 +303,14 @@ class _Maker:
         return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
 
     def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
-        """Of the paper's stimuli too where a range does not have them: they say what the range is worth."""
+        """The paper's pairs too where a range is too narrow for them: they say what the range is worth."""
         isi = self.goal.isi[0] if self.goal.isi else None
-        paper = paper_study_design()
+        like = PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED
         rng = generator(self.seed, "random pairs")
         random = rng.choice(len(self.pairs), min(self.goal.max_pairs, len(self.pairs)), replace=False)
         places = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
         s1, s2 = (values.ravel() for values in np.meshgrid(places, places, indexing="ij"))
-        columns = {PAPER: (paper.s1, paper.s2), FULL: (s1, s2), RANDOM: (self.pairs.s1[random], self.pairs.s2[random])}
+        columns = {like: (self.paper.s1, self.paper.s2), FULL: (s1, s2), RANDOM: (self.pairs.s1[random], self.pairs.s2[random])}
         for name, (first, second) in columns.items():
             some = np.unique(np.stack([first, second]), axis=1)
             if some.shape[1] <= self.trials:
@@ -326,17 +328,32 @@ class _Maker:
         """Refuse a range or a number of trials with which even the best design tells next to nothing."""
         total = self.information.total(self._counts(best.design))
         start = np.sqrt(self.information.variance(self.information.prior)[self.information.updates].mean())
-        width = np.mean([_width(one) for one in of_kind(self.people, UPDATE)])
+        updates = of_kind(self.people, UPDATE)
+        width = np.mean([_width(one) for one in updates])
         pull, span = self.information.pull[self.information.updates].mean(), float(np.ptp(self.levels))
+        toward = float(np.median([one.quantities["mu1"] for one in updates if "mu1" in one.quantities]))
+        away = pull * max(self.levels[0] - toward, toward - self.levels[-1])  # of the nearest stimulus
+        nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
         about = (
             f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
             f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
-            "more trials"
+            f"more trials{nearer}"
         )
         if self.goal.aim == "update" and not self._names_anybody(best, total):
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
         if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
             raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+
+
+def paper_amid(shown: Pairs) -> StudyDesign:
+    """The paper's pairs, moved to the middle of what can be shown where their own place is not amid it.
+
+    Examples
+    --------
+    >>> [paper_amid(Pairs(np.array([low]), np.array([high]))).s1.min().round(9).item() for low, high in ((-0.75, 1.25), (3.3, 4.5))]
+    [0.0, 3.65]
+    """
+    return paper_study_design().moved(middle_of([shown]) - MIDDLE)
 
 
 def _keys(pairs: Pairs) -> list[tuple[float, ...]]:

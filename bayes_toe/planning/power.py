@@ -15,15 +15,14 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.words import probabilities
-from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import InputError
+from bayes_toe.data.study import Subject
 from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.kept import Kept, Unkept, keeping
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
-from bayes_toe.planning.observers import PLAIN, UPDATE, Observer, observers_from
+from bayes_toe.planning.assumed import assumed, prior_of
+from bayes_toe.planning.observers import PLAIN, UPDATE, Observer
 from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
@@ -64,7 +63,8 @@ def power(
     trials : sequence of int
         Numbers of trials of one subject, shared among the pairs as the design shares its own.
     observers : str, path or sequence of Observer, optional
-        As :func:`bayes_toe.planning.observers.observers_from` takes it, or observers themselves.
+        As :func:`bayes_toe.planning.observers.observers_from` takes it, or observers themselves. What is not stated is
+        assumed in relation to the stimuli of all designs together.
     data_sets : int
         Observers of each kind, each with one simulated data set a design and number of trials.
     seed, prior, workers, progress, keep
@@ -73,7 +73,7 @@ def power(
     Raises
     ------
     InputError
-        If there are fewer trials than pairs, or something is not allowed.
+        If there are fewer trials than pairs, something is not allowed, or observers would practically never say 'equal'.
 
     Examples
     --------
@@ -82,12 +82,30 @@ def power(
     (3, 1)
     """
     designs = named_designs(design)
-    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    asked = _asked(designs, trials)
     with keeping(keep, "simulated data sets") as kept:
         root = kept.seed(seed)
-        people = assumed(observers, data_sets, root, prior)
+        people = assumed(observers, designs, data_sets, root, prior)
         rows, failed = each_observer(kept, simulated, asked, people, root, prior, workers, progress)
     return PowerTable(rows, tuple(designs), root, failed)
+
+
+def power_for(
+    people: Sequence[Observer],
+    designs: Mapping[str, StudyDesign],
+    trials: int,
+    seed: int,
+    prior: Prior | str | None,
+    workers: Workers,
+    progress: Progress | None,
+) -> PowerTable:
+    """As :func:`power`, for observers who have been assumed already, perhaps for other pairs."""
+    rows, failed = each_observer(Unkept(), simulated, _asked(designs, [trials]), people, seed, prior, workers, progress)
+    return PowerTable(rows, tuple(designs), seed, failed)
+
+
+def _asked(designs: Mapping[str, StudyDesign], trials: Sequence[int]) -> list[tuple[str, StudyDesign]]:
+    return [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
 
 
 def each_observer(
@@ -106,7 +124,7 @@ def each_observer(
     """
     jobs = [
         partial(job, name, one, person, seed=seed, prior=numbers)
-        for name, one, numbers in [(name, one, design_prior(one, prior)) for name, one in designs]
+        for name, one, numbers in [(name, one, prior_of([one], prior)) for name, one in designs]
         for person in people
     ]
     done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
@@ -153,17 +171,3 @@ def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Map
     if design is None:
         return {"the paper's pairs": paper_study_design()}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
-
-
-def assumed(given: str | Path | Sequence[Observer] | None, size: int, seed: int, prior: Prior | str | None) -> Sequence[Observer]:
-    """The observers given, or so many of each kind of a source."""
-    if size < 1:
-        raise InputError(f"data_sets={size}: allowed is at least 1")
-    if given is None or isinstance(given, str | Path):
-        return observers_from(given, size, seed, prior=design_prior(paper_study_design(), prior))
-    return given
-
-
-def design_prior(design: StudyDesign, prior: Prior | str | None) -> Prior:
-    """The prior in numbers, for the stimuli of a design."""
-    return prior_for(Study((design.unanswered,)), prior)

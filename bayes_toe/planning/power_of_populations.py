@@ -28,8 +28,9 @@ from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.groups.population import Population, population
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.assumed import assumed
 from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, UPDATE, Observer, mixture, of_kind, shares_from
-from bayes_toe.planning.power import assumed, each_observer, named_designs
+from bayes_toe.planning.power import each_observer, named_designs
 from bayes_toe.planning.power_of_studies import SUBJECTS
 from bayes_toe.planning.power_table import mean, share
 from bayes_toe.planning.study_design import StudyDesign
@@ -228,12 +229,13 @@ def power_of_populations(
     sizes = sorted({size for size in subjects if size > 1})
     if studies < 1 or not sizes:
         raise InputError(f"studies={studies}, subjects={list(subjects)}: allowed is at least 1 study of at least 2 subjects")
+    designs = named_designs(design)
     with keeping(keep, "simulated studies") as kept:
         root = kept.seed(seed)
-        people = assumed(observers, studies * sizes[-1], root, prior)
+        people = assumed(observers, designs, studies * sizes[-1], root, prior)
         shares = shares_from(observers) if observers is None or isinstance(observers, str | Path) else {}
         planned = list(planned_studies(people, sizes, shares, root))
-        rows, failed = each_observer(kept, analysed_study, named_designs(design).items(), planned, root, prior, workers, progress)
+        rows, failed = each_observer(kept, analysed_study, designs.items(), planned, root, prior, workers, progress)
     return PopulationPower(rows, root, failed)
 
 

@@ -11,8 +11,9 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.planning.observers import UPDATE, Observer, of_kind
 from bayes_toe.planning.study_design import StudyDesign
 
-#: Names of the designs that are compared.
+#: Names of the designs that are compared; the paper's pairs are moved to a range that does not lie about them.
 OPTIMISED, SECOND, PAPER, FULL, RANDOM = "optimised", "second best", "the paper's pairs", "full factorial", "random pairs"
+MOVED = "the paper's pairs, moved"
 #: What utilities are, by the aim.
 UTILITIES: Mapping[str, str] = {
     "update": "log probability to name those who update, plus expected log Bayes factor against an update of the others, nats",
@@ -60,6 +61,9 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
     yield f"equal pairs: {int((apart == 0).sum())} of {design.n_pairs}, {100 * share[apart == 0].sum():.0f} % of the trials" + (
         "" if (apart == 0).any() else "; q0 is told by pairs that seem equal, which are others with a pull (to have some: --keep)"
     )
+    if MOVED in candidates:
+        there = candidates[MOVED].design
+        yield f"{MOVED}: as far apart as the paper's, from {there.s1.min():.3g} to {there.s1.max():.3g}, amid what can be shown"
     others = "; ".join(f"{name} {one.utility:.2f}" for name, one in candidates.items() if name != OPTIMISED)
     yield f"utility ({UTILITIES[aim]}), lapses and sloped noise being unknown: {best.utility:.2f}; {others}"
     more = [name for name, one in candidates.items() if one.utility > best.utility and name not in (OPTIMISED, SECOND)]

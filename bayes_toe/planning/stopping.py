@@ -17,9 +17,10 @@ from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.assumed import assumed
 from bayes_toe.planning.observers import PLAIN, Observer
 from bayes_toe.planning.particles import ENOUGH, Particles
-from bayes_toe.planning.power import DATA_SETS, assumed, each_observer, named_designs
+from bayes_toe.planning.power import DATA_SETS, each_observer, named_designs
 from bayes_toe.planning.power_table import CERTAIN, WORDS, share
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
@@ -137,10 +138,11 @@ def stopping(
     [True, True, True]
     """
     chosen = StoppingRule() if rule is None else rule
-    designs = {name: one.with_total(chosen.most) for name, one in named_designs(design).items()}
+    given = named_designs(design)
+    designs = {name: one.with_total(chosen.most) for name, one in given.items()}
     with keeping(keep, "simulated sessions") as kept:
         root = kept.seed(seed)
-        people = assumed(observers, data_sets, root, prior)
+        people = assumed(observers, given, data_sets, root, prior)
         rows, failed = each_observer(kept, partial(session, rule=chosen), designs.items(), people, root, prior, workers, progress)
     return StoppingTable(rows, chosen, root, failed)
 

@@ -112,6 +112,10 @@ class StudyDesign:
             raise InputError(f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair")
         return self if trials == self.total else replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
 
+    def moved(self, by: float) -> StudyDesign:
+        """The same pairs with a constant added to every stimulus."""
+        return replace(self, s1=self.s1 + by, s2=self.s2 + by)
+
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write s1,s2,n_trials (and isi) as a CSV file, whole or not at all."""
         names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.planning.optimal import OptimalDesign
+from bayes_toe.planning.optimal import OptimalDesign, paper_amid
 from bayes_toe.planning.power_table import NAMED, WRONG
-from bayes_toe.planning.reasons import OPTIMISED, SECOND
-from bayes_toe.planning.study_design import paper_study_design
+from bayes_toe.planning.reasons import MOVED, OPTIMISED, PAPER, SECOND
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, dress_bar, new_figure, panel, plain
 
 if TYPE_CHECKING:
@@ -45,8 +44,9 @@ def design_axes(found: OptimalDesign, *, ax: Axes | None = None) -> Axes:
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     dress_bar(bar, "what one more trial adds, thousandths of a nat")
     ax.axline((float(first[0]), float(first[0])), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
-    paper = paper_study_design()
-    ax.plot(paper.s1, paper.s2, "x", color=WEAKER_FIRST, markersize=4.0, markeredgewidth=1.0, label="the paper's pairs")
+    paper = paper_amid(plane)
+    name = MOVED if MOVED in found.candidates else PAPER
+    ax.plot(paper.s1, paper.s2, "x", color=WEAKER_FIRST, markersize=4.0, markeredgewidth=1.0, label=name)
     area = _LARGEST * design.n_trials / design.n_trials.max()
     ax.scatter(design.s1, design.s2, area, facecolor=STRONGER_FIRST, edgecolor="white", linewidth=0.7, alpha=0.85, zorder=3, clip_on=False)
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=f"this design (largest: {design.n_trials.max()} trials)")
