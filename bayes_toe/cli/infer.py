@@ -126,6 +126,7 @@ def sample(
     task.require_room(output, read, prior, model, copies=copies)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
+    terminal.say_doubts(task.console, read)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
@@ -284,6 +285,7 @@ def fit(
     read, prior = task.read(study)
     terminal.say_study(task.console, read)
     terminal.say_penalty(task.console, prior)
+    terminal.say_doubts(task.console, read)
     with task.progress("fitting", len(read)) as tick:
         table = compute(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
     table.save(output, **task.saving)

@@ -39,9 +39,10 @@ class Finding:
         Whom it concerns; empty for the whole study.
     code : str
         What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals", "names_differ_in_case", "names_look_alike" (but
-        for invisible characters, or how characters are composed) or "names_are_formulas" (to a spreadsheet); from a look at the answers
-        (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "repeated_trials", "long_intervals",
+        "names_differ_in_case", "names_look_alike" (but for invisible characters, or how characters are composed) or
+        "names_are_formulas" (to a spreadsheet); from a look at the answers (:mod:`bayes_toe.experiments.answers_check`)
+        "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
         "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
     message : str
         One sentence that says what to conclude.
@@ -83,7 +84,7 @@ def check_subject(subject: Subject) -> tuple[Finding, ...]:
 
 
 def check_study(study: Study) -> tuple[Finding, ...]:
-    """What a study leaves open: findings about its names first, then those of each subject.
+    """What a study leaves open: findings about its file and its names first, then those of each subject.
 
     Parameters
     ----------
@@ -102,7 +103,12 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
     require_study(study)
-    return (*_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
+    return (*doubts(study), *_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
+
+
+def doubts(study: Study) -> tuple[Finding, ...]:
+    """What is probably a mistake in the data and would stand behind everything: findings that every command says."""
+    return tuple(Finding("", "repeated_trials", f"{doubt}.") for doubt in study.reading.doubts)
 
 
 def describe(study: Study) -> pd.DataFrame:
