@@ -130,7 +130,7 @@ def check(*, study: StudyFile, task: PriorTask) -> None:
     terminal.say_prior(task.console, prior)
     rows = [described(subject) for subject in read]
     terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
-    findings = (*check_study(read), *check_answers(read, prior))
+    findings = (*check_study(read, prior), *check_answers(read, prior))
     warnings = [finding for finding in findings if finding.code not in NOTES]
     terminal.say_findings(task.console, warnings)
     terminal.say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
