@@ -16,7 +16,7 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, SubjectAsymmetry
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.cli.attention import FLAGGED
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed, allowed_quantiles
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, misfit, misfits, p_value, tally
 from bayes_toe.cli.summaries import scale_first
@@ -317,7 +317,9 @@ def _parameters(summary: pd.DataFrame, fit: SubjectFit | None, level: float) -> 
     rows = []
     for row in summary.to_dict("records"):
         best, (lower, upper) = natural.get(row["parameter"], (None, (None, None)))
-        rows.append({**{str(key): value for key, value in row.items()}, "fit": best, "fit_lower": lower, "fit_upper": upper})
+        quantiles = [text.replace("-", "−") for text in allowed_quantiles(row, 3)]
+        fitted = {"fit": best, "fit_lower": lower, "fit_upper": upper}
+        rows.append({**{str(key): value for key, value in row.items()}, "quantiles": quantiles, **fitted})
     return rows
 
 

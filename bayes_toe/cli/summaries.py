@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed_in_order
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
     OUTPUT,
@@ -64,7 +64,7 @@ def say_draws(console: Console, draws: Draws, file: str = OUTPUT) -> None:
             values = draws.values(name, key)
             # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
-            low, middle, high = map(allowed, np.quantile(values, _SHOWN_QUANTILES), errors, [2] * 3)
+            low, middle, high = allowed_in_order(np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2)
             row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
         row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
