@@ -37,6 +37,7 @@ def asymmetry(
     people = None if covariates is None else read_covariates(covariates)
     read = study.read()
     terminal.say_study(task.console, read)
+    terminal.say_doubts(task.console, read)
     table = compute(read)
     tests = None if people is None else covariate_tests(people, table.outcomes())
     with task.together(*files) as folder:
@@ -124,10 +125,12 @@ def check(*, study: StudyFile, task: PriorTask) -> None:
     from bayes_toe.experiments.answers_check import NOTES, check_answers
     from bayes_toe.experiments.checks import check_study, described
 
-    read, prior = task.opened(study)
+    read, prior = task.read(study)
+    terminal.say_study(task.console, read)
+    terminal.say_prior(task.console, prior)
     rows = [described(subject) for subject in read]
     terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
-    findings = (*check_study(read), *check_answers(read, prior))
+    findings = (*check_study(read, prior), *check_answers(read, prior))
     warnings = [finding for finding in findings if finding.code not in NOTES]
     terminal.say_findings(task.console, warnings)
     terminal.say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")

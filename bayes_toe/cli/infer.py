@@ -70,7 +70,8 @@ def run(
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     task.say_taken(keep)
-    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv")
+    first = summaries.scale_first(read, prior)
+    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv", first)
     terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
     summaries.say_draws(task.console, analysis.draws, "summary.csv")
     group = _group(analysis, task) if population else None
@@ -79,7 +80,8 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    terminal.say(task.console, f"[bold]in short[/bold]: {in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)}")
+    short = in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)
+    terminal.say(task.console, f"[bold]in short[/bold]: {first}{short}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
 
@@ -126,6 +128,7 @@ def sample(
     task.require_room(output, read, prior, model, copies=copies)
     terminal.say_study(task.console, read)
     terminal.say_prior(task.console, record.describe(prior))
+    terminal.say_doubts(task.console, read, prior)
     terminal.say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
@@ -157,7 +160,7 @@ def evidence(
     table.save(output, **task.saving)
     task.say_taken(keep)
     task.finish(keep, table.failed)
-    summaries.say_evidence(task.console, table)
+    summaries.say_evidence(task.console, table, first=summaries.scale_first(read, prior))
     task.say_written("table in", output, seed=table.seed)
     leave_unless_whole(task, table.failed, {})
 
@@ -284,6 +287,7 @@ def fit(
     read, prior = task.read(study)
     terminal.say_study(task.console, read)
     terminal.say_penalty(task.console, prior)
+    terminal.say_doubts(task.console, read)
     with task.progress("fitting", len(read)) as tick:
         table = compute(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
     table.save(output, **task.saving)

@@ -120,6 +120,7 @@ def _study_and_prior(
     stored = None if posterior is None else belonging_draws(posterior, study, task, model)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     terminal.say_study(task.console, read)
+    terminal.say_doubts(task.console, read)
     return read, prior, stored
 
 

@@ -16,9 +16,10 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, SubjectAsymmetry
 from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.cli.attention import FLAGGED
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed, allowed_quantiles
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, misfit, misfits, p_value, tally
+from bayes_toe.cli.summaries import scale_first
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.comparison.presets import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
@@ -186,25 +187,27 @@ def _settings(attrs: Mapping[str, Any]) -> dict[str, str]:
 
 def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mapping[str, str]) -> dict[str, Any]:
     """What does not depend on a subject."""
-    findings, table = check_study(analysis.study), analysis.evidence
+    prior, table = analysis.settings.prior, analysis.evidence
+    findings, first = check_study(analysis.study, prior), scale_first(analysis.study, prior)
+    following = first + NEXT
     return {
         "study": analysis.study,
-        "reference": f"{analysis.settings.prior.reference_interval or 1.0:g} s",
+        "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(analysis.study.intervals) if analysis.study.intervals else "",
         "attrs": analysis.draws.attrs,
         "rows": table.rows,
-        "in_short": in_short(table, synthetic=analysis.study.synthetic, presets=analysis.presets),
+        "in_short": first + in_short(table, synthetic=analysis.study.synthetic, presets=analysis.presets),
         "terms": TERMS,
         "settings": _settings(analysis.draws.attrs),
         "tally": tally(table),
         "misfits": misfits(table),
         "presets": say_presets(analysis.presets),
-        "said": {"scale": STATED, "fit": FIT, "appendix_c": APPENDIX_C, "next": NEXT[0].upper() + NEXT[1:], "flagged": FLAGGED},
+        "said": {"scale": STATED, "fit": FIT, "appendix_c": APPENDIX_C, "next": following[0].upper() + following[1:], "flagged": FLAGGED},
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "findings": findings,
         "study_findings": [finding for finding in findings if finding.subject == ""],
-        "before_pooling": check_answers(analysis.study, analysis.settings.prior),
+        "before_pooling": check_answers(analysis.study, prior),
         "pictures": pictures,
         "drawn": len(pictures.corner),
         "asymmetry_drawn": pictures.of_study("asymmetry").exists(),
@@ -314,7 +317,9 @@ def _parameters(summary: pd.DataFrame, fit: SubjectFit | None, level: float) -> 
     rows = []
     for row in summary.to_dict("records"):
         best, (lower, upper) = natural.get(row["parameter"], (None, (None, None)))
-        rows.append({**{str(key): value for key, value in row.items()}, "fit": best, "fit_lower": lower, "fit_upper": upper})
+        quantiles = [text.replace("-", "−") for text in allowed_quantiles(row, 3)]
+        fitted = {"fit": best, "fit_lower": lower, "fit_upper": upper}
+        rows.append({**{str(key): value for key, value in row.items()}, "quantiles": quantiles, **fitted})
     return rows
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed_in_order
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
     OUTPUT,
@@ -34,8 +34,10 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
+    from bayes_toe.data.study import Study
     from bayes_toe.experiments.calibration_table import CalibrationTable
     from bayes_toe.inference.draws import Draws
+    from bayes_toe.model.prior import Prior
 
 
 #: What order effects show in: these have their range beside the median.
@@ -62,7 +64,7 @@ def say_draws(console: Console, draws: Draws, file: str = OUTPUT) -> None:
             values = draws.values(name, key)
             # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
-            low, middle, high = map(allowed, np.quantile(values, _SHOWN_QUANTILES), errors, [2] * 3)
+            low, middle, high = allowed_in_order(np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2)
             row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
         row["min ESS"] = f"{float(stats['min_ess'][i]):.0f}"
         row["max R-hat"] = f"{float(stats['max_r_hat'][i]):.3f}"
@@ -74,7 +76,17 @@ def say_draws(console: Console, draws: Draws, file: str = OUTPUT) -> None:
         say(console, safe(draws.attrs["left_out"]))
 
 
-def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT) -> None:
+def scale_first(study: Study, prior: Prior) -> str:
+    """What comes before all else that a summary says is next: stimuli in another unit than the prior; empty where they are not."""
+    from bayes_toe.experiments.checks import prior_scale
+
+    found = prior_scale(study, prior)
+    return (
+        "first mend the unit of the stimuli, or use --prior stimuli: the prior's scale is not theirs (see the warning); " if found else ""
+    )
+
+
+def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, first: str = "") -> None:
     """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
     from bayes_toe.cli.attention import flagged
     from bayes_toe.cli.headline import APPENDIX_C, FIT, tally
@@ -84,7 +96,7 @@ def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT) -> 
     shown = [of_subject[name] for name in chosen(of_subject, flagged(table))]
     of_all("order effect, and fit of the model", [_headline(row) for row in shown])
     say(console, f"[bold]order effect[/bold]: {tally(table)}")
-    _say_misfits(console, table, file)
+    _say_misfits(console, table, file, first)
     say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
     rows: list[dict[Any, Any]] = [
         {
@@ -122,14 +134,14 @@ def _headline(row: SubjectEvidence) -> dict[Any, Any]:
     }
 
 
-def _say_misfits(console: Console, table: EvidenceTable, file: str) -> None:
+def _say_misfits(console: Console, table: EvidenceTable, file: str, first: str) -> None:
     from bayes_toe.cli.headline import NEXT, misfit, misfits
 
     if found := misfits(table):
         say(console, f"[bold]fit[/bold]: {found}")
         wrong = (f"{row.subject}: {misfit(row.fit)}" for row in table if row.fit is not None and row.misfit)
         say_notes(console, wrong, "misfit", "red", file=file)
-        say(console, NEXT, "red")
+        say(console, first + NEXT, "red")
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed_quantiles
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.markup import Markup
 from bayes_toe.comparison.evidence_table import EvidenceTable
@@ -90,7 +90,7 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
 
 def _range(row: dict[Any, Any]) -> str:
     """Median and interval, with the digits that their Monte Carlo errors allow."""
-    middle, low, high = (allowed(row[key], row[f"mcse_{key}"], 3) for key in _RANGE.values())
+    low, middle, high = allowed_quantiles(row, 3)
     return f"{middle} ({low}, {high})"
 
 

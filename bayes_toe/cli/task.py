@@ -134,6 +134,7 @@ class PriorTask(Task):
         """Say what everything below is about."""
         terminal.say_study(self.console, study)
         terminal.say_prior(self.console, prior)
+        terminal.say_doubts(self.console, study, prior)
 
 
 @dataclass(frozen=True, kw_only=True)

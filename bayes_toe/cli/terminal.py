@@ -173,6 +173,13 @@ def say_findings(console: Console, findings: Iterable[Finding], word: str = "war
     say_once(console, ((finding.subject, finding.message) for finding in findings), word)
 
 
+def say_doubts(console: Console, study: Study, prior: Prior | None = None) -> None:
+    """What is probably a mistake, and would stand behind everything below."""
+    from bayes_toe.experiments.checks import doubts
+
+    say_findings(console, doubts(study, prior))
+
+
 def say_smaller_models(console: Console, study: Study) -> None:
     """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
     from bayes_toe.experiments.checks import check_study

@@ -50,11 +50,14 @@ class Reading:
         Columns that were read, by our names.
     ignored : tuple of str
         Columns that were not, by their names in the file.
+    doubts : tuple of str
+        What is probably a mistake in the file: a sentence each, without its full stop.
     """
 
     answers: Mapping[str, Answers] = field(default_factory=dict)
     read: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def order_of_trials(owner: IntArray, trial: FloatArray, block: IntArray) -> tuple[IndexArray, BoolArray]:

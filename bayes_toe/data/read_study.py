@@ -33,6 +33,7 @@ from bayes_toe.data.cells import (
 from bayes_toe.data.columns import MISSING_WORDS, numbers
 from bayes_toe.data.messages import MOST_SHOWN, bare, listed, quoted
 from bayes_toe.data.read_options import COLUMNS, ReadOptions
+from bayes_toe.data.repeats import repeat_note, repeats
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.shown_pairs import ShownPairs, pair_faults, shown_pairs
 from bayes_toe.data.study import Study, Subject, subjects_of_rows
@@ -145,7 +146,9 @@ def _trial_study(cells: Cells, options: ReadOptions) -> Study:
     counts = (np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
     subjects = _subjects(pairs, *counts)
     answers, order_note = _answers(cells, pairs, *counts)
-    return _study(cells, subjects, [*notes, *interval_notes(pairs, subjects), *order_note], _reading(cells, answers))
+    doubts = _repeated(cells, pairs, *counts) if order_note else []  # no trial is there twice where the order is known
+    reading = _reading(cells, answers, doubts)
+    return _study(cells, subjects, [*notes, *interval_notes(pairs, subjects), *order_note], reading)
 
 
 def _require_answers(cells: Cells, asked: BoolArray) -> None:
@@ -248,6 +251,18 @@ def _answers(cells: Cells, pairs: ShownPairs, n_equal: IntArray, n_trials: IntAr
     return found, notes
 
 
+def _repeated(cells: Cells, pairs: ShownPairs, n_equal: IntArray, n_trials: IntArray) -> list[str]:
+    """What is said of answered trials that are there twice."""
+    block, rows = cells.columns.get("block"), np.flatnonzero(n_trials > 0)
+    others = [column.codes[rows] for column in (pairs.subject, block) if column is not None]
+    again, of = (rows[found] for found in repeats(numbers(cells, cells.columns["trial"])[rows], *others))
+    if not len(again):
+        return []
+    same = np.logical_and.reduce([key[again] == key[of] for key in (*pairs.keys, n_equal)])
+    first = int(cells.rows[again[0]]), int(cells.rows[of[0]])
+    return repeat_note(first, pairs.subject.text(again[0]), same, blocks=block is not None)
+
+
 def _blocks(block: Column, rows: IntArray, owner: IntArray, rank: IntArray) -> tuple[IntArray, list[tuple[str, ...]]]:
     """The place of each row's block among those of its subject, by rank, and of each subject their names."""
     order = np.lexsort((rank, owner))
@@ -267,10 +282,10 @@ def _rank_of_blocks(cells: Cells, block: Column) -> IntArray:
     return block.spread(list(order), np.int64)
 
 
-def _reading(cells: Cells, answers: Mapping[str, Answers]) -> Reading:
+def _reading(cells: Cells, answers: Mapping[str, Answers], doubts: Sequence[str] = ()) -> Reading:
     read = {column.name for column in cells.columns.values()}
     ignored = dict.fromkeys(name for name in cells.header.names if name and name not in read)
-    return Reading(answers, tuple(cells.columns), tuple(ignored))
+    return Reading(answers, tuple(cells.columns), tuple(ignored), tuple(f"{cells.header.source}: {one}" for one in doubts))
 
 
 def _study(cells: Cells, subjects: Sequence[Subject], notes: Sequence[str], reading: Reading) -> Study:

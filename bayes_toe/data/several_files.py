@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed
+from bayes_toe.data.repeats import copies
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 
@@ -94,7 +95,8 @@ def _reading(parts: dict[str, list[Study]], studies: Sequence[Study]) -> Reading
     known = {name: [(study.source, study.reading.answers.get(name)) for study in of] for name, of in parts.items()}
     answers = {name: _answers([(source, one) for source, one in of if one]) for name, of in known.items() if all(one for _, one in of)}
     read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))
-    return Reading(answers, read, ignored)
+    repeated = (doubt for name, of in known.items() for doubt in copies([(source, one) for source, one in of if one], name))
+    return Reading(answers, read, ignored, (*(doubt for study in studies for doubt in study.reading.doubts), *repeated))
 
 
 def _answers(of: Sequence[tuple[str, Answers]]) -> Answers:

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.data.cells import runs
-from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import Stimuli
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +28,8 @@ _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 #: Beside format and control characters: joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(map(chr, _SELECTORS))
+_NEAR, _SELDOM = 10.0, 0.1  # a prior of another unit has sigma_p within this factor of the stimuli's step less often
+_ROUNDED = 1e-6  # of the range of the stimuli: no observer tells them apart, and stimuli in single precision are as near
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
@@ -38,10 +42,11 @@ class Finding:
     subject : str
         Whom it concerns; empty for the whole study.
     code : str
-        What kind of finding it is: "few_pairs", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "design_rank", "long_intervals", "names_differ_in_case", "names_look_alike" (but
-        for invisible characters, or how characters are composed) or "names_are_formulas" (to a spreadsheet); from a look at the answers
-        (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
+        What kind of finding it is: "few_pairs", "rounding", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
+        "one_first_stimulus", "one_order", "one_interval", "design_rank", "repeated_trials", "prior_scale", "long_intervals",
+        "names_differ_in_case", "names_look_alike" (but for invisible characters, or how characters are composed) or
+        "names_are_formulas" (to a spreadsheet); from a look at the answers (:mod:`bayes_toe.experiments.answers_check`)
+        "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
         "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
     message : str
         One sentence that says what to conclude.
@@ -78,17 +83,19 @@ def check_subject(subject: Subject) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check_subject(subject)]
     ['one_first_stimulus', 'one_order', 'design_rank']
     """
-    rules = (_few_pairs, _answers, _equal_pairs, _first_stimuli, _orders, _intervals, _design)
+    rules = (_few_pairs, _rounding, _answers, _equal_pairs, _first_stimuli, _orders, _intervals, _design)
     return tuple(Finding(subject.name, code, message) for rule in rules for code, message in rule(subject))
 
 
-def check_study(study: Study) -> tuple[Finding, ...]:
-    """What a study leaves open: findings about its names first, then those of each subject.
+def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """What a study leaves open: findings about its file and its names first, then those of each subject.
 
     Parameters
     ----------
     study : Study
         Any study.
+    prior : Prior, optional
+        For whether its scale is that of the stimuli.
 
     Returns
     -------
@@ -102,7 +109,42 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
     require_study(study)
-    return (*_names(study.names), *_units(study), *(finding for subject in study for finding in check_subject(subject)))
+    of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study))
+    return (*of_all, *(finding for subject in study for finding in check_subject(subject)))
+
+
+def doubts(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """What is probably a mistake and would stand behind everything: those findings of :func:`check_study` that every command says."""
+    rounding = (Finding(subject.name, code, message) for subject in study for code, message in _rounding(subject))
+    return (*_repeated(study), *prior_scale(study, prior), *rounding)
+
+
+def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
+    """Where stimuli and prior have different units: hardly a sigma_p of the prior is of the size of the stimuli's steps.
+
+    A width far from the steps has all pairs answered alike, so that where the data ask for a sigma_p that the prior hardly has, evidence
+    and posterior tell about the prior. With a half-normal sigma_p that is so below 1/80 of its scale and above 16 times it.
+
+    Examples
+    --------
+    >>> study = Study((Subject("S01", [0, 3e-7], [3e-7, 0], [9, 2], [9, 9]),))
+    >>> [finding.code for finding in prior_scale(study, Prior())]
+    ['prior_scale']
+    """
+    unequal = any((subject.s1 != subject.s2).any() for subject in study)
+    # Scales that are the stimuli's own are in their unit.
+    if prior is None or not unequal or "sigma_p" in prior.origin:
+        return []
+    step, sigma_p = Stimuli.of(study).step, prior.distribution("sigma_p")
+    near = float(sigma_p.cdf(_NEAR * step) - sigma_p.cdf(step / _NEAR))
+    if near >= _SELDOM:
+        return []
+    how = "wide" if sigma_p.cdf(step) < 0.5 else "narrow"
+    message = (
+        f"The prior is far too {how} for these stimuli, sigma_p ~ {sigma_p.describe()} with steps of {step:.2g} (root mean square of "
+        "s2 - s1): are they natural logs of intensity? If they are, --prior stimuli takes its scales from them."
+    )
+    return [Finding("", "prior_scale", message)]
 
 
 def describe(study: Study) -> pd.DataFrame:
@@ -168,6 +210,31 @@ def _few_pairs(subject: Subject) -> _Rule:
             f"Only {few} for {PARAMETERS} parameters: at least {PARAMETERS - subject.n_pairs} of them cannot be told "
             "from the data, and the posterior will reflect the prior there.",
         )
+
+
+def _rounding(subject: Subject) -> _Rule:
+    """Stimuli so near each other that they were meant to be one, and pairs that are several for that reason."""
+    both = np.concatenate([subject.s1, subject.s2])
+    gaps = np.diff(np.sort(both))
+    if not ((gaps > 0) & (gaps <= _ROUNDED * gaps.sum())).any():  # as nearly always: cheap for 100,000 subjects
+        return
+    stimuli, place = np.unique(both, return_inverse=True)
+    shown = np.bincount(place.ravel(), np.tile(subject.n_trials, 2))
+    near = np.diff(stimuli) <= _ROUNDED * gaps.sum()
+    # Where every trial has a stimulus of its own, two may fall together by chance.
+    near &= np.maximum(shown[1:], shown[:-1]) > 2
+    if not near.any():
+        return
+    meant = np.cumsum([0, *~near])[place].reshape(2, -1)
+    keys = [*meant, *([] if subject.isi is None else [subject.isi])]
+    pairs, several = len(np.unique(np.column_stack(keys), axis=0)), int(np.count_nonzero(near))
+    first = int(np.argmax(near))
+    more = f" and {several - 1} more" if several > 1 else ""
+    yield (
+        "rounding",
+        f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{more} differ by rounding only (by less than {_ROUNDED:g} of "
+        f"their range), so that {counted(subject.n_pairs, 'pair')} are told apart where {pairs} were meant: give one stimulus one number.",
+    )
 
 
 def _answers(subject: Subject) -> _Rule:
@@ -241,6 +308,10 @@ def _units(study: Study) -> list[Finding]:
         return []
     message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
     return [Finding("", "long_intervals", message)]
+
+
+def _repeated(study: Study) -> list[Finding]:
+    return [Finding("", "repeated_trials", f"{doubt}.") for doubt in study.reading.doubts]
 
 
 def _design(subject: Subject) -> _Rule:

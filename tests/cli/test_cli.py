@@ -329,6 +329,15 @@ def test_check_names_what_cannot_be_learnt(tmp_path):
     assert done.stdout.count("warning") >= 2
 
 
+def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
+    rows = ["subject,block,trial,s1,s2,response", *(f"[i]x,1,{i},{i % 2},{i % 3},{i % 2}" for i in range(12))]
+    (tmp_path / "s.csv").write_text("\n".join([*rows, *rows[1:]]) + "\n")
+    said = "warning s.csv: 12 rows repeat block and trial of another row with the same stimuli and answer, first row 14,"
+    for command in (["check"], ["asymmetry"], ["fit", "--replicates", "2"], ["evidence", "--workers", "1"]):
+        done = inside(command[0], "s.csv", *command[1:], cwd=tmp_path)
+        assert done.stdout.count(said) == 1, done.stderr
+
+
 @pytest.fixture(scope="module")
 def swapped(tmp_path_factory):
     """A folder with a study of trials, in which one block was answered with the buttons swapped; its columns have names of their own."""

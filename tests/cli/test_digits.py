@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_toe.cli.digits import allowed
+from bayes_toe.cli.digits import allowed, allowed_in_order
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,18 @@ from bayes_toe.cli.digits import allowed
 )
 def test_digits_end_where_the_error_begins(value, error, most, shown):
     assert allowed(value, error, most) == shown
+
+
+@pytest.mark.parametrize(
+    ("values", "errors", "shown"),
+    [
+        ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),  # each by its own error, in their order
+        ([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], ["0", "40000", "90000"]),  # not 50, 0, 86443.60
+        ([0.0, 77.3, 345_678.0], [3e4, 1.0, 9e4], ["0", "77", "350000"]),
+        ([0.12, 0.123, 0.15], [0.1, 0.1, 0.01], ["0.12", "0.12", "0.15"]),  # alike with all the decimals that there may be
+        ([0.0, 0.0, 0.0], [math.nan] * 3, ["0.00"] * 3),
+    ],
+)
+def test_a_median_is_shown_between_its_limits(values, errors, shown):
+    assert allowed_in_order(values, errors, 2) == shown
+    assert [float(text) for text in shown] == sorted(float(text) for text in shown)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.cli.summaries import say_draws, say_evidence, say_fits
+from bayes_toe.cli.summaries import say_draws, say_evidence, say_fits, scale_first
 from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, new_console, once, say_lines, say_table
+from bayes_toe.model.study_prior import prior_for
 
 
 def rows_of(text, names):
@@ -32,6 +33,13 @@ def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that
     assert said.count("... and 50 more in evidence.csv") == 2
     assert "misfit S99: predictive p" in said
     assert f"S{MOST_NAMES - 1}, ... and 80 more: the same note" in said
+
+
+def test_a_wrong_unit_comes_before_compare(many, capsys):
+    study = bt.Study([bt.Subject("A", [0.0, 1e-6], [1e-6, 0.0], [3, 4], [5, 5])])
+    assert scale_first(study, prior_for(study, "stimuli")) == ""
+    say_evidence(new_console(False), many, first=scale_first(study, bt.Prior()))
+    assert "first mend the unit of the stimuli, or use --prior stimuli: " in capsys.readouterr().out.split("next: bayes-toe compare")[0]
 
 
 def test_up_to_so_many_rows_all_are_there_in_their_order(many, capsys):

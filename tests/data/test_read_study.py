@@ -176,6 +176,30 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted() -> Non
     assert len(read(TRIALS + "a,0,1,equal\n").notes) == 1
 
 
+def test_trials_that_are_there_twice_are_told() -> None:
+    rows = "a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n"
+    (same,) = read(ORDERED + rows + "b,0,1,NA,1,1\n" + "a,0,0,0,1,2\nb,0,0,0,1,1\n").reading.doubts
+    assert "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 (" in same
+    (other,) = read(ORDERED + rows + "b,0,0,1,1,1\n").reading.doubts
+    assert "1 row repeats block and trial of another row, none with the same stimuli and answer, first row 5" in other
+    assert "unless these are several sessions" in other
+    unblocked = "subject,s1,s2,response,trial\na,0,1,1,1\na,0,1,1,1\n"
+    assert "1 row repeats trial of another row with the same" in read(unblocked).reading.doubts[0]
+    for fine in (ORDERED + rows, ORDERED + rows + "a,0,0,0,1,x\na,0,0,0,1,x\n", unblocked + "a,0,0,1,1\n", TRIALS + "a,0,1,1\na,0,1,1\n"):
+        assert read(fine).reading.doubts == (), "in another block, without a number, or without blocks they may be other trials"
+
+
+def test_a_file_that_is_a_copy_of_another_is_told(tmp_path: Path) -> None:
+    rows = "".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20))
+    texts = {"1.csv": TRIALS + rows, "2.csv": TRIALS + rows.replace("a", "b"), "3.csv": TRIALS + rows, "4.csv": TRIALS + rows + "a,0,0,1\n"}
+    paths = [tmp_path / name for name in texts]
+    for path, text in zip(paths, texts.values(), strict=True):
+        path.write_text(text, encoding="utf-8")
+    (told,) = read_study(paths).reading.doubts
+    assert told.startswith("3.csv has the same 20 trials of subject a as 1.csv: trials that are there twice")
+    assert read_study([paths[0], paths[1], paths[3]]).reading.doubts == ()
+
+
 def test_counts_have_answers_where_they_have_blocks() -> None:
     study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", ReadOptions(columns={"block": "Run"}))
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}

@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from scipy.special import logit
 
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.experiments.checks import Finding, check_study, check_subject, describe
+from bayes_toe.experiments.checks import Finding, check_study, check_subject, describe, doubts
 from bayes_toe.model.closed_form import MAX_PULL, normalised_distance
 from bayes_toe.model.coordinates import natural
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
@@ -111,6 +113,43 @@ def test_messages_are_one_sentence_that_concludes() -> None:
         assert "\n" not in finding.message
         assert ". " not in finding.message
         assert any(word in finding.message for word in ("prior", "predicted by the model"))
+
+
+def test_stimuli_of_another_unit_than_the_prior_are_told() -> None:
+    def said(step: float, prior: Prior | str | None = None) -> str:
+        study = Study((subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
+        found = doubts(study, prior_for(study, prior))
+        assert set(found) <= set(check_study(study, prior_for(study, prior)))
+        return "".join(finding.message for finding in found)
+
+    # P(0.1 step < sigma_p < 10 step) is 0.1 at steps of 0.0127 and 16.4 for a half-normal sigma_p of scale 1.
+    assert [said(step) for step in (0.013, 0.3, 1.0, 16.0)] == ["", "", "", ""]
+    assert said(0.012).startswith("The prior is far too wide for these stimuli, sigma_p ~ HalfNormal(1) with steps of 0.012 (")
+    assert said(17.0).startswith("The prior is far too narrow for these stimuli, sigma_p ~ HalfNormal(1) with steps of 17 (")
+    assert "--prior stimuli takes its scales from them" in said(17.0)
+    assert said(0.3, Prior(sigma_p_scale=0.01)).startswith("The prior is far too narrow")
+    assert [said(step, "stimuli") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
+    assert check_study(Study((subject(GRID, [9, 2, 3, 1, 8, 4, 5, 6, 10]),))) == (), "without a prior nothing is said of it"
+    only_equal = Study((subject([(0.0, 0.0), (9e9, 9e9)]),))
+    assert doubts(only_equal, Prior()) == (), "without different stimuli there is no step"
+
+
+def test_stimuli_that_differ_by_rounding_only_are_told() -> None:
+    noisy = [(0.0, 0.0), (0.0, 0.3), (1e-16, 0.3), (0.3, 1e-16), (0.1 + 0.2, 0.0), (0.3, 0.3), (0.5, 0.5)]
+    (told,) = [finding for finding in doubts(Study((subject(noisy),))) if finding.code == "rounding"]
+    assert told in check_subject(subject(noisy))
+    assert told.message.startswith(
+        "Stimuli 0.0 and 1e-16 and 1 more differ by rounding only (by less than 1e-06 of their range), so that 7 "
+    )
+    assert "7 pairs are told apart where 5 were meant" in told.message
+    scaled = [(7e-9 * first, 7e-9 * second) for first, second in GRID]
+    assert doubts(Study((subject(scaled),))) == (), "the range is the measure"
+    values = np.random.default_rng(1).random(20_000)  # each met once: two that are near are so by chance
+    assert doubts(Study((Subject("S", values[::2], values[1::2], [1] * 10_000, [1] * 10_000),))) == ()
+    single = np.float32([0.1, 0.3]).tolist()
+    at = [(a, b, isi) for isi in (1.0, 2.0) for a, b in itertools.product([0.0, 0.1, 0.3, *single], repeat=2)]
+    timed = Subject("S", *np.transpose(at)[:2], [4] * 50, [9] * 50, np.transpose(at)[2])
+    assert "50 pairs are told apart where 18 were meant" in doubts(Study((timed,)))[0].message
 
 
 def test_names_that_differ_in_case_concern_the_study() -> None:
