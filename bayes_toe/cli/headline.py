@@ -9,7 +9,9 @@ from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.presets import UnderPresets
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import counted
+from bayes_toe.data.study import Study
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit
+from bayes_toe.model.prior import Prior
 
 _SOME = "some order effect"
 #: What to do about a misfit, where no composition is known that describes the answers.
@@ -69,6 +71,16 @@ def _describes(subjects: int, untold: int) -> str:
     if untold == subjects:
         return "whether H1 describes the answers cannot be told"
     return f"H1 describes the answers of {subjects - untold}, of {untold} it cannot be told"
+
+
+def scale_first(study: Study, prior: Prior) -> str:
+    """What comes before all else that a summary says is next: stimuli in another unit than the prior; empty where they are not."""
+    from bayes_toe.experiments.checks import prior_scale
+
+    found = prior_scale(study, prior)
+    return (
+        "first mend the unit of the stimuli, or use --prior stimuli: the prior's scale is not theirs (see the warning); " if found else ""
+    )
 
 
 def misfits(table: EvidenceTable) -> str:

@@ -48,7 +48,7 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.analysis import run as analyse
-    from bayes_toe.cli.headline import in_short
+    from bayes_toe.cli.headline import in_short, scale_first
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
     from bayes_toe.data.example import example_truth
@@ -70,7 +70,7 @@ def run(
     with task.progress("sampling", len(read)) as tick:
         analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     task.say_taken(keep)
-    first = summaries.scale_first(read, prior)
+    first = scale_first(read, prior)
     summaries.say_evidence(task.console, analysis.evidence, "evidence.csv", first)
     terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
     summaries.say_draws(task.console, analysis.draws, "summary.csv")
@@ -151,6 +151,7 @@ def evidence(
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
     from bayes_toe.analysis import evidence as compute
+    from bayes_toe.cli.headline import scale_first
 
     task.require_files(output)
     keep = task.partial(output)
@@ -160,7 +161,7 @@ def evidence(
     table.save(output, **task.saving)
     task.say_taken(keep)
     task.finish(keep, table.failed)
-    summaries.say_evidence(task.console, table, first=summaries.scale_first(read, prior))
+    summaries.say_evidence(task.console, table, first=scale_first(read, prior))
     task.say_written("table in", output, seed=table.seed)
     leave_unless_whole(task, table.failed, {})
 

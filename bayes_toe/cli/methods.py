@@ -205,7 +205,7 @@ def written(told: Methods, markup: Markup, stem: str) -> tuple[str, str]:
 
 def _facts(told: Methods) -> dict[str, Any]:
     """Everything that the text says, each from a file."""
-    from bayes_toe.cli.headline import in_short, misfit
+    from bayes_toe.cli.headline import in_short, misfit, scale_first
 
     draws, evidence = told.draws, told.evidence
     stats, trials = draws.group("sample_stats"), [draws.subject(name).total_trials for name in draws.names]
@@ -235,7 +235,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         "wrong": _each(wrong),
         "misfits": len(wrong),
         "weighed": None if evidence is None else _weighed(evidence),
-        "in_short": None if evidence is None else in_short(evidence, synthetic=draws.synthetic),
+        "in_short": None if evidence is None else scale_first(draws.study, draws.prior) + in_short(evidence, synthetic=draws.synthetic),
         "compared": None if told.compared is None else compared_facts(told.compared),
         "varied": None if told.varied is None else varied_facts(told.varied, told.varied_parts),
         "group": None if told.group is None else _group_facts(told.group),

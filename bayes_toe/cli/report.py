@@ -18,8 +18,7 @@ from bayes_toe.classical.fit_table import SubjectFit
 from bayes_toe.cli.attention import FLAGGED
 from bayes_toe.cli.digits import allowed, allowed_quantiles
 from bayes_toe.cli.glossary import TERMS, anchor, linked
-from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, misfit, misfits, p_value, tally
-from bayes_toe.cli.summaries import scale_first
+from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, misfit, misfits, p_value, scale_first, tally
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.comparison.presets import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability

@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
-    from bayes_toe.data.study import Study
     from bayes_toe.experiments.calibration_table import CalibrationTable
     from bayes_toe.inference.draws import Draws
-    from bayes_toe.model.prior import Prior
 
 
 #: What order effects show in: these have their range beside the median.
@@ -74,16 +72,6 @@ def say_draws(console: Console, draws: Draws, file: str = OUTPUT) -> None:
     say_notes(console, (f"{name}: {shortfall}" for name, shortfall in missed.items()), "not converged", "red", file=file)
     if draws.attrs["left_out"]:
         say(console, safe(draws.attrs["left_out"]))
-
-
-def scale_first(study: Study, prior: Prior) -> str:
-    """What comes before all else that a summary says is next: stimuli in another unit than the prior; empty where they are not."""
-    from bayes_toe.experiments.checks import prior_scale
-
-    found = prior_scale(study, prior)
-    return (
-        "first mend the unit of the stimuli, or use --prior stimuli: the prior's scale is not theirs (see the warning); " if found else ""
-    )
 
 
 def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, first: str = "") -> None:
