@@ -18,7 +18,7 @@ print("arviz" in sys.modules)
 warnings.simplefilter("ignore", FutureWarning)
 import corner
 print(ours == drawn(corner.corner, x))
-print(len(corner.corner({{"a": x[:, 0], "b": x[:, 1]}}, fig=Figure()).axes), "arviz" in sys.modules)
+print(len(corner.corner({{"a": x[None, :, 0], "b": x[None, :, 1]}}, fig=Figure()).axes), "arviz" in sys.modules)
 """
 
 
