@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.presets import UnderPresets
+from bayes_toe.comparison.presets import Orders, UnderPresets
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study
@@ -38,7 +38,7 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence
     """What a study supports, in one sentence: who has an order effect, among those whose answers the model describes, and what next.
 
     An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it. `presets` tell
-    about whom the two presets of the prior disagree.
+    about whom the two presets of the prior disagree: not on the kind of effect, but on whether there is one.
     """
     described, whose = [row for row in table if not row.misfit], "synthetic subject" if synthetic else "subject"
     if not described:
@@ -47,15 +47,23 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence
     effect, none = sum(found[word] for word in (*KINDS[1:], _SOME)), found[KINDS[0]]
     undecided, unknown = found["undecided"], found["no estimate"]
     among = f"the {counted(len(described), whose)} whose answers H1 describes" if wrong else counted(len(described), whose)
+    differ = {one.subject for one in presets if len({_whether(orders) for orders in one.orders.values()}) > 1}
+    moved = Counter(_whether(row.log_evidence_orders) == _SOME for row in described if differ and row.subject in differ)
     parts = [f"{effect} of {among} {'has' if 1 in (effect, len(described)) else 'have'} an order effect"]
+    parts[0] += f" (about {moved[True]} of them the choice of the prior decides)" if moved[True] else ""
     parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []
     parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
     parts += [f"{unknown} {'has' if unknown == 1 else 'have'} no estimate"] if unknown else []
-    moved = len({one.subject for one in presets if one.differ} & {row.subject for row in described})
-    parts += [f"and of {moved} of them the choice of the prior decides"] if moved else []
+    parts += [f"and about {moved[False]} of these the choice of the prior decides"] if moved[False] else []
     untold = sum(row.fit is None or row.fit.degrees_of_freedom <= 0 for row in described)
     last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else _describes(len(described), untold)
     return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
+
+
+def _whether(orders: Orders) -> str:
+    """Whether there is an order effect, of whatever kind, in a word or two."""
+    word = order_effect(orders)
+    return _SOME if word in KINDS[1:] else word
 
 
 def _describes(subjects: int, untold: int) -> str:

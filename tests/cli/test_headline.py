@@ -47,7 +47,14 @@ def test_where_it_cannot_be_told_whether_h1_describes_the_answers_it_is_not_said
     assert in_short([*judged, *not_judged]).endswith("H1 describes the answers of 1, of 2 it cannot be told")
 
 
-def test_of_whom_the_choice_of_the_prior_decides_is_said_of_those_who_are_counted():
-    presets = [SimpleNamespace(subject=f"S{i}", differ=i != 1) for i in range(3)]  # S2's answers are not described
-    said = in_short(table((EFFECT, False), (EFFECT, False), (EFFECT, True)), presets=presets)
-    assert "have an order effect, and of 1 of them the choice of the prior decides (" in said
+def test_about_whom_the_choice_of_the_prior_decides_is_said_of_those_who_are_counted():
+    kinds = [
+        (EFFECT, OPEN),
+        (EFFECT, (-9.0, 0.0, -3.0)),
+        (NONE, OPEN),
+        (EFFECT, OPEN),
+    ]  # of S1 only the kind; S3's answers are not described
+    presets = [SimpleNamespace(subject=f"S{i}", orders=dict(zip(("paper", "stimuli"), two, strict=True))) for i, two in enumerate(kinds)]
+    said = in_short(table((EFFECT, False), (EFFECT, False), (NONE, False), (EFFECT, True)), presets=presets)
+    assert "have an order effect (about 1 of them the choice of the prior decides), 1 has none, and about 1 of these the choice" in said
+    assert "decides" not in in_short(table((EFFECT, False), (NONE, False)), presets=presets[1:2])
