@@ -43,12 +43,11 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence
     described, whose = [row for row in table if not row.misfit], "synthetic subject" if synthetic else "subject"
     if not described:
         return f"H1 describes the answers of none of {counted(len(table), whose)}; {NEXT}"
-    found, wrong = Counter(order_effect(row.log_evidence_orders) for row in described), len(table) - len(described)
-    effect, none = sum(found[word] for word in (*KINDS[1:], _SOME)), found[KINDS[0]]
-    undecided, unknown = found["undecided"], found["no estimate"]
+    found, wrong = Counter(_whether(row.log_evidence_orders) for row in described), len(table) - len(described)
+    effect, none, undecided, unknown = (found[word] for word in (_SOME, KINDS[0], "undecided", "no estimate"))
     among = f"the {counted(len(described), whose)} whose answers H1 describes" if wrong else counted(len(described), whose)
     differ = {one.subject for one in presets if len({_whether(orders) for orders in one.orders.values()}) > 1}
-    moved = Counter(_whether(row.log_evidence_orders) == _SOME for row in described if differ and row.subject in differ)
+    moved = Counter(_whether(row.log_evidence_orders) == _SOME for row in described if row.subject in differ)
     parts = [f"{effect} of {among} {'has' if 1 in (effect, len(described)) else 'have'} an order effect"]
     parts[0] += f" (about {moved[True]} of them the choice of the prior decides)" if moved[True] else ""
     parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.data.study import Study
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
@@ -68,11 +68,11 @@ def middle_of(shown: Iterable[StudyDesign | Pairs]) -> float:
 
 def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
     """The prior in numbers, for the stimuli and intervals of all designs together; of some without intervals, those of the others."""
-    subjects = [one.answered(np.zeros_like(one.n_trials), str(number)) for number, one in enumerate(shown)]
+    subjects = [replace(one.unanswered, name=str(number)) for number, one in enumerate(shown)]
     timed, rest = ([one for one in subjects if (one.isi is not None) == has] for has in (True, False))
     if not (timed and rest):
         return prior_for(Study(tuple(subjects)), prior)
-    untimed = tuple(type(one).from_counts(one.name, one.s1, one.s2, one.n_equal, one.n_trials) for one in subjects)
+    untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_equal, one.n_trials) for one in subjects)
     return replace(prior_for(Study(untimed), prior), reference_interval=prior_for(Study(tuple(timed)), prior).reference_interval)
 
 

@@ -48,12 +48,8 @@ def test_where_it_cannot_be_told_whether_h1_describes_the_answers_it_is_not_said
 
 
 def test_about_whom_the_choice_of_the_prior_decides_is_said_of_those_who_are_counted():
-    kinds = [
-        (EFFECT, OPEN),
-        (EFFECT, (-9.0, 0.0, -3.0)),
-        (NONE, OPEN),
-        (EFFECT, OPEN),
-    ]  # of S1 only the kind; S3's answers are not described
+    # Of S1 the presets name another kind only; S3's answers are not described.
+    kinds = [(EFFECT, OPEN), (EFFECT, (-9.0, 0.0, -3.0)), (NONE, OPEN), (EFFECT, OPEN)]
     presets = [SimpleNamespace(subject=f"S{i}", orders=dict(zip(("paper", "stimuli"), two, strict=True))) for i, two in enumerate(kinds)]
     said = in_short(table((EFFECT, False), (EFFECT, False), (NONE, False), (EFFECT, True)), presets=presets)
     assert "have an order effect (about 1 of them the choice of the prior decides), 1 has none, and about 1 of these the choice" in said
