@@ -20,17 +20,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eigh
-from scipy.special import log_expit, logit
+from scipy.special import log_expit, logit, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import LN2, log_different, log_equal, normalised_distance, pull, require_natural, variance_ratio, width
 from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.distributions import log_density_of_logit
 from bayes_toe.model.prior import Prior
 
 #: The coordinates of every matrix here.
 LOG_PARAMETERS = ("mu1", "log_sigma_p", "log_sigma_l", "logit_q0")
+_STEP = 1.0 / 32.0  # of logarithms and logits: two thirds of the sd of the narrowest logit that a prior file allows
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,15 +197,30 @@ def log_covariance(draws: Natural) -> FloatArray:
 
 
 def prior_covariance(prior: Prior) -> FloatArray:
-    """Covariance of the prior in :data:`LOG_PARAMETERS`, shape (4, 4), in closed form.
+    """Covariance of the prior in :data:`LOG_PARAMETERS`, shape (4, 4), whatever its families are.
 
-    ln of a half-normal has variance pi^2/8; ln sigma_l = ln sigma_p + ln(gamma)/2 with var(ln gamma) = 1 for a uniform gamma; the logit
-    of a uniform q0 has pi^2/3.
+    With ln sigma_l = ln sigma_p + ln(gamma)/2. Variances of logarithms and logits are sums over their densities on a fine grid, which
+    converge exponentially.
+
+    Examples
+    --------
+    >>> found = prior_covariance(Prior())
+    >>> bool(np.allclose([found[1, 1], found[2, 2] - found[1, 1], found[3, 3]], [np.pi**2 / 8, 0.25, np.pi**2 / 3], rtol=1e-12))
+    True
     """
-    of_sigma = np.pi**2 / 8.0
-    result = np.diag([prior.distribution("mu1").spread ** 2, of_sigma, of_sigma + 0.25, np.pi**2 / 3.0])
+    sigma_p, gamma, q0 = (prior.distribution(name) for name in ("sigma_p", "gamma", "q0"))
+    logs, logits = np.arange(-300.0, 300.0, _STEP), np.arange(-1000.0, 1000.0, _STEP)
+    of_sigma = _variance(logs, sigma_p.log_density(sigma_p.quantile(0.5) * np.exp(logs)) + logs)
+    of_gamma = _variance(log_expit(logits), log_density_of_logit(gamma, logits))
+    of_q0 = _variance(logits, log_density_of_logit(q0, logits))
+    result = np.diag([prior.distribution("mu1").spread ** 2, of_sigma, of_sigma + 0.25 * of_gamma, of_q0])
     result[1, 2] = result[2, 1] = of_sigma
     return result
+
+
+def _variance(values: FloatArray, log_weights: FloatArray) -> float:
+    weights = softmax(log_weights)
+    return float(weights @ np.square(values - weights @ values))
 
 
 def contraction(posterior_covariance: npt.ArrayLike, prior_covariance: npt.ArrayLike) -> Contraction:

@@ -111,13 +111,21 @@ def test_few_pairs_leave_directions_without_information():
     assert Spectrum(np.ones(4), np.eye(4)).participation_ratio == pytest.approx(4.0)
 
 
-def test_the_prior_covariance_is_that_of_prior_draws():
-    prior = bt.Prior(mu1_mean=1.0, mu1_sd=3.0, sigma_p_scale=0.2)
+@pytest.mark.parametrize("numbers", [{"sigma_p_scale": 0.2}, {"gamma_a": 3.0, "gamma_b": 0.5}, {"gamma_a": 0.3, "gamma_b": 20.0}])
+def test_the_prior_covariance_is_that_of_prior_draws(numbers):
+    prior = bt.Prior(mu1_mean=1.0, mu1_sd=3.0, **numbers)
     draws = prior.sample(np.random.default_rng(3), 400_000)
     found, expected = log_covariance(draws), prior_covariance(prior)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     # Kurtosis of these distributions is below 7: sd of a covariance below sqrt(7/n) of the scale; 5 of them.
     assert (np.abs(found - expected) < 5 * np.sqrt(7 / 400_000) * scale).all()
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.05, 1000.0), (2.5, 0.05), (1000.0, 1000.0)])
+def test_the_prior_covariance_of_a_beta_is_the_closed_form(a, b):
+    found = prior_covariance(bt.Prior(gamma_a=a, gamma_b=b))
+    of_gamma = float(mpmath.psi(1, a) - mpmath.psi(1, a + b))  # variance of the logarithm of a beta variate
+    assert 4.0 * (found[2, 2] - found[1, 1]) == pytest.approx(of_gamma, rel=1e-10, abs=1e-14)
 
 
 def test_the_dimension_is_mackays_for_a_gaussian_posterior():
