@@ -16,11 +16,11 @@ THREADS = machine.one_thread()
 
 from reference.hard_cases import hard_cases  # noqa: E402
 from speed import figure, markdown, ratios  # noqa: E402
+from speed.apart import rows_of  # noqa: E402
 from speed.cases import ORDINARY, Case, chosen_cases  # noqa: E402
-from speed.methods import METHODS  # noqa: E402
-from speed.race import OK, Entry, Rules, race, warm_up  # noqa: E402
+from speed.race import OK, Rules, warm_up  # noqa: E402
 from speed.scaling import scaling  # noqa: E402
-from speed.table import frame  # noqa: E402
+from speed.table import Row, frame  # noqa: E402
 
 from bayes_toe.data.example import example_study  # noqa: E402
 from bayes_toe.data.tables import write_table  # noqa: E402
@@ -67,11 +67,11 @@ def _run(options: argparse.Namespace) -> None:
     ordinary = example_study().names if options.all else _names(options.subjects)
     cases, missing = chosen_cases(ordinary, None if options.hard_cases == ALL else _names(options.hard_cases))
     rules = Rules(options.seed, not options.no_peers, _peer_cases(options.peer_hard_cases, cases), options.shrink, options.most_runs)
+    rows = [row for case in cases for row in _told(case, rules)]
     warm_up()
-    entries = [entry for case in cases for entry in _told(race(case, METHODS, rules))]
     sizes = scaling(rules.seed, runs=min(5, rules.most_runs), shrink=rules.shrink)
     minutes = (time.perf_counter() - began) / 60.0
-    table = frame(entries)
+    table = frame(rows)
     report = markdown.Report(table, sizes, rules, _command(options), machine.processor(), THREADS, machine.versions(), missing, minutes)
     _write(report, options.output, overwrite=options.overwrite)
     _print_ratios(report)
@@ -100,14 +100,13 @@ def _quoted(word: str) -> str:
     return f'"{word}"' if " " in word else word
 
 
-def _told(entries: list[Entry]) -> list[Entry]:
+def _told(case: Case, rules: Rules) -> list[Row]:
     """One line a subject, so that somebody who waits sees it go on."""
-    spent = sum(one.wall_s for entry in entries for one in entry.scores)
-    bad = sum(entry.status != OK for entry in entries)
-    print(
-        f"{entries[0].case.kind} {entries[0].case.name}: {len(entries)} rows, {bad} without a full result, {spent:.0f} s timed", flush=True
-    )
-    return entries
+    began = time.perf_counter()
+    rows = rows_of(case, rules)
+    bad = sum(row["status"] != OK for row in rows)
+    print(f"{case.kind} {case.name}: {len(rows)} rows, {bad} without a full result, {time.perf_counter() - began:.0f} s", flush=True)
+    return rows
 
 
 def _write(report: markdown.Report, folder: Path, *, overwrite: bool) -> None:

@@ -25,7 +25,7 @@ def one_thread() -> str:
     if not hasattr(os, "sched_setaffinity"):
         return "one thread a library, chains one after the other"
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    return "the whole process on one core, one thread a library, chains one after the other"
+    return "every process on the same core, one thread a library, chains one after the other"
 
 
 def processor() -> str:

@@ -130,6 +130,16 @@ def race(case: Case, methods: Sequence[Method], rules: Rules) -> list[Entry]:
     return entries
 
 
+def not_run(case: Case, methods: Sequence[Method], rules: Rules, reason: str) -> list[Entry]:
+    """The entries of a race that did not take place, or of which nothing is left: all of them failed for one reason."""
+    entries = [_entry(case, method, effort, rules) for method in methods for effort in method.efforts]
+    for entry in entries:
+        if not entry.reason:
+            entry.failures.append(reason)
+            entry.reason = reason
+    return entries
+
+
 def _entry(case: Case, method: Method, effort: int, rules: Rules) -> Entry:
     return Entry(case, method, max(1, effort // rules.shrink), rules.runs(method, case), rules.why_not(method, case))
 

@@ -57,25 +57,30 @@ _MEDIANS = ("wall_s", "draws", "evaluations", "sampling_evaluations", "claimed_e
 _ERRORS = ("error_mean", "error_sd", "error_quantiles", "error_worst", "log_evidence_se")
 
 
-def frame(entries: Sequence[Entry]) -> pd.DataFrame:
-    """Every entry, failed ones too."""
+#: One row of the table, by column; numbers and words only.
+Row = dict[str, object]
+
+
+def frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Every row, those without a result too."""
     import pandas as pd
 
-    return pd.DataFrame([_row(entry) for entry in entries], columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _row(entry: Entry) -> dict[str, object]:
+def row_of(entry: Entry) -> Row:
+    """What one method gave at one effort on one subject."""
     method = entry.method
-    row: dict[str, object] = dict.fromkeys(COLUMNS)
+    row: Row = dict.fromkeys(COLUMNS)
     row |= {"subject": entry.case.name, "kind": entry.case.kind, "method": method.name, "coordinates": method.coordinates}
     row |= {"effort": entry.effort, "effort_unit": method.effort_unit, "status": entry.status, "reason": entry.reason}
     row |= {"runs": len(entry.scores), "failed_runs": len(entry.failures), "compile_s": entry.compile_s}
     return row | (_measured(entry) if entry.scores else {})
 
 
-def _measured(entry: Entry) -> dict[str, object]:
+def _measured(entry: Entry) -> Row:
     scores, reference = entry.scores, entry.case.reference
-    row: dict[str, object] = {key: _median(scores, key) for key in (*_MEDIANS, *_ERRORS)}
+    row: Row = {key: _median(scores, key) for key in (*_MEDIANS, *_ERRORS)}
     for key in ("wall_s", "error_worst"):
         row[f"{key}_lower"], row[f"{key}_upper"] = np.quantile([getattr(one, key) for one in scores], (0.25, 0.75))
     gaps = [abs(one.log_evidence_error) for one in scores if one.log_evidence_error is not None]

@@ -1,6 +1,7 @@
 """The benchmark, run small as a user runs it: its files, its rows, and the pieces whose errors would not show in them."""
 
 import json
+import os
 import runpy
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from speed import machine, table
 from speed.agreement import random_points, require_same
+from speed.apart import rows_of
 from speed.cases import REFERENCE, Reference, chosen_cases
 from speed.counting import Counting
 from speed.methods import METHODS
@@ -139,6 +141,23 @@ def test_a_failure_is_a_row_with_its_reason(case):
     method = METHODS[0].__class__("broken", "natural", "draws", (1, 2), 3, broken)
     entries = race(case, [method], Rules(seed=1))
     assert [(entry.status, entry.reason) for entry in entries] == [(FAILED, "RuntimeError: no such thing")] * 2
+
+
+class _Lethal:
+    """A case that ends the process it is sent to."""
+
+    name, kind = "S01", "ordinary"
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+def test_a_process_that_ends_is_a_row_with_its_reason():
+    keys = ["Laplace (natural)", "emcee stretch (identified)"]
+    rows = rows_of(_Lethal(), Rules(seed=1), keys)
+    found = [(f"{row['method']} ({row['coordinates']})", row["effort"]) for row in rows]
+    assert found == [(keys[0], 20_000), (keys[1], 200), (keys[1], 800)]
+    assert {(row["status"], row["reason"]) for row in rows} == {(FAILED, "its process ended without an answer")}
 
 
 def test_scores_of_exact_draws(case):
