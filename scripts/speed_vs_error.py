@@ -124,7 +124,7 @@ def _write(report: markdown.Report, folder: Path, *, overwrite: bool) -> None:
 
 def _print_ratios(report: markdown.Report) -> None:
     for ratio in ratios.ratios(report.table, ORDINARY, ratios.HEADLINE // report.rules.shrink):
-        if ratio.subjects and ratio.by != "spread":
+        if ratio.subjects and (ratio.by != "spread" or ratio.bar is not None):
             bar = "" if ratio.bar is None else f" (asked {ratio.bar:g}: {ratio.verdict})"
             print(f"global move over {ratio.rival}, {ratio.by} ESS/s: {ratio.median:.1f}x, worst {ratio.worst:.1f}x{bar}")
 

@@ -88,7 +88,7 @@ def _ratios(report: Report) -> Iterator[str]:
         found = list(ratios.ratios(report.table, kind, headline))
         yield from (f"### {title.capitalize()}, {headline:,} effective draws asked for", "")
         yield from _grid(
-            ("rival", "asked", "claimed", "worst", "", "true", "worst", " ", "spread", "subjects"),
+            ("rival", "asked", "claimed", "worst", "", "true", "worst", "", "spread", "asked", "", "subjects"),
             (_ratio_row(*three) for three in zip(*[iter(found)] * len(ratios.MEASURES), strict=True)),
         )
     yield from ("### Median of the true ratio on ordinary subjects, by effort of the global move", "")
@@ -99,7 +99,7 @@ def _ratios(report: Report) -> Iterator[str]:
 
 def _ratio_row(claimed: ratios.Ratio, true: ratios.Ratio, spread: ratios.Ratio) -> tuple[object, ...]:
     told = [cell for one in (claimed, true) for cell in (_times(one.median), _times(one.worst), one.verdict)]
-    return claimed.rival, _bar(claimed.bar), *told, _times(spread.median), claimed.subjects
+    return claimed.rival, _bar(claimed.bar), *told, _times(spread.median), _bar(spread.bar), spread.verdict, claimed.subjects
 
 
 def _efficiency(report: Report) -> Iterator[str]:

@@ -33,6 +33,8 @@ RIVALS = (
     ("nautilus", IDENTIFIED, None),
     ("importance sampling", IDENTIFIED, None),
 )
+#: What is asked of the spread of means, which neither flatters nor punishes a sampler that is biased: in identified coordinates.
+OF_SPREAD = {NUTPIE: 4.0, NUMPYRO_JIT: 4.0, STRETCH: 80.0}
 
 
 @dataclass(frozen=True)
@@ -65,4 +67,5 @@ def ratios(table: pd.DataFrame, kind: str, effort: int) -> Iterator[Ratio]:
             best = rival.groupby("subject")[column].apply(lambda values: values.astype(float).max())
             values = (ours / best).replace(np.inf, np.nan).dropna()
             median, worst = (float(values.median()), float(values.min())) if len(values) else (np.nan, np.nan)
-            yield Ratio(f"{name} ({coordinates})", by, bar, median, worst, len(values))
+            asked = bar if by != "spread" else OF_SPREAD.get(name) if coordinates == IDENTIFIED else None
+            yield Ratio(f"{name} ({coordinates})", by, asked, median, worst, len(values))
