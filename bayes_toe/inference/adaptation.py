@@ -189,7 +189,7 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
     x = x[np.isfinite(x).all(axis=1)]
     weights = _tempered(posterior.log_likelihood(x), least=200.0)
     y = levelling.level(x)[0]
-    spread = np.cov(y.T, aweights=weights, ddof=0)
+    spread = _covariance(y, weights)
     few = STAGES[0].components // 2
     centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(spread[None], few, axis=0)]
     around = STAGES[0].components // len(maxima.x) + 1
@@ -198,12 +198,17 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
             cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(np.linalg.cholesky(curvature))
             levelled = levelling.level(cloud)[0]
             centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
-            scales.append(np.repeat(1.5 * np.cov(levelled.T)[None], around, axis=0))
+            scales.append(np.repeat(1.5 * _covariance(levelled)[None], around, axis=0))
     means = np.concatenate(centres)
     mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1]))
     wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
     cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
     return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
+
+
+def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    """Of points, shape (N, D) -> (D, D), also where D is 1."""
+    return np.atleast_2d(np.cov(y.T, aweights=weights, ddof=1 if weights is None else 0))
 
 
 def _tempered(log_weights: FloatArray, least: float) -> FloatArray:

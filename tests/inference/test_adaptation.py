@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
+from scipy.integrate import quad
 from scipy.special import logsumexp
 
 from bayes_toe.data.study import Subject
@@ -29,6 +30,21 @@ def test_proposals_fit_every_hard_case_or_say_so(name):
     both = [logsumexp(f.draws.log_weights) - np.log(len(f.draws.log_weights)) for f in (fitted, other)]
     error = np.sqrt(sum((1 / f.efficiency - 1) / len(f.draws.log_weights) for f in (fitted, other)))
     assert both[0] - both[1] == pytest.approx(0.0, abs=5 * error)
+
+
+def test_a_model_of_one_parameter_has_the_evidence_of_a_quadrature():
+    subject = Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 15], [50, 50, 50])
+    fitted = fit_proposal(posterior_of(subject, model="none + no lapses"), np.random.default_rng(1))
+
+    def density(width):  # HalfNormal(1); 35 of 100 answers at a distance of 0.3 are 'equal'
+        z2 = (0.3 / width) ** 2
+        return np.sqrt(2 / np.pi) * np.exp(-0.5 * width**2 - 35 * np.log(2) * z2) * (-np.expm1(-np.log(2) * z2)) ** 65
+
+    area, mean = (quad(lambda width, k=k: width**k * density(width), 0.05, 4.0, points=[0.2, 0.3])[0] for k in (0, 1))
+    draws, n = fitted.draws, len(fitted.draws.x)
+    error = np.sqrt((1 / fitted.efficiency - 1) / n)
+    assert logsumexp(draws.log_weights) - np.log(n) == pytest.approx(np.log(area), abs=5 * error)
+    assert draws.shares @ np.exp(draws.x[:, 0]) == pytest.approx(mean / area, rel=0.005)
 
 
 def test_a_fit_survives_starting_components_of_enormous_scale():
