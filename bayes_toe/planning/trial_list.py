@@ -100,13 +100,16 @@ def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | 
 
 
 def _blocks(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntArray:
-    """Trials of each pair in each block, shape (blocks, pairs); blocks differ by as little as they can."""
+    """Trials of each pair in each block, shape (blocks, pairs); blocks differ by as little as they can.
+
+    Both orders of two stimuli come before what is single, which then evens out the blocks, where it can also those of its pair.
+    """
     counts = np.zeros((blocks, design.n_pairs), np.int64)
     units = [(pairs, times) for pairs, times in _units(design) if times]
-    for index in rng.permutation(len(units)):
+    for index in sorted(rng.permutation(len(units)).tolist(), key=lambda index: -len(units[index][0])):
         pairs, times = units[index]
         counts[:, pairs] += times // blocks
-        fewest = np.lexsort((rng.uniform(size=blocks), counts.sum(axis=1)))[: times % blocks]
+        fewest = np.lexsort((rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1)))[: times % blocks]
         counts[np.ix_(fewest, pairs)] += 1
     return counts
 

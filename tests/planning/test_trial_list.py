@@ -41,6 +41,12 @@ def test_every_trial_once_and_blocks_alike(name, blocks):
         assert np.ptp(np.bincount(trials.block[(trials.s1 == s1) & (trials.s2 == s2)], minlength=blocks + 1)[1:]) <= (1 if n else 0) + 1
 
 
+def test_blocks_differ_by_one_trial_where_there_are_single_ones_enough():
+    design = StudyDesign([0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 5, 9, 4])
+    for seed in range(20):
+        assert np.ptp(np.bincount(trial_list(design, blocks=6, seed=seed).block)[1:]) == 1
+
+
 def test_both_orders_equally_often_in_every_block():
     design = paper_study_design()
     design = StudyDesign(design.s1, design.s2, np.where(design.s1 == design.s2, 51, 47))  # no multiples of the blocks
