@@ -30,7 +30,7 @@ Pair = tuple[float, ...]
 #: What answers may be asked about, beside the name of a quantity.
 PARAMETERS, WHICH_MODEL = "parameters", "model"
 DRAWS = 4000
-_JUDGES = 512  # draws of a model by which pairs are compared
+_JUDGES, _JUDGED = 512, 512_000  # draws of a model by which pairs are compared, at least, and their answers to all pairs, about
 _PORTION = 4000  # draws that are made at one trial, about
 _BINS = 16  # of a quantity
 _FORMAT = "bayes-toe adaptive 1"
@@ -82,10 +82,13 @@ class Adaptive:
         self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs)
         self.prior, self.seed, self.draws = prior_of([self.pairs], prior), root_seed(seed), draws
         names = [model] if isinstance(model, str) else list(model)
-        models = [_allowed(name) for name in dict.fromkeys(names)]
+        models = list(dict.fromkeys(_allowed(name) for name in names))  # of which one may have two names
+        if not models:
+            raise InputError("model: found none, allowed: one or several")
         self.about = about if about is not None else PARAMETERS if len(models) == 1 else WHICH_MODEL
         if draws < _JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_JUDGES}")
+        self._judges = min(draws, max(_JUDGES, _JUDGED // self.pairs.n_pairs))  # few would take their scatter for information
         centre = float(self.pairs.s1.mean())
         interval = 1.0 if self.prior.reference_interval is None else self.prior.reference_interval
         self._clouds = {
@@ -106,13 +109,26 @@ class Adaptive:
         return self._pair(int(generator(self.seed, "adaptive", "next", self.trials).choice(best)))
 
     def answer(self, pair: Sequence[float], equal: bool) -> None:
-        """Take in the answer to a pair, also to one that was not proposed."""
+        """Take in the answer to a pair, also to one that was not proposed.
+
+        A model that says it is impossible has the probability 0 from then on.
+
+        Raises
+        ------
+        InputError
+            If something is not allowed, or the answer is impossible under every model; the session is then as it was.
+        """
         if not isinstance(equal, bool | np.bool_):
             raise InputError(f"equal={equal!r}: allowed is True or False")
         shown_pair = tuple(float(value) for value in pair)
         if len(shown_pair) != (2 if self.pairs.isi is None else 3):
             raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
         single = _subject([(shown_pair, bool(equal))])  # refuses what is not finite
+        if not any(cloud.allows(single) for cloud in self._clouds.values()):
+            raise InputError(
+                f"pair {shown_pair}: {'equal' if equal else 'different'!r} is impossible under {' and '.join(self._clouds)}; allowed are "
+                "also models with lapses or a constant error"
+            )
         self._answers.append((shown_pair, bool(equal)))
         for cloud in self._clouds.values():
             cloud.answered(single)
@@ -120,16 +136,16 @@ class Adaptive:
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
-        share = list(self.probabilities.values())
-        found = [self._judged(name) for name in self._clouds]
-        mean = [weights @ equal for weights, equal, _ in found]
-        total = np.asarray(sum(p * q for p, q in zip(share, mean, strict=True)))
+        share = {name: p for name, p in self.probabilities.items() if self._clouds[name].possible}
+        found = [(p, *self._judged(name)) for name, p in share.items()]
+        mean = [(p, weights @ answers) for p, weights, answers, _ in found]
+        total = np.sum([p * q for p, q in mean], axis=0)
         if self.about == WHICH_MODEL:
-            rest = sum(p * _entropy(q) for p, q in zip(share, mean, strict=True))
+            rest = sum(p * _entropy(q) for p, q in mean)
         elif self.about == PARAMETERS:
-            rest = sum(p * (weights @ entropy) for p, (weights, _, entropy) in zip(share, found, strict=True))
+            rest = sum(p * (weights @ entropy) for p, weights, _, entropy in found)
         else:
-            rest = self._left_by_quantity(*found[0][:2])
+            rest = self._left_by_quantity(*found[0][1:3])
         return np.asarray(_entropy(total) - rest)
 
     # --- What is known ----------------------------------------------------------------------------------
@@ -146,7 +162,15 @@ class Adaptive:
 
     @property
     def subject(self) -> Subject:
-        """The answers, as every verb of the package takes them."""
+        """The answers, as every verb of the package takes them.
+
+        Raises
+        ------
+        InputError
+            Before the first answer.
+        """
+        if not self._answers:
+            raise InputError("session: no answers yet, allowed after the first one")
         return _subject(self._answers)
 
     @property
@@ -156,8 +180,21 @@ class Adaptive:
         return dict(zip(self._clouds, np.exp(values - logsumexp(values)).tolist(), strict=True))
 
     def quantiles(self, quantity: str, levels: Sequence[float] = (0.05, 0.5, 0.95), *, model: str | None = None) -> list[float]:
-        """Posterior quantiles of a quantity under a model, by default the first."""
-        cloud = self._clouds[model_named(model).name if model is not None else next(iter(self._clouds))]
+        """Posterior quantiles of a quantity under a model, by default the first.
+
+        Raises
+        ------
+        InputError
+            If it is not a quantity of the model, the model is not of the session or cannot have given the answers, or a level is not
+            between 0 and 1.
+        """
+        name = next(iter(self._clouds)) if model is None else model_named(model).name
+        if name not in self._clouds or not self._clouds[name].possible:
+            possible = [known for known, cloud in self._clouds.items() if cloud.possible]
+            raise InputError(f"model {name!r}: allowed, of this session and its answers: {', '.join(possible)}")
+        if not all(0.0 <= level <= 1.0 for level in levels):
+            raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
+        cloud = self._clouds[name]
         values = cloud.target(self.pairs.unanswered).quantities(cloud.x)
         if quantity not in values:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(values)}")
@@ -166,7 +203,10 @@ class Adaptive:
         return [float(value) for value in values[quantity][order][places]]
 
     def effective(self) -> dict[str, float]:
-        """How many particles of each model count."""
+        """How many particles of each model count; with a dozen models, whose turns take a while, few in the first hundred trials.
+
+        The error of a log evidence is about one over the square root of it.
+        """
         return {name: cloud.effective for name, cloud in self._clouds.items()}
 
     # --- Files ------------------------------------------------------------------------------------------
@@ -226,7 +266,7 @@ class Adaptive:
         How much is counted in draws, never in seconds: what a session does depends on its answers alone.
         """
         if self._work is None:
-            left = {name: cloud.left for name, cloud in self._clouds.items()}
+            left = {name: cloud.left for name, cloud in self._clouds.items() if cloud.possible}
             worst = min(left, key=lambda name: left[name])
             if left[worst] < ENOUGH:
                 rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
@@ -240,33 +280,36 @@ class Adaptive:
         return tuple(float(column[index]) for column in self.pairs.pairs.columns)
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weights of some particles, (draws,), their P(equal) of every pair, (draws, pairs), and the entropy of these answers.
+        """Weights of some particles, (draws,), their P(equal) and P(different) of every pair, (2, draws, pairs), and the entropy of these.
 
         The first particles are as good as any others, and stay until all are made anew, and so do their answers.
         """
         cloud = self._clouds[name]
         if name not in self._seen or self._seen[name][0] != cloud.generation:
-            equal = np.exp(cloud.target(self.pairs.unanswered).log_answers(cloud.x[:_JUDGES])[0])
-            self._seen[name] = cloud.generation, equal, _entropy(equal)
-        weights = cloud.log_weight[:_JUDGES]
+            answers = np.exp(np.stack(cloud.target(self.pairs.unanswered).log_answers(cloud.x[: self._judges])))
+            self._seen[name] = cloud.generation, answers, _entropy(answers)
+        weights = cloud.log_weight[: self._judges]
         return np.exp(weights - logsumexp(weights)), *self._seen[name][1:]
 
-    def _left_by_quantity(self, weights: FloatArray, equal: FloatArray) -> FloatArray:
+    def _left_by_quantity(self, weights: FloatArray, answers: FloatArray) -> FloatArray:
         """Entropy that is left where the quantity is known, as far as bins of equal probability tell it."""
         [cloud] = self._clouds.values()
-        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[:_JUDGES])[self.about]
+        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[: self._judges])[self.about]
         order = np.argsort(values)
         bins = np.empty(len(values), np.int64)
         bins[order] = np.minimum((_BINS * np.cumsum(weights[order])).astype(np.int64), _BINS - 1)
         membership = np.where(bins == np.arange(_BINS)[:, None], weights, 0.0)
         share = membership.sum(axis=1)
         some = share > 0
-        return np.asarray(share[some] @ _entropy(membership[some] @ equal / share[some, None]))
+        return np.asarray(share[some] @ _entropy(membership[some] @ answers / share[some, None]))
 
 
-def _entropy(q: FloatArray) -> FloatArray:
-    """Of an answer that is 'equal' with this probability, nats."""
-    return np.asarray(entr(q) + entr(1.0 - q))
+def _entropy(answers: FloatArray) -> FloatArray:
+    """Of an answer of these probabilities of 'equal' and 'different', (2, ...) -> (...), nats.
+
+    Of both, because 1 less a sum of weighted ones that are all 1 may be below 0 by rounding.
+    """
+    return np.asarray(entr(answers).sum(axis=0))
 
 
 def _design(pairs: npt.ArrayLike) -> StudyDesign:

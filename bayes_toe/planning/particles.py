@@ -76,9 +76,18 @@ class Particles:
         return float(logsumexp(self.log_weight) - np.log(len(self.x)))
 
     @property
+    def possible(self) -> bool:
+        """Whether the model can have given all answers; one without lapses never calls identical stimuli different."""
+        return bool(self.log_weight.max() > -np.inf)
+
+    @property
     def effective(self) -> float:
-        """How many draws count."""
-        return efficiency(self.log_weight) * len(self.x)
+        """How many draws count; none where the answers are impossible."""
+        return efficiency(self.log_weight) * len(self.x) if self.possible else 0.0
+
+    def allows(self, more: Subject) -> bool:
+        """Whether the model can have given these answers too."""
+        return bool((self.log_weight + self.target(more).log_likelihood(self.x)).max() > -np.inf)
 
     def answered(self, more: Subject) -> None:
         """Take in further answers."""

@@ -79,7 +79,8 @@ def test_information_is_the_expected_fall_of_entropy():
     """By the definition, from the particles' own answers: H(answer) - E H(answer | particle), and by models."""
     made = Adaptive(PAIRS, THREE, seed=1)
     made.answer(PAIRS[3], equal=False)
-    weights, equal, _ = (list(part) for part in zip(*(made._judged(name) for name in THREE), strict=True))
+    weights, answers, _ = (list(part) for part in zip(*(made._judged(name) for name in THREE), strict=True))
+    equal = [of_both[0] for of_both in answers]
     p = list(made.probabilities.values())
     mean = np.array([w @ q for w, q in zip(weights, equal, strict=True)])
     joint = np.array([[pm * qm, pm * (1 - qm)] for pm, qm in zip(p, mean, strict=True)])  # model, answer, pair
@@ -90,6 +91,54 @@ def test_information_is_the_expected_fall_of_entropy():
     whole = Adaptive(PAIRS, seed=1).information()
     assert np.all(gain <= whole + 1e-9)
     assert np.all(gain > -1e-9)
+
+
+@pytest.mark.parametrize("about", ["gain", "width"])
+def test_information_about_a_quantity_is_not_the_scatter_of_a_few_draws(about):
+    """Against 40,000 draws of the prior, in whose 40 bins it is below 0.001: of 512 draws of a session it was up to 1.5 times as large."""
+    target = Adaptive(PAIRS, seed=1)._clouds["predictive update"].target(StudyDesign(*np.transpose(PAIRS), np.ones(81, int)).unanswered)
+    x = target.sample_prior(np.random.default_rng(1), 40_000)
+    equal, bins = np.exp(target.log_answers(x)[0]), np.array_split(np.argsort(target.quantities(x)[about]), 40)
+    entropy = lambda q: -q * np.log(q) - (1 - q) * np.log1p(-q)  # noqa: E731
+    expected = entropy(equal.mean(axis=0)) - np.mean([entropy(equal[one].mean(axis=0)) for one in bins], axis=0)
+    found = np.mean([Adaptive(PAIRS, seed=seed, about=about).information() for seed in range(5)], axis=0)
+    assert np.abs(found - expected).mean() < 0.0015  # 0.002 to 0.004 by 512
+    assert found == pytest.approx(expected, abs=0.006)
+
+
+def test_information_is_finite_where_an_answer_is_certain():
+    """Without lapses identical stimuli are equal: weights times ones add up to 1 only within rounding, in half of all sessions above it."""
+    for models in (["none + sloped + no lapses"], ["none + sloped + no lapses", "none + no lapses + exponent"]):
+        made = Adaptive(PAIRS, models, seed=1)
+        for pair, equal in [(PAIRS[3], False), (PAIRS[10], True), (PAIRS[11], True), (PAIRS[40], True), (PAIRS[2], False)]:
+            made.answer(pair, equal)
+            told = made.information()
+            assert np.isfinite(told).all()
+            assert told[[a == b for a, b in PAIRS]] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_allows_is_refused():
+    made = Adaptive(PAIRS, ["none + sloped + no lapses", "symmetric", "constant bias"], seed=1)
+    made.answer((0.25, 0.25), equal=False)
+    assert made.probabilities["none + sloped + no lapses"] == made.effective()["none + sloped + no lapses"] == 0.0
+    assert sum(made.probabilities.values()) == pytest.approx(1.0)
+    others = Adaptive(PAIRS, ["symmetric", "constant bias"], seed=1)
+    others.answer((0.25, 0.25), equal=False)
+    for _ in range(30):
+        assert made.information() == pytest.approx(others.information(), abs=1e-12)
+        pair = made.next()
+        for one in (made, others):
+            one.answer(pair, equal=False)
+    assert made.probabilities["symmetric"] == others.probabilities["symmetric"]
+    with pytest.raises(
+        InputError, match="model 'none \\+ sloped \\+ no lapses': allowed, of this session and its answers: symmetric, const"
+    ):
+        made.quantiles("width")
+    alone = Adaptive(PAIRS, "none + sloped + no lapses", seed=1)
+    with pytest.raises(InputError, match="'different' is impossible under none"):
+        alone.answer((0.25, 0.25), equal=False)
+    assert alone.trials == 0
+    assert np.isfinite(alone.information()).all()
 
 
 def test_a_file_brings_a_session_back(tmp_path, done):
@@ -161,6 +210,7 @@ def test_intervals_are_part_of_a_pair():
         ({"about": "luck"}, "about='luck': allowed: parameters, model, or of one model: mu1"),
         ({"about": "model"}, "about='model': allowed with at least two models"),
         ({"draws": 10}, "draws=10: allowed is at least 512"),
+        ({"model": []}, "model: found none, allowed: one or several"),
     ],
 )
 def test_wrong_wishes_are_refused(options, said):
@@ -178,6 +228,13 @@ def test_wrong_pairs_answers_and_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="must be finite"):
         made.answer((0.0, np.nan), equal=True)
     assert made.trials == 0
+    with pytest.raises(InputError, match="no answers yet"):
+        _ = made.subject
+    with pytest.raises(InputError, match="model 'symmetric': allowed, of this session and its answers: predictive update"):
+        made.quantiles("width", model="symmetric")
+    for wrong in (1.5, -0.1, np.nan):
+        with pytest.raises(InputError, match="allowed are numbers from 0 to 1"):
+            made.quantiles("width", [wrong])
     (tmp_path / "other.json").write_text(json.dumps({"format": "x"}), encoding="utf-8")
     for name in ("other.json", "absent.json"):
         with pytest.raises(InputError, match=f"{name}: not a session that can be read"):
