@@ -324,6 +324,14 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
 # --- figures, report, and what refuses ----------------------------------------------------------------------------------------------
 
 
+def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
+    s1, s2 = [-0.5, -0.2, -0.5, 0.0, -0.2, 0.0], [-0.2, -0.5, 0.0, -0.5, 0.0, -0.2]
+    twice = [np.tile(values, 2) for values in (s1, s2, [30, 20, 9, 8, 25, 30], [40] * 6)]
+    draws = bt.sample(bt.Study([bt.Subject("S", *twice, np.repeat([0.5, 2.0], 6))]), draws=100, seed=1, workers=1)
+    panels = bt.plots.interval_curves(draws, "S").axes[:2]
+    assert [ax.get_title() for ax in panels] == ["0.5 s, weaker stimulus −0.5", "2 s, weaker stimulus −0.5"]
+
+
 def test_figures_show_answers_where_they_were_given(analysis):
     ax = bt.plots.interval_answers_axes(analysis.draws, "S01")
     points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
@@ -331,6 +339,7 @@ def test_figures_show_answers_where_they_were_given(analysis):
     assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
     assert bt.plots.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
     assert len(bt.plots.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
+    assert [ax.get_title() for ax in bt.plots.interval_curves(analysis.draws, "S01").axes[:2]] == [f"{isi:g} s" for isi in THREE[:2]]
     equal = bt.plots.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
     assert "0 twice" in equal.get_title()
 

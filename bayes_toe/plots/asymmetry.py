@@ -42,7 +42,8 @@ def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
     ax.text(0.5, top + 0.03, _said(comparison.p_value), ha="center", va="bottom", fontsize=SMALL)
     ax.set_xticks([0, 1], ["weaker\nfirst\n$q(r, c)$", "stronger\nfirst\n$q(c, r)$"])
     ax.set(ylabel="P('equal')", xlim=(-0.55, 1.55), ylim=(0.0, max(1.0, top + 0.14)), yticks=[0.0, 0.5, 1.0])
-    ax.set_title(f"{plain(comparison.subject, 20)}\n$r$ = {comparison.s_weak:.3g}, $c$ = {comparison.s_strong:.3g}".replace("-", "−"))
+    pair = f"$r$ = {comparison.s_weak:.3g}, $c$ = {comparison.s_strong:.3g}".replace("-", "−")
+    ax.set_title(f"{plain(comparison.subject, 20)}\n{pair}")
     dress(ax)
     ax.title.set_fontsize(SMALL)
     return ax
@@ -159,7 +160,7 @@ def _mark_of(asymmetry: float) -> tuple[str, str]:
 
 
 def _draw_key(ax: Axes, level: float) -> None:
-    """What colour, filling and size mean; above the panel, where no point can be."""
+    """What colour, filling and size mean; above the panel, where no point can be, and over the names where these are long."""
     from matplotlib.lines import Line2D
 
     def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
@@ -174,8 +175,8 @@ def _draw_key(ax: Axes, level: float) -> None:
     ax.legend(
         key.values(),
         key.keys(),
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
         ncols=2,
         frameon=False,
         fontsize=SMALL,

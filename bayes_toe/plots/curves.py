@@ -50,7 +50,17 @@ def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
 
 def subject_and_model(draws: Draws, subject: str) -> str:
     """The title of a figure of one subject."""
-    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "")
+    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + unconverged(draws, subject)
+
+
+def over_panel(draws: Draws, subject: str) -> str:
+    """The title of a panel of one subject among others."""
+    return plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + unconverged(draws, subject)
+
+
+def unconverged(draws: Draws, subject: str) -> str:
+    """A line below a title where the draws are not to be believed; else nothing."""
+    return "\nNOT CONVERGED" if subject in draws.not_converged else ""
 
 
 def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], Axes], title: str) -> Figure:
@@ -136,7 +146,7 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
             draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
-        ax.set_title(f"weaker stimulus {weaker:.3g}", fontsize=10)
+        ax.set_title(f"weaker stimulus {weaker:.3g}".replace("-", "−"), fontsize=10)
     return ax
 
 

@@ -69,7 +69,7 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     subjects have no names and are sorted by their likeliest kind.
     """
     crowded = len(table) > MOST_NAMED
-    ax = panel(ax, high=1.2 + (HIGH if crowded else 0.2 * len(table)))
+    ax = panel(ax, wide=COLUMN + 1.0, high=1.2 + (HIGH if crowded else 0.2 * len(table)))  # with room for names
     y = np.arange(len(table.rows))
     share = np.array([row.order_probabilities for row in table], np.float64).reshape(-1, len(KINDS))  # None becomes NaN: no bar
     wrong = np.array([row.misfit for row in table], bool)
@@ -101,7 +101,7 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     error = np.array([np.nan if row.log_evidence_h1_se is None else row.log_evidence_h1_se for row in rows])
     laplace = np.array([np.nan if row.log_bayes_factor_laplace is None else row.log_bayes_factor_laplace for row in rows])
     ax.axvline(0.0, color="black", lw=1.0)
-    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0); above: update (H1)")
+    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: update (H1)")
     if len(rows) > MOST_NAMED:
         _draw_ranked(ax, value, error)
         return ax
@@ -146,7 +146,7 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
         pad = max(0.08 * float(np.ptp(points)), 0.02)
         limits = (float(points.min()) - pad, float(points.max()) + pad)
         ax.set(xlim=limits, ylim=limits)
-        ax.locator_params(nbins=6)
+        ax.locator_params(nbins=4)  # so that numbers of three decimals do not touch
         legend_above(ax, columns=2)
     if len(points) < len(table.rows):
         said = f"{len(table.rows) - len(points)} without a reliable estimate"

@@ -15,7 +15,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.geometry import axis_band, axis_properties, plane
-from bayes_toe.plots.curves import thinned
+from bayes_toe.plots.curves import over_panel, thinned
 from bayes_toe.plots.style import (
     LETTERS,
     ORDERS,
@@ -29,7 +29,6 @@ from bayes_toe.plots.style import (
     legend_below,
     new_figure,
     panel,
-    plain,
 )
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     panels = first_panels(figure.add_gridspec(down, across), len(subjects))
     for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
         plane_axes(draws.subject(subject), draws.natural(subject), ax)
-        ax.set_title(plain(subject, 20) + (" (synthetic)" if draws.synthetic else ""), fontsize=LETTERS)
+        ax.set_title(over_panel(draws, subject), fontsize=LETTERS)
         if i % across:
             ax.set_ylabel("")
     bar = figure.colorbar(ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)

@@ -26,7 +26,7 @@ from bayes_toe.plots.style import (
     new_figure,
     panel,
 )
-from bayes_toe.plots.subject import main_weaker
+from bayes_toe.plots.subject import main_weaker, which_weaker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,7 +144,8 @@ def _draw_interval(ax: Axes, counts: Subject, fitted: Predictor, isi: float, wea
     if low is None:
         low = float(here.s1.min())
     order_panel(ax, here, lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi)), low, size=_SIZE)
-    ax.set(title=f"{isi:g} s", xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
+    about = which_weaker(counts, low)
+    ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
 
 
 def _fitted(draws: Draws, subject: str) -> Predictor:

@@ -28,7 +28,7 @@ from bayes_toe.plots.style import (
     panel,
     plain,
 )
-from bayes_toe.plots.subject import answers_axes, central
+from bayes_toe.plots.subject import answers_axes, central, main_weaker, which_weaker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def map_axes(
         Natural-log intensities of the stimuli, shown as a grey range with lines.
     names : mapping of str to str, optional
         What to write at each subject; by default its name, and of more than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects those
-        of the eight farthest out.
+        of the eight farthest out. Names that find no place are left out and counted above the panel, those in the middle first.
     mass : float
         Share of the points in each ellipse.
     truth : mapping of str to (float, float), optional
@@ -103,7 +103,9 @@ def map_axes(
     ax.set_title("; ".join([*said, *(["squares: true"] if known else [])]), fontsize=SMALL, loc="left")
     labels = {name: plain(name, 12) for name in _named(centres)} if names is None else dict(names)
     with any_characters():
-        _write_names(ax, centres, labels)
+        unnamed = _write_names(ax, centres, labels)
+    if unnamed:
+        ax.set_title("; ".join([*filter(None, [ax.get_title(loc="left")]), f"no room for {unnamed} names"]), fontsize=SMALL, loc="left")
     return ax
 
 
@@ -232,7 +234,9 @@ def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str,
     panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
     for i, (name, letter) in enumerate(letters.items()):
         ax = answers_axes(draws.subject(name), draws.natural(name), panels[i], size=2.8)
-        ax.set_title(f"{letter}: {plain(name, 12)}", fontsize=SMALL, pad=2.0)
+        weaker = main_weaker(draws.subject(name))
+        about = "" if weaker is None else which_weaker(draws.subject(name), weaker)
+        ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=2.0)
         last = i + _ACROSS >= len(letters)
         ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
         ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)
@@ -293,8 +297,11 @@ def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour:
 # --- names at their subjects ------------------------------------------------------------------------------------------------------
 
 
-def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[str, str]) -> None:
-    """Each name beside its centre, at the first place free of other names and centres; beyond the edge, at the edge with its mu_1."""
+def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[str, str]) -> int:
+    """Each name beside its centre, at the first place free of other names and centres; beyond the edge, at the edge with its mu_1.
+
+    Those farthest to either side come first. Returns how many found no place: names over each other cannot be read.
+    """
     from matplotlib.patheffects import withStroke
 
     figure = ax.get_figure(root=True)
@@ -308,30 +315,33 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
     shown = {n: np.clip(c, [low, bottom], [high, top]) for n, c in centres.items() if np.isfinite(c).all()}
     marks = {name: at.transform(point) for name, point in shown.items()}
     taken: list[Any] = [_box_around(point, 2.0) for point in marks.values()]
-    for name in sorted((one for one in marks if one in labels), key=lambda n: (marks[n][0], marks[n][1])):
+    middle, unnamed = float(np.median([point[0] for point in marks.values()])) if marks else 0.0, 0
+    for name in sorted((one for one in marks if one in labels), key=lambda n: (-abs(marks[n][0] - middle), marks[n][1])):
         beyond = bool(np.any(shown[name] != centres[name]))
         words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
         text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)
         text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])  # legible over ellipses too
-        _place(text, renderer, within, taken)
+        if beyond:
+            ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
+        if not _place(text, renderer, within, taken):
+            text.remove()
+            unnamed += 1
+            continue
         if np.hypot(*text.xyann) > _LEADER:
             line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
             ax.annotate("", tuple(shown[name]), text.xyann, textcoords="offset points", arrowprops=line, zorder=5)
         taken.append(text.get_window_extent(renderer))
-        if beyond:
-            ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
+    return unnamed
 
 
-def _place(text: Any, renderer: Any, within: Any, taken: Sequence[Any]) -> None:
-    """The first free place inside the panel; where there is none, the first one inside it."""
-    inside = None
+def _place(text: Any, renderer: Any, within: Any, taken: Sequence[Any]) -> bool:
+    """Put a text at the first free place inside the panel, if there is one."""
     for place in _places():
         box = _put(text, place, renderer)
-        if within.x0 <= box.x0 and box.x1 <= within.x1 and within.y0 <= box.y0 and box.y1 <= within.y1:
-            if not any(box.overlaps(other) for other in taken):
-                return
-            inside = place if inside is None else inside
-    _put(text, next(_places()) if inside is None else inside, renderer)
+        inside = within.x0 <= box.x0 and box.x1 <= within.x1 and within.y0 <= box.y0 and box.y1 <= within.y1
+        if inside and not any(box.overlaps(other) for other in taken):
+            return True
+    return False
 
 
 def _put(text: Any, place: tuple[float, float, str, str], renderer: Any) -> Any:

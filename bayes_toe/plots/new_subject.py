@@ -12,7 +12,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.population import Population
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel, over_stronger
 from bayes_toe.plots.style import ORDERS, dress, legend_above, panel
-from bayes_toe.plots.subject import main_weaker
+from bayes_toe.plots.subject import main_weaker, which_weaker
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
     """P(equal) of a new subject in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
 
     With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
-    met most often.
+    met most often; of several weaker stimuli the one in most pairs, which the panel then names.
 
     Parameters
     ----------
@@ -44,6 +44,8 @@ def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
+    if about := which_weaker(everyone, low):
+        ax.set_xlabel(f"stronger stimulus (ln), {about}")
     legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %, dotted 90 %; points: all answers{at}")
     return dress(ax)
 

@@ -22,11 +22,12 @@ from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes, filter_span
+from bayes_toe.plots.curves import over_panel
 from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
-from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure, plain
+from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
 
@@ -158,7 +159,7 @@ def filter_figure(draws: Draws, subject: str) -> Figure:
     lows, highs = zip(*(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True)
     for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
         filter_axes(s1, s2, mu1, sigma_p, sigma_l, q0, span=(min(lows), max(highs)), ax=ax)
-    figure.suptitle(plain(subject) + (" (synthetic)" if draws.synthetic else ""), fontsize=SMALL)
+    figure.suptitle(over_panel(draws, subject), fontsize=SMALL)
     return figure
 
 

@@ -80,7 +80,9 @@ def best_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
             ax.text(x, at, text, ha=side, va="center_baseline", fontsize=_CELL, weight="bold" if bold else "normal")
     if len(places) > len(table.subjects):
         counted = table.parts[0].counted
-        ax.text(0.0, places[-1], f"a new subject, random effects over {counted}", va="center_baseline", fontsize=_CELL, color=EQUAL)
+        ax.text(
+            0.0, places[-1], f"a new subject, random effects over {counted} subjects", va="center_baseline", fontsize=_CELL, color=EQUAL
+        )
     for x, side, head in _HEADS:
         ax.text(x, -0.75, head, ha=side, va="bottom", fontsize=SMALL)
     ax.set_yticks([])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ _GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
 _ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
 _EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
+_LETTERS_AN_INCH = 15.0  # of words below
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 
 
@@ -75,9 +77,8 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         sensitivity_axes(table, name, ax).set(xlabel="", ylabel="")
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
-    figure.supxlabel(
-        "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS
-    )
+    words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else "")
+    figure.supxlabel(fill(words, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=LETTERS)
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     scans = [label for label in found if label not in _EXPLAINED]  # first, whichever subject has which of the others
     order = [*scans, *(label for label in _EXPLAINED if label in found)]

@@ -46,14 +46,17 @@ ORDERS = {
 
 
 def plain(name: str, limit: int = 32) -> str:
-    r"""A subject's name as matplotlib may draw it: shortened, and no dollar sign read as mathematics.
+    r"""A subject's name as matplotlib may draw it: no dollar sign read as mathematics, and shortened in the middle.
+
+    Names of a study begin alike and end with what tells them apart.
 
     Examples
     --------
-    >>> plain("a$b")
-    'a\\$b'
+    >>> plain("a$b"), plain("participant_0007", 12)
+    ('a\\$b', 'partic…_0007')
     """
-    short = name if len(name) <= limit else name[: limit - 1] + "…"
+    last = (limit - 2) // 2
+    short = name if len(name) <= limit else f"{name[: limit - 1 - last]}…{name[-last:]}"
     return short.replace("$", r"\$")
 
 

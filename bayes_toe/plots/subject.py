@@ -15,7 +15,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import natural_curve, order_panel
+from bayes_toe.plots.curves import natural_curve, order_panel, over_panel
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -28,7 +28,6 @@ from bayes_toe.plots.style import (
     legend_below,
     new_figure,
     panel,
-    plain,
 )
 
 if TYPE_CHECKING:
@@ -57,6 +56,13 @@ def main_weaker(counts: Subject) -> float | None:
         return None
     values, found = np.unique(weaker, return_counts=True)
     return float(values[np.argmax(found)])
+
+
+def which_weaker(counts: Subject, weaker: float) -> str:
+    """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
+    if len(np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])) < 2:
+        return ""
+    return f"weaker stimulus {weaker:.3g}".replace("-", "−")
 
 
 def answers_axes(
@@ -224,9 +230,8 @@ def _draw_column(axes: Sequence[Axes], draws: Draws, subject: str, *, first: boo
     prior_axes(counts, theta, central(draws, subject), axes[1])
     collapse_axes(counts, theta, axes[2])
     weaker = main_weaker(counts)
-    several = len(np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])) > 1
-    about = f"\nweaker stimulus {weaker:.3g}".replace("-", "−") if several else ""
-    axes[0].set_title(plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + about, fontsize=LETTERS)
+    about = "" if weaker is None else which_weaker(counts, weaker)
+    axes[0].set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
     if not first:
         for ax in axes:
             ax.set_ylabel("")

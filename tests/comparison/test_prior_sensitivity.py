@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+from legible import require_legible
 from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 from scipy.special import beta
@@ -214,6 +215,8 @@ def test_figures_show_every_value_and_mark_the_turns(table):
     crosses = [line for line in ax.lines if line.get_marker() == "x"]
     # Across are factors; the mean, from 1 to 2 about 0, stands as far to the right as it is shifted, with 8 at the end.
     assert [np.ravel(line.get_xdata())[0] for line in crosses if np.size(line.get_xdata())] == pytest.approx([2**1.5, 8 ** (1.25 / 2)])
+    alone = SensitivityTable(tuple(row for row in table if row.subject == "A"), table.prior, table.seed)
+    require_legible(bt.plots.sensitivity_figure(alone, synthetic=True))
     figure = bt.plots.sensitivity_figure(table)
     assert [ax.get_title() for ax in figure.axes] == ["A", "B", "C"]
     for ax, name in zip(figure.axes, "ABC", strict=True):

@@ -147,7 +147,7 @@ def test_bars_and_words_are_those_of_the_table():
     for name, (row, against) in table.best_compositions().items():
         assert words[3 * table.subjects.index(name)] == row.model
         assert words[3 * table.subjects.index(name) + 1] == f"{against:+.1f}".replace("-", "−")
-    assert "a new subject, random effects over 2" in words
+    assert "a new subject, random effects over 2 subjects" in words
     with pytest.raises(bt.InputError, match="'curve': allowed are"):
         bt.plots.part_axes(table, "curve")
 

@@ -1,11 +1,14 @@
 """The figure of the evidence, by what is drawn in it."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from legible import require_legible, texts_of
 
 import bayes_toe as bt
+from bayes_toe.plots.evidence import evidence_plane_axes
 from bayes_toe.plots.sorted import sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
 
@@ -29,6 +32,20 @@ def test_misfits_and_missing_estimates_are_marked(analysis):
     [crosses] = left.lines
     assert list(crosses.get_ydata()) == [1]
     assert [(text.get_text(), text.get_position()[1]) for text in left.texts] == [("no reliable estimate", 2)]
+
+
+def test_long_names_leave_room_for_all_words(analysis):
+    table = bt.EvidenceTable(tuple(replace(row, subject=f"participant of the study number {i}") for i, row in enumerate(analysis.evidence)))
+    require_legible(bt.plots.evidence_figure(table))
+    require_legible(bt.plots.order_effect_axes(table).figure)
+
+
+def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
+    ax = evidence_plane_axes(analysis.evidence)
+    drawn = [text for text in texts_of(ax.figure) if text in ax.get_xticklabels()]
+    boxes = sorted((text.get_window_extent().x0, text.get_window_extent().x1) for text in drawn)
+    assert len(boxes) > 1
+    assert all(after - end > 5.0 * ax.figure.dpi / 72.0 for (_, end), (after, _) in pairwise(boxes))
 
 
 def many(table, size):

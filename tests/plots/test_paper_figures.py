@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from legible import require_legible
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -70,6 +69,18 @@ def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(tabl
         (pytest.approx(one.q_weak_first), WEAKER_FIRST),
         (pytest.approx(one.q_strong_first), STRONGER_FIRST),
     ]
+
+
+def test_a_hyphen_in_a_name_stays_one(table):
+    title = bt.plots.order_axes(replace(table["A"].maximal, subject="P-01", s_weak=-0.5)).get_title()
+    assert title.startswith("P-01\n")
+    assert "−0.5" in title
+
+
+@pytest.mark.parametrize("names", [["A"], ["a participant with a name", "another participant's name", "yet another participant"]], ids=len)
+def test_the_key_of_asymmetries_is_on_the_page_beside_any_names(small_study, names):
+    study = bt.Study([replace(one, name=name) for one, name in zip(small_study, names, strict=False)])
+    require_legible(bt.plots.asymmetry_axes(bt.asymmetry(study)).figure)
 
 
 @pytest.mark.parametrize("pair", [(0.0, 0.3), (0.3, 0.0), (0.3, 0.3)])
@@ -181,6 +192,15 @@ def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_th
         bt.plots.map_axes({})
 
 
+def test_names_on_the_map_are_not_written_over_each_other():
+    places = {"west": -2.0, "east": 2.0} | {f"subject {i:02d}": 0.0 for i in range(50)}
+    ax = bt.plots.map_axes({name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()})
+    require_legible(ax.figure)
+    named = {text.get_text() for text in ax.texts} - {""}
+    assert f"no room for {len(places) - len(named)} names" in ax.get_title(loc="left")
+    assert {"west", "east"} < named < set(places)
+
+
 def test_the_plane_shows_axis_and_tested_pairs(analysis):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
     ax = bt.plots.plane_axes(counts, theta)
@@ -262,34 +282,6 @@ def test_of_very_many_subjects_the_map_names_a_few_and_thins_their_draws(analysi
 
 
 # --- words ------------------------------------------------------------------------------------------------------------------------
-
-
-def texts_of(figure):
-    """Texts that are drawn: ticks beyond the limits are not."""
-    figure.draw_without_rendering()
-    ticks = {text for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for tick in axis.majorTicks for text in (tick.label1, tick.label2)}
-    shown = {tick.label1 for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for tick in axis._update_ticks()}
-    shown |= {
-        tick.label2 for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for tick in axis._update_ticks() if tick.label2.get_visible()
-    }
-    found = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
-    return [text for text in found if text not in ticks or text in shown]
-
-
-def require_legible(figure):
-    """No word on another one, none outside the page, none below 7 points; a slack of one point for the boxes' own margins. The words."""
-    texts = texts_of(figure)
-    slack = figure.dpi / 72.0
-    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
-    page = figure.bbox
-    for word, box in boxes:
-        inside = page.x0 - slack <= box.x0 and box.x1 <= page.x1 + slack and page.y0 - slack <= box.y0 and box.y1 <= page.y1 + slack
-        assert inside, f"{word!r} leaves the page"
-    for (one, a), (other, b) in combinations(boxes, 2):
-        across, down = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
-        assert across <= slack or down <= slack, f"{one!r} on {other!r}"
-    assert min(text.get_fontsize() for text in texts) >= 6.99
-    return [word for word, _ in boxes]
 
 
 def run(study):
