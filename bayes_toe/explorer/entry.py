@@ -42,7 +42,7 @@ class Entry:
     x : array, shape (chains, draws, k)
         Draws in unconstrained coordinates.
     badges : tuple of (str, str)
-        Kind - unconverged, misfit, fine - and words.
+        Kind - unconverged, misfit, untold, fine - and words.
     truth : mapping of str to float
         Known values, as given; those that the model does not have are those of another model.
     prior : bool
@@ -218,6 +218,8 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
     sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
     if np.isnan(fit.p_overall):
         return (sampled,)
+    if fit.degrees_of_freedom <= 0 and not fit.misfit:  # who has as many parameters as pairs fits whatever was said
+        return sampled, ("untold", f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}")
     described = (
         ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")
         if fit.misfit

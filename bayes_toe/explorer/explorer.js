@@ -292,7 +292,7 @@ window.explorer = (() => {
   }
 
   function drawBadges(letter, found) {
-    const words = { unconverged: "not converged: ", misfit: "the model does not describe these answers: ", fine: "" };
+    const words = { unconverged: "not converged: ", misfit: "the model does not describe these answers: ", untold: "", fine: "" };
     const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
     const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => index.symbols[name]);
     if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
@@ -375,13 +375,13 @@ window.explorer = (() => {
       at(`words-${letter}`).textContent = words.join(" ");
     }
     spans();
+    layOut();  // before anything is filled: it paints at once, and new data are known to the figures a moment later only
     fainted = null;
     drawContours();
     drawBelieved();
     drawKey();
     drawFooter();
     follow();
-    layOut();
   }
 
   function layOut() {

@@ -106,13 +106,15 @@ def test_free_frequencies_have_no_curve_and_no_axis(small_study):
 
 
 def test_badges_say_what_is_wrong_before_what_is_right():
-    def told(missed, p_overall, p_deviance):
-        fit = FitSummary(9.0, 3.0, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+    def told(missed, p_overall, p_deviance, *, parameters_as_pairs=False):
+        fit = FitSummary(9.0, 0 if parameters_as_pairs else 3, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
         return badges(SimpleNamespace(fit=lambda name: fit), "A", missed)
 
     assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (("unconverged", "R-hat of q0 1.2"), ("fine", "no misfit seen, predictive p 0.4"))
     assert told({}, 0.0, 0.02) == (("fine", "converged"), ("misfit", "predictive p below 0.001, p of the deviance 0.02"))
     assert told({}, np.nan, np.nan) == (("fine", "converged"),)
+    untold = ("untold", "whether the model describes the answers cannot be told, predictive p 0.4")
+    assert told({}, 0.4, np.nan, parameters_as_pairs=True) == (("fine", "converged"), untold)
 
 
 def test_a_name_cannot_end_the_page(small_study):
