@@ -26,7 +26,7 @@ from bayes_toe.plots.curves import order_panel
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
 from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, filter_figure, left_out, material_of, products, representative
-from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST
+from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, new_figure
 from bayes_toe.plots.subject import central, main_weaker
 
 NAMES = tuple(FIGURES)
@@ -193,8 +193,8 @@ def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_th
 
 
 def test_names_on_the_map_are_not_written_over_each_other():
-    places = {"west": -2.0, "east": 2.0} | {f"subject {i:02d}": 0.0 for i in range(36)}
-    ax = bt.plots.map_axes({name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()})
+    places = {"west": -2.0, "east": 2.0} | {f"subject {i:02d}": 0.0 for i in range(20)}
+    ax = bt.plots.map_axes({name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()}, new_figure(2.4, 2.2).subplots())
     require_legible(ax.figure)
     named = {text.get_text() for text in ax.texts} - {""}
     assert f"no room for {len(places) - len(named)} names" in ax.get_title(loc="left")
