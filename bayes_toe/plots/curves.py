@@ -136,13 +136,13 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     refuse_intervals([counts], "panel of both orders")
     stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
     x = over_stronger(counts, weaker, 120)
-    fixed = np.full_like(x, weaker)
-    pairs = {-1: (fixed, x), 1: (x, fixed), 0: (x, x)}
+    fixed, alike = np.full_like(x, weaker), np.linspace(min(weaker, float(stronger[shown].min())), x[-1], len(x))
+    pairs = {-1: (fixed, x), 1: (x, fixed), 0: (alike, alike)}
     for order, mark in ORDERS.items():
         at = shown & (presentation_order(counts) == order)
         if at.any():
             if equal is not None:
-                draw_band(ax, x, equal(*pairs[order]), mark.colour, 0.3 * size)
+                draw_band(ax, alike if order == 0 else x, equal(*pairs[order]), mark.colour, 0.3 * size)
             draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
@@ -157,8 +157,10 @@ def over_stronger(counts: Subject, weaker: float, points: int) -> FloatArray:
 
 
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
-    """Pairs with this weaker stimulus, and equal ones from it on."""
-    return np.asarray((np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker)))
+    """Pairs with this weaker stimulus, and equal ones from it on; with the weakest one, which is shown anyway, all equal ones."""
+    lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
+    weakest = weaker <= lower[~alike].min(initial=np.inf)
+    return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 
 def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:

@@ -9,7 +9,7 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.plots.curves import _MAX_PANELS, order_panel
-from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
+from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
 def words_are_apart(figure):
@@ -57,6 +57,15 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
     assert "normalised distance" in common.get_xlabel()
     assert _MAX_PANELS < 19
+
+
+def test_equal_pairs_weaker_than_all_others_are_shown_too():
+    counts = bt.Subject("S", [-0.4, 0.0, 0.3, 0.3], [-0.4, 0.3, 0.0, 0.3], [40, 20, 30, 45], [50] * 4)
+    ax = order_panel(new_figure(4.0, 3.0).subplots(), counts, lambda s1, s2: np.full((9, len(s1)), 0.5), 0.0)
+    places = {float(x) for container in ax.containers for x in container.lines[0].get_xdata()}
+    curves = [line.get_xdata() for line in ax.lines if len(line.get_xdata()) == 120]
+    assert {-0.4, 0.3} <= {round(x, 1) for x in places}
+    assert sorted((round(x[0], 9), round(x[-1], 9)) for x in curves) == [(-0.4, 0.3), (0.0, 0.3), (0.0, 0.3)]
 
 
 def test_without_a_curve_all_points_are_in_sight(small_study):
