@@ -136,7 +136,7 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     refuse_intervals([counts], "panel of both orders")
     stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
     x = over_stronger(counts, weaker, 120)
-    fixed, alike = np.full_like(x, weaker), np.linspace(min(weaker, float(stronger[shown].min())), x[-1], len(x))
+    fixed, alike = np.full_like(x, weaker), np.linspace(shown_range(counts, weaker)[0], x[-1], len(x))
     pairs = {-1: (fixed, x), 1: (x, fixed), 0: (alike, alike)}
     for order, mark in ORDERS.items():
         at = shown & (presentation_order(counts) == order)
@@ -152,8 +152,13 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
 
 def over_stronger(counts: Subject, weaker: float, points: int) -> FloatArray:
     """From the weaker stimulus to the strongest one that :func:`order_panel` shows with it, shape (points,)."""
-    highest = np.maximum(counts.s1, counts.s2)[_in_order_panel(counts, weaker)].max()
-    return np.linspace(weaker, max(float(highest), weaker + 1e-9), points)
+    return np.linspace(weaker, max(shown_range(counts, weaker)[1], weaker + 1e-9), points)
+
+
+def shown_range(counts: Subject, weaker: float) -> tuple[float, float]:
+    """The weakest and the strongest stimulus along the panel of one weaker stimulus, that one included."""
+    stronger = np.maximum(counts.s1, counts.s2)[_in_order_panel(counts, weaker)]
+    return float(stronger.min(initial=weaker)), float(stronger.max(initial=weaker))
 
 
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:

@@ -236,7 +236,7 @@ def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str,
         ax = answers_axes(draws.subject(name), draws.natural(name), panels[i], size=2.8)
         weaker = main_weaker(draws.subject(name))
         about = "" if weaker is None else which_weaker(draws.subject(name), weaker)
-        ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=2.0)
+        ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=7.0 if about else 2.0)
         last = i + _ACROSS >= len(letters)
         ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
         ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)

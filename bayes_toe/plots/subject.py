@@ -15,7 +15,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import natural_curve, order_panel, over_panel
+from bayes_toe.plots.curves import natural_curve, order_panel, over_panel, shown_range
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -91,20 +91,13 @@ def answers_axes(
     reference = main_weaker(counts) if weaker is None else weaker
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
     order_panel(ax, counts, natural_curve(theta), low, size=size)
-    high = _strongest(counts, low)
-    pad = max(0.06 * (high - low), 0.05)
-    ax.set(xlim=(low - pad, high + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
+    left, right = shown_range(counts, low)
+    pad = max(0.06 * (right - left), 0.05)
+    ax.set(xlim=(left - pad, right + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
     for one in subject_asymmetry(counts).comparisons:
         if one.s_weak == reference and one.p_adjusted < level:
             ax.text(one.s_strong, 1.09, "*", ha="center", va="center_baseline", fontsize=2.5 * size)
     return dress(ax)
-
-
-def _strongest(counts: Subject, weaker: float) -> float:
-    """The strongest stimulus among the pairs that are shown beside one weaker stimulus."""
-    stronger = np.maximum(counts.s1, counts.s2)
-    shown = (np.minimum(counts.s1, counts.s2) == weaker) | ((counts.s1 == counts.s2) & (counts.s1 >= weaker))
-    return float(stronger[shown].max()) if shown.any() else weaker
 
 
 def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None = None) -> Axes:
