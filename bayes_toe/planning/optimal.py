@@ -303,19 +303,26 @@ class _Maker:
         return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
 
     def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
-        """The paper's pairs too where a range is too narrow for them: they say what the range is worth."""
-        isi = self.goal.isi[0] if self.goal.isi else None
+        """The paper's pairs too where a range is too narrow for them: they say what the range is worth. At all intervals that there are."""
         like = PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED
         rng = generator(self.seed, "random pairs")
         random = rng.choice(len(self.pairs), min(self.goal.max_pairs, len(self.pairs)), replace=False)
         places = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
         s1, s2 = (values.ravel() for values in np.meshgrid(places, places, indexing="ij"))
-        columns = {like: (self.paper.s1, self.paper.s2), FULL: (s1, s2), RANDOM: (self.pairs.s1[random], self.pairs.s2[random])}
-        for name, (first, second) in columns.items():
-            some = np.unique(np.stack([first, second]), axis=1)
+        columns = {
+            like: self._at_all_intervals(self.paper.s1, self.paper.s2),
+            FULL: self._at_all_intervals(s1, s2),
+            RANDOM: tuple(column[random] for column in self.pairs.columns),
+        }
+        for name, parts in columns.items():
+            some = np.unique(np.stack(parts), axis=1)
             if some.shape[1] <= self.trials:
-                n = apportioned(np.ones(some.shape[1]), self.trials)
-                yield name, StudyDesign(some[0], some[1], n, None if isi is None else np.full(some.shape[1], isi))
+                yield name, StudyDesign(some[0], some[1], apportioned(np.ones(some.shape[1]), self.trials), *some[2:])
+
+    def _at_all_intervals(self, s1: FloatArray, s2: FloatArray) -> tuple[FloatArray, ...]:
+        """Columns of pairs, (pairs,), each at every interval, if there are any."""
+        isi = np.array(self.goal.isi)
+        return (np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if len(isi) else (s1, s2)
 
     def _names_anybody(self, best: Candidate, total: FloatArray) -> bool:
         """Whether one of a few simulated observers who update is named; the closed form is too hopeful where there are few trials."""

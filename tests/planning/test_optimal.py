@@ -76,8 +76,12 @@ def test_the_papers_own_range_is_never_worse_than_the_papers_pairs():
 
 
 def test_intervals_may_be_chosen():
-    made = best(grid(-0.75, 1.25, 0.5), 200, DesignGoal("gain", isi=(0.5, 2.0)))[OPTIMISED].design
+    found = best(grid(-0.75, 1.25, 0.5), 200, DesignGoal("gain", isi=(0.5, 2.0)))
+    made = found[OPTIMISED].design
     assert set(made.isi) <= {0.5, 2.0}
+    rivals = [one.design for name, one in found.items() if name != OPTIMISED]
+    assert len(rivals) == 3
+    assert all(set(one.isi) == {0.5, 2.0} for one in rivals)
 
 
 def test_levels_of_hardware(tmp_path):
