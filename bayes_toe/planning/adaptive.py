@@ -203,7 +203,7 @@ class Adaptive:
         return [float(value) for value in values[quantity][order][places]]
 
     def effective(self) -> dict[str, float]:
-        """How many particles of each model count; with a dozen models, whose turns take a while, few in the first hundred trials.
+        """How many particles of each model count; with a dozen models, whose turns take a while, few of improbable ones in the beginning.
 
         The error of a log evidence is about one over the square root of it.
         """
@@ -263,12 +263,14 @@ class Adaptive:
     def _renew(self) -> None:
         """Make draws anew that have come to count too little, one model's after the other's, at most so much at a trial.
 
-        How much is counted in draws, never in seconds: what a session does depends on its answers alone.
+        First of the model by whose log evidence, with its error of 1/sqrt(effective draws), probabilities are moved most. How much is
+        counted in draws, never in seconds: what a session does depends on its answers alone.
         """
         if self._work is None:
-            left = {name: cloud.left for name, cloud in self._clouds.items() if cloud.possible}
-            worst = min(left, key=lambda name: left[name])
-            if left[worst] < ENOUGH:
+            share, clouds = self.probabilities, self._clouds
+            few = [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]
+            if few:
+                worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
                 rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
                 self._work = self._clouds[worst].renewing(self.subject, rng)
         done = 0

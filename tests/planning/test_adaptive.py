@@ -3,6 +3,7 @@
 import json
 import pickle
 from copy import copy, deepcopy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def test_no_trial_makes_many_draws_and_old_ones_serve_until_new_ones_are_made(mo
         most, fits = max(most, sum(made)), fits + (current._work is not None)
         for cloud in current._clouds.values():
             target = cloud.target(current.subject)
-            assert cloud.log_posterior == pytest.approx(target.log_prior(cloud.x) + target.log_likelihood(cloud.x), abs=1e-9)
+            assert cloud.log_posterior == pytest.approx(target.log_prior(cloud.x) + target.log_likelihood(cloud.x), rel=1e-12, abs=1e-9)
     assert 4000 <= most < 8000
     assert fits > 5  # trials that left some of the work to the next
     assert all(cloud.generation > 0 for cloud in current._clouds.values())
@@ -239,3 +240,21 @@ def test_wrong_pairs_answers_and_files_are_refused(tmp_path):
     for name in ("other.json", "absent.json"):
         with pytest.raises(InputError, match=f"{name}: not a session that can be read"):
             Adaptive.resume(tmp_path / name)
+
+
+def test_first_draws_are_made_anew_where_they_move_probabilities_most():
+    session, begun = Adaptive(PAIRS, model=["symmetric", "constant error", "update"], seed=1), []
+
+    def cloud(name, log_evidence, left, effective):
+        renewing = lambda subject, rng: begun.append(name) or iter(())  # noqa: E731
+        return SimpleNamespace(possible=True, left=left, effective=effective, log_evidence=log_evidence, renewing=renewing)
+
+    for wanted, spoilt in (("update", 0.01), ("constant error", 0.9)):
+        session._clouds = {
+            "symmetric": cloud("symmetric", -9.0, 0.001, 4.0),
+            "constant error": cloud("constant error", -2.0, 0.1, 100.0),
+            "update": cloud("update", 0.0, spoilt, 100.0),
+        }
+        session._answers, session._work = [((0.0, 0.3), True)], None
+        session._renew()
+        assert begun.pop() == wanted
