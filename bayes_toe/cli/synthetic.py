@@ -52,7 +52,7 @@ def simulate(
     task.require_files(*files)
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     design = design_from(task.design, task.amplitudes, task.batches, task.isi)
-    names, observers = population_from(task.population, task.subjects, seed, prior=prior)
+    names, observers = population_from(task.population, task.subjects, seed, design, prior=prior)
     trials = simulate_trials(names, observers, design, seed)
     with ExitStack() as places:  # one where both files are in one folder
         folders = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _DESIGNS = {"reference": reference_design, "full": full_design}
-_POPULATIONS = {"paper": paper_population, "prior": prior_population}
+_POPULATIONS = ("paper", "prior")
 
 
 def design_from(design: str, amplitudes: str, batches: int, isi: str | None = None) -> Design:
@@ -74,16 +74,18 @@ def natural_from(columns: Mapping[str, FloatArray], source: str) -> Natural:
     return observers
 
 
-def population_from(population: str, size: int, seed: int, *, prior: Prior | None = None) -> tuple[list[str], Natural]:
+def population_from(
+    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None
+) -> tuple[list[str], Natural]:
     """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
 
-    A prior may be given with the population 'prior' only, which is drawn from it.
+    A prior may be given with the population 'prior' only, which is drawn from it, as a study of the design has it.
     """
     if prior is not None and population != "prior":
         raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
     if population in _POPULATIONS:
         rng, names = generator(seed, "population"), subject_names(size)
-        return names, prior_population(size, rng, prior) if population == "prior" else _POPULATIONS[population](size, rng)
+        return names, prior_population(size, rng, design, prior) if population == "prior" else paper_population(size, rng)
     _require_file(population, "--population", _POPULATIONS)
     names, columns = read_numbers(population, NATURAL, key="subject")
     return names, natural_from(columns, population)
@@ -125,6 +127,6 @@ def _numbers(option: str, text: str) -> list[float]:
         raise InputError(f"{option}: found {text!r}, allowed: positive numbers separated by commas") from None
 
 
-def _require_file(text: str, option: str, words: Mapping[str, object]) -> None:
+def _require_file(text: str, option: str, words: Iterable[str]) -> None:
     if not Path(text).is_file():
         raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

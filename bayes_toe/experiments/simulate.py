@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, require_intervals
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 
 #: Amplitudes of the paper's five stimuli in units of the reference (0.087 g). Source: Methods, design of the stimuli.
@@ -129,9 +131,18 @@ def paper_population(size: int, rng: np.random.Generator) -> Natural:
     return Natural(np.where(inset, -0.6, mu1), sigma_p, np.where(inset, 0.02, sigma_l), q0)
 
 
-def prior_population(size: int, rng: np.random.Generator, prior: Prior | None = None) -> Natural:
-    """Observers drawn from a prior, the default one where none is given."""
-    return (Prior() if prior is None else prior).sample(rng, size)
+def prior_population(size: int, rng: np.random.Generator, design: Design, prior: Prior | str | None = None) -> Natural:
+    """Observers drawn from the prior under which a study of this design is analysed, the default one where none is given.
+
+    As there (:func:`bayes_toe.model.study_prior.prior_for`), numbers that are the stimuli's are those of the design, and with intervals the
+    prior is about sigma_p over the reference interval; the observers' is per square root of a second.
+    """
+    counts = np.zeros(len(design.s1), np.int64), np.full(len(design.s1), design.batches)
+    pairs = Subject.from_counts("design", design.s1, design.s2, *counts, design.isi)
+    numbers = prior_for(Study((pairs,), "design", synthetic=True), prior)
+    drawn = numbers.sample(rng, size)
+    interval = numbers.reference_interval or 1.0  # without intervals there is no unit of time
+    return drawn._replace(sigma_p=drawn.sigma_p / np.sqrt(interval))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from bayes_toe.seeds import root_seed
 
 
 class Simulated(NamedTuple):
-    """A synthetic study, and the natural parameters by subject that made it."""
+    """A synthetic study, and the natural parameters by subject that made it; with intervals sigma_p is per square root of a second."""
 
     study: Study
     truth: Truth
@@ -32,7 +32,7 @@ def simulate(
     amplitudes: Sequence[float] = PAPER_AMPLITUDES,
     batches: int = PAPER_BATCHES,
     isi: Sequence[float] | None = None,
-    prior: Prior | None = None,
+    prior: Prior | str | None = None,
     seed: int | None = None,
 ) -> Simulated:
     """Answers of observers who follow the model: what `bayes-toe simulate` writes, as a study.
@@ -50,9 +50,11 @@ def simulate(
     batches : int
         Repetitions of the whole set of pairs.
     isi : sequence of float, optional
-        Inter-stimulus intervals, seconds: every pair at each; sigma_p is then per square root of a second.
-    prior : Prior, optional
-        Of the population "prior".
+        Inter-stimulus intervals, seconds: every pair at each; sigma_p of the observers is then per square root of a second, where that
+        of an analysis is over its reference interval.
+    prior : Prior or str, optional
+        Of the population "prior", as :func:`~bayes_toe.model.study_prior.prior_for` takes it: with intervals, too, observers are drawn
+        from the prior under which their study is analysed.
     seed : int, optional
         Root seed; without one, fresh entropy.
 
@@ -73,7 +75,7 @@ def simulate(
     if isinstance(observers, Mapping):
         names, natural = list(observers), _given(observers)
     else:
-        names, natural = population_from(_word(population), _whole(observers), root, prior=prior)
+        names, natural = population_from(_word(population), _whole(observers), root, planned, prior=prior)
     subjects = [
         Subject.from_trials(one.subject, one.s1, one.s2, one.equal, one.isi) for one in simulate_trials(names, natural, planned, root)
     ]

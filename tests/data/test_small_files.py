@@ -13,6 +13,7 @@ from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.number_table import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.recipes import design_from, population_from
+from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.prediction import predict_pairs
 
 PAIRS = "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n0.75,0.5,8.5\n"
@@ -31,7 +32,7 @@ def _design(path):
 
 
 def _population(path):
-    names, observers = population_from(str(path), 1, 1)
+    names, observers = population_from(str(path), 1, 1, reference_design())
     return names, [values.tolist() for values in observers]
 
 

@@ -83,7 +83,7 @@ def test_the_bundled_study_looks_like_the_papers():
 
 def test_the_bundled_files_are_what_simulate_makes():
     # `bayes_toe.data.example.COMMAND` states the seed: the same numbers come out again, to the last answer.
-    names, observers = population_from("paper", 16, 2604)
+    names, observers = population_from("paper", 16, 2604, reference_design())
     truth = bt.example_truth()
     assert {n: tuple(t.values()) for n, t in truth.items()} == {
         n: pytest.approx(tuple(float(v[i]) for v in observers)) for i, n in enumerate(names)
@@ -100,7 +100,7 @@ def test_designs_and_populations_from_files(tmp_path):
     assert design_from(str(design), "", 3).s2.tolist() == [0.0, 0.5]
     population = tmp_path / "population.csv"
     population.write_text("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
-    names, observers = population_from(str(population), 99, 1)
+    names, observers = population_from(str(population), 99, 1, reference_design())
     assert (names, float(observers.q0[0])) == (["x"], 0.9)
     assert trial_frame(simulate_trials(names, observers, design_from(str(design), "", 3), 1))["synthetic"].eq(1).all()
 
@@ -119,7 +119,7 @@ def test_bad_populations_are_refused(tmp_path, text, named):
     path = tmp_path / "population.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=named):
-        population_from(str(path), 1, 1)
+        population_from(str(path), 1, 1, reference_design())
 
 
 def test_bad_designs_are_refused():
