@@ -1,6 +1,7 @@
 """Studies with a column isi, from the file to the report: read, sampled, compared, predicted, drawn, and refused where unknown."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.results_folder import write_results
+from bayes_toe.cli.truth import read_truth
 from bayes_toe.data.read_options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
@@ -388,3 +390,14 @@ def test_without_the_column_nothing_of_this_runs(small_study, monkeypatch):
     assert draws.attrs["model"] == "predictive update"
     assert "interval" not in draws.attrs["about_model"]
     assert json.loads(draws.attrs["settings"])["prior"]["sigma_p_scale"] == 1.0
+
+
+def test_a_true_sigma_p_per_root_second_is_marked_over_the_reference_interval(analysis, tmp_path):
+    (tmp_path / "truth.csv").write_text("subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n", encoding="utf-8")
+    draws = analysis.draws
+    over_four = SimpleNamespace(
+        names=draws.names, posterior=draws.posterior, intervals=draws.intervals, prior=bt.Prior(reference_interval=4.0)
+    )
+    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"]) == {"S01": {"mu1": 0.5, "sigma_p": 0.5}, "S02": {}}
+    over_four.intervals = ()
+    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"])["S01"]["sigma_p"] == 0.25

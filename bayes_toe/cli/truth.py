@@ -17,6 +17,8 @@ from bayes_toe.inference.draws import Draws
 def read_truth(path: Path, draws: Sequence[Draws], subjects: Sequence[str]) -> Truth:
     """True values by subject from a CSV file: a column subject, and one for each quantity that is known, empty where it is not.
 
+    With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and over the draws' reference interval here.
+
     Raises
     ------
     InputError
@@ -24,6 +26,9 @@ def read_truth(path: Path, draws: Sequence[Draws], subjects: Sequence[str]) -> T
     """
     allowed = list(dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all))
     names, columns = read_some_numbers(path, "subject", allowed)
+    interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
+    if interval is not None and "sigma_p" in columns:
+        columns["sigma_p"] = columns["sigma_p"] * np.sqrt(interval)
     found = {
         name: {key: float(values[row]) for key, values in columns.items() if not np.isnan(values[row])} for row, name in enumerate(names)
     }
