@@ -12,7 +12,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.markup import Done, Latex, Markdown, Markup
-from bayes_toe.cli.methods_of_models import compared_facts, varied_facts
+from bayes_toe.cli.methods_of_models import compared_facts, other_priors, varied_facts
 from bayes_toe.cli.results_folder import draws_in
 from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit
 from bayes_toe.comparison.comparison_file import ComparisonFile, read_comparison
@@ -29,7 +29,7 @@ from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population
 from bayes_toe.inference.belonging import same_answers
 from bayes_toe.inference.draws import Draws, load
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC
 from bayes_toe.model.posterior import Posterior
 
 if TYPE_CHECKING:
@@ -234,9 +234,10 @@ def _facts(told: Methods) -> dict[str, Any]:
         "judged": sum(fit is not None for fit in fits.values()),
         "wrong": _each(wrong),
         "misfits": len(wrong),
-        "weighed": None if evidence is None else _weighed(evidence),
+        "reference": f"{draws.prior.reference_interval or 1.0:g} s",
+        "weighed": None if evidence is None else _weighed(evidence, draws),
         "in_short": None if evidence is None else scale_first(draws.study, draws.prior) + in_short(evidence, synthetic=draws.synthetic),
-        "compared": None if told.compared is None else compared_facts(told.compared),
+        "compared": None if told.compared is None else compared_facts(told.compared, draws),
         "varied": None if told.varied is None else varied_facts(told.varied, told.varied_parts),
         "group": None if told.group is None else _group_facts(told.group),
     }
@@ -258,12 +259,13 @@ def _ruled(told: Methods) -> str:
     return ", ".join(f"{key} in {count}" for key, count in counts.items())
 
 
-def _weighed(table: EvidenceTable) -> dict[str, Any]:
+def _weighed(table: EvidenceTable, draws: Draws) -> dict[str, Any]:
     from bayes_toe.cli.headline import tally
     from bayes_toe.comparison.words import STATED
 
     errors = [row.log_evidence_h1_se for row in table if row.log_evidence_h1_se is not None]
     return {
+        "priors": other_priors((SYMMETRIC, CONSTANT_BIAS), draws),
         "error": f"{max(errors):.2g}" if errors else "",
         "pareto_k": f"{max(row.pareto_k for row in table):.2f}",
         "withheld": listed([row.subject for row in table if row.log_evidence_orders is None], _MOST_NAMED),

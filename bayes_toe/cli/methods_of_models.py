@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,11 @@ from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 from bayes_toe.comparison.reweighting import RESAMPLED
 from bayes_toe.comparison.words import KINDS, POSITIVE, STATED, compared, order_effect
 from bayes_toe.data.messages import counted, listed
+from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import MISFIT
+from bayes_toe.model.ladder import Record, model_named
+from bayes_toe.model.parameters import Block
+from bayes_toe.model.posterior import Model
 
 _MOST_NAMED = 10
 #: The levels of the part order for which there are words of their own, and those words that are no level.
@@ -24,7 +29,18 @@ ORDERS = ("none", "constant error", "update")
 SOME, UNDECIDED, WITHHELD = "some order effect", "undecided", "no estimate"
 
 
-def compared_facts(table: ComparisonFile) -> dict[str, Any]:
+def other_priors(records: Iterable[Record], draws: Draws) -> str:
+    """Priors of what some of these models have and that of the draws has not: they decide on evidence as much as its own."""
+    own = {block.describe(draws.prior) for block in _blocks(model_named(draws.model))}
+    found = dict.fromkeys(block.describe(draws.prior) for record in records for block in _blocks(record))
+    return ", ".join(said for said in found if said not in own)
+
+
+def _blocks(record: Record) -> tuple[Block, ...]:
+    return record.free if isinstance(record, Model) else ()  # free frequencies have no prior that could be another one
+
+
+def compared_facts(table: ComparisonFile, draws: Draws) -> dict[str, Any]:
     """Which models, how sure, what each part is, and whether the best model describes the answers."""
     best = table.best
     composed = [record.name for record in table.records if record.levels]
@@ -35,6 +51,7 @@ def compared_facts(table: ComparisonFile) -> dict[str, Any]:
         "models": counted(len(composed), "model"),
         "named": "" if table.parts else listed(composed, _MOST_NAMED),
         "free": len(composed) < len(table.records),
+        "priors": other_priors(table.records, draws),
         "parts": "; ".join(f"{part.part} ({', '.join(part.levels)})" for part in table.parts),
         "error": f"{errors.max():.2g}" if len(errors) else "",
         "pareto_k": f"{ks.max():.2f}" if len(ks) else "",

@@ -172,12 +172,12 @@ def _contents(context: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [(place, words) for place, words in sections.items() if words]
 
 
-def _settings(attrs: Mapping[str, Any]) -> dict[str, str]:
+def _settings(attrs: Mapping[str, Any], prior: str) -> dict[str, str]:
     """What was asked for, and with what it was computed."""
     settings, versions = json.loads(attrs["settings"]), json.loads(attrs["versions"])
     return {
         "model": settings["model"],
-        "prior": attrs["prior"],
+        "prior": prior,
         "seed": str(attrs["seed"]),
         **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
@@ -197,7 +197,8 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "rows": table.rows,
         "in_short": first + in_short(table, synthetic=analysis.study.synthetic, presets=analysis.presets),
         "terms": TERMS,
-        "settings": _settings(analysis.draws.attrs),
+        "prior": prior.describe_orders(),
+        "settings": _settings(analysis.draws.attrs, prior.describe_orders()),
         "tally": tally(table),
         "misfits": misfits(table),
         "presets": say_presets(analysis.presets),

@@ -160,7 +160,7 @@ def say_study(console: Console, study: Study) -> None:
 
 def say_prior(console: Console, prior: Prior | str) -> None:
     """The prior that everything below depends on, or that of a model in words."""
-    say(console, f"  prior: {safe(prior if isinstance(prior, str) else prior.describe())}")
+    say(console, f"  prior: {safe(prior if isinstance(prior, str) else prior.describe_orders())}")
 
 
 def say_penalty(console: Console, prior: Prior) -> None:

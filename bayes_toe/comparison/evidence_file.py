@@ -40,7 +40,7 @@ def read_evidence(path: str | Path, draws: Draws) -> EvidenceTable:
     others = [*sorted(set(draws.names) ^ (rows.keys() - draws.failed.keys())), *_other_counts(draws, rows, columns)]
     if others:
         raise InputError(f"{source}: found other answers than the draws have of {listed([*map(quoted, others)], 3)}, allowed: one analysis")
-    require_said_prior(source, _prior_in(path), draws.prior.describe())
+    require_said_prior(source, _prior_in(path), draws.prior.describe_orders())
     return EvidenceTable(
         tuple(_row(draws, name, {key: float(values[rows[name]]) for key, values in columns.items()}) for name in draws.names),
         seed=draws.seed,

@@ -168,7 +168,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return write_cells(EVIDENCE_COLUMNS, self._cells(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
 
     def _cells(self) -> list[list[object]]:
-        prior = None if self.prior is None else self.prior.describe()
+        prior = None if self.prior is None else self.prior.describe_orders()
         rows = [[prior if key == "prior" else getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows]
         of_failed = ({"subject": name, "prior": prior} for name in self.failed)
         return rows + [[row.get(key) for key in EVIDENCE_COLUMNS] for row in of_failed]

@@ -40,7 +40,9 @@ def require_belonging(
     if study is not None and (wrong := _other_study(draws, study)):
         raise InputError(f"{where}: {wrong}; allowed: the posterior of {study.source}")
     if prior is not None and draws.prior != prior:
-        raise InputError(f"{where}: found draws under {draws.prior.describe()}; allowed: that prior, or none, given {prior.describe()}")
+        raise InputError(
+            f"{where}: found draws under {draws.prior.describe_orders()}; allowed: that prior, or none, given {prior.describe_orders()}"
+        )
     if seed is not None and draws.seed != seed:
         raise InputError(f"{where}: found draws of seed {draws.seed}, allowed: that seed, or none, given {seed}")
 

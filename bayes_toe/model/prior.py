@@ -131,7 +131,21 @@ class Prior(PriorFields):
 
     def describe(self) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1) + self.remark
+        return self._described() + self.remark
+
+    def describe_orders(self) -> str:
+        """The same where H1 is weighed against a constant error, whose own prior is said where it has one: its evidence depends on it.
+
+        Examples
+        --------
+        >>> Prior(offset_sd=0.5).describe_orders().partition("q0")[2]
+        ' ~ Uniform(0, 1), offset of a constant error ~ Normal(0, 0.5)'
+        """
+        error = "" if self.offset_sd is None else f", offset of a constant error ~ {Normal(0.0, self.offset_sd).describe()}"
+        return self._described() + error + self.remark
+
+    def _described(self) -> str:
+        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1)
 
     @property
     def remark(self) -> str:

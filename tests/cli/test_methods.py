@@ -55,6 +55,7 @@ def test_the_text_says_what_was_done(results, analysis):
     said = [
         "3 subjects gave 1,950 judgements (650 each)",
         f"`{draws.described_prior()}`",
+        "the first two have, beside the priors above, `width ~ HalfNormal(1), offset ~ that of pull x (mu1 - mean first stimulus)",
         f"emcee {versions['emcee']} [@emcee]",
         f"root seed {draws.seed}",
         f"at least {draws.sampler.required:,}",
@@ -62,7 +63,7 @@ def test_the_text_says_what_was_done(results, analysis):
         f"R-hat up to {float(stats['max_r_hat'].max()):.4f}",
         "Draws of all subjects met these criteria.",
         "The model describes the answers of all of these.",
-        f"In short: {in_short(analysis.evidence)}",
+        f"In short: {in_short(analysis.evidence)}. Of whom the choice of the prior decides is not in these files",
         f"NumPy {versions['numpy']}",
     ]
     assert [one for one in said if one not in text] == []
@@ -123,6 +124,17 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == ["no", "yes", "yes"]
 
 
+def test_evidence_under_another_prior_of_the_constant_error_is_that_of_another_prior(analysis, tmp_path):
+    analysis.draws.save(tmp_path / "posterior.nc")
+    replace(analysis.evidence, prior=replace(analysis.draws.prior, offset_sd=0.05)).save(tmp_path / "evidence.csv")
+    assert set(pd.read_csv(tmp_path / "evidence.csv").prior.str.partition("q0 ~ ")[2]) == {
+        "Uniform(0, 1), offset of a constant error ~ Normal(0, 0.05)"
+    }
+    done = inside("methods", tmp_path, "-o", tmp_path / "m.md")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "evidence.csv, column prior: found" in done.stderr
+
+
 def test_draws_alone_of_another_model(small_study, tmp_path):
     bt.sample(small_study.select(["A"]), model="free weighting", draws=300, seed=1, workers=1).save(tmp_path / "posterior.nc")
     done = inside("methods", "posterior.nc", "-o", "m.md", cwd=tmp_path)
@@ -175,6 +187,8 @@ def test_a_comparison_and_a_sensitivity_are_told_of(results, tables):
     kinds = Counter(evidence_words(np.log(order.probability[i])) for i in range(3))
     said = [
         "3 models, the combinations of the parts order (none, constant error, update), and free frequencies (H0) were compared",
+        "(beside those above: `width ~ HalfNormal(1), offset ~ that of pull x (mu1 - mean first stimulus), mu1 ~ Normal(0, 10), gamma ~ "
+        "Uniform(0, 1)`)",
         f"largest Pareto k-hat {max(row.pareto_k for row in found if row.pareto_k is not None):.2f}",
         *(f"{word} for {count}" for word, count in kinds.items()),
         f"P(update) {compared(order.study[2])}",
@@ -187,6 +201,7 @@ def test_a_comparison_and_a_sensitivity_are_told_of(results, tables):
     assert [one for one in said if one not in text] == []
     turning = [name for name in varied.names if any(varied.turns(name, number) for number in varied.varied)]
     assert (f"Its sign turns within this range for {len(turning) or 'none'} of 3 subjects") in text
+    assert "the choice of the prior decides is not in these files" not in text
     assert "@penny2010" in text
     assert "penny2010" in (results / "text" / "m.bib").read_text(encoding="utf-8")
     assert "Comparison of models" not in document(results)[0]

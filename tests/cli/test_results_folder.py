@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -58,8 +59,12 @@ def test_an_explorer_stands_beside_the_report_where_it_is_asked_for(marked, tmp_
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert text.count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in text
-    write_results(marked, tmp_path / "out", pictures=Drawn("none"), workers=1, overwrite=True)
+    settings = replace(marked.settings, prior=replace(marked.settings.prior, offset_sd=0.5))
+    write_results(replace(marked, settings=settings), tmp_path / "out", pictures=Drawn("none"), workers=1, overwrite=True)
     assert not (tmp_path / "out" / "explorer.html").exists()
+    # The probabilities of the order effect depend on the constant error's own prior, so the report has it.
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "offset of a constant error ~ Normal(0, 0.5)" in text
 
 
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
