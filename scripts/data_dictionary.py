@@ -265,7 +265,7 @@ FILES = (
             "order_effect": "In a word, by evidence of at least 1 nat: no order effect, constant error, update, some order effect, undecided.",
             "predictive_p": "Posterior predictive p-value of the deviance, of the model of the draws.",
             "p_deviance": "p-value of the smallest deviance; empty without degrees of freedom.",
-            "fits": "`no` where one of these is below 0.01, empty where they are withheld.",
+            "fits": "`no` where one of these is below 0.01, empty where they are withheld, or there are no more pairs than parameters.",
         },
     ),
     File(

@@ -43,6 +43,7 @@ def _blocks(record: Record) -> tuple[Block, ...]:
 def compared_facts(table: ComparisonFile, draws: Draws) -> dict[str, Any]:
     """Which models, how sure, what each part is, and whether the best model describes the answers."""
     best = table.best
+    untold = [name for name, (model, fit) in best.items() if fit >= MISFIT and not _pairs_left(draws, name, model)]
     composed = [record.name for record in table.records if record.levels]
     wrong = [f"{name} (p {'' if (p := p_value(fit)).startswith('<') else '= '}{p})" for name, (_, fit) in best.items() if fit < MISFIT]
     errors, ks = table.log_evidence_se[~np.isnan(table.log_evidence_se)], table.pareto_k[~np.isnan(table.pareto_k)]
@@ -59,9 +60,16 @@ def compared_facts(table: ComparisonFile, draws: Draws) -> dict[str, Any]:
         "withheld": listed([name for name, missing in zip(table.subjects, withheld, strict=True) if missing], _MOST_NAMED),
         "found": [_found(part, table.subjects) for part in table.parts],
         "best": ", ".join(f"{name} for {count}" for name, count in Counter(name for name, _ in best.values()).most_common()),
-        "judged": not all(np.isnan(fit) for _, fit in best.values()),
+        "judged": not all(np.isnan(fit) or name in untold for name, (_, fit) in best.items()),
+        "untold": listed(untold, _MOST_NAMED),
         "wrong": listed(wrong, _MOST_NAMED),
     }
+
+
+def _pairs_left(draws: Draws, subject: str, model: str) -> bool:
+    """Whether there are more pairs than parameters: otherwise a model fits whatever was said."""
+    record = model_named(model)
+    return not isinstance(record, Model) or draws.subject(subject).n_pairs > len(record.coordinates)
 
 
 def _found(part: PartTable, subjects: tuple[str, ...]) -> str:

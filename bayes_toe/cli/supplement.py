@@ -119,7 +119,7 @@ def _numbers(draws: Draws, name: str, evidence: EvidenceTable | None) -> Iterato
         for key in ("p_none", "p_constant_error", "p_update"):
             yield key, getattr(row, key)
     yield from (("predictive_p", fit and fit.p_overall), ("p_deviance", fit and fit.p_deviance))
-    yield "fits", "" if fit is None else "no" if fit.misfit else "yes"
+    yield "fits", "" if fit is None or fit.describes is None else "yes" if fit.describes else "no"
     if evidence is not None:
         yield from ((key, getattr(row, key)) for key in ("log_bayes_factor", "log_evidence_h1_se", "pareto_k"))
 

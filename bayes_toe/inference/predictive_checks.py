@@ -297,6 +297,11 @@ class FitSummary:
         """Whether the model does not describe the answers: predictive p, or that of the deviance, below 0.01."""
         return self.p_overall < MISFIT or self.p_deviance < MISFIT
 
+    @property
+    def describes(self) -> bool | None:
+        """Whether the model describes the answers; None where it cannot be told: with no more pairs than parameters it fits them all."""
+        return None if self.degrees_of_freedom <= 0 and not self.misfit else not self.misfit
+
 
 def summarise_fit(
     posterior: Answering, x: npt.ArrayLike, seed: int, *, log_likelihood: FloatArray | None = None, most: int = 2000

@@ -4,6 +4,7 @@ import json
 import re
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,9 +15,12 @@ from populations import made_up
 import bayes_toe as bt
 from bayes_toe.cli.headline import in_short
 from bayes_toe.cli.markup import Latex, Markdown
+from bayes_toe.cli.methods_of_models import compared_facts
+from bayes_toe.comparison.comparison_file import ComparisonFile
 from bayes_toe.comparison.words import compared
 from bayes_toe.comparison.words import order_effect as evidence_words
 from bayes_toe.inference.draws import Draws
+from bayes_toe.model.ladder import SYMMETRIC
 
 FILES = {"m.md", "m.bib", "m_parameters.csv", "m_parameters.tex", "m_order_effect.csv", "m_order_effect.tex"}
 
@@ -122,6 +126,24 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     assert "met these criteria" not in text
     assert re.search(r"\| A \| 650 \| no estimate \| -- \| -- \| -- \| 0.001 \|[^|]*\| no \| -- \|", text)
     assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == ["no", "yes", "yes"]
+
+
+def test_of_no_more_pairs_than_parameters_no_fit_is_told(analysis, tmp_path):
+    with_stats(analysis.draws, degrees_of_freedom=0, deviance_p=np.nan).save(tmp_path / "posterior.nc")
+    text, _ = document(tmp_path)
+    assert "of 2 of 3 subjects; a misfit" in text
+    assert "Whether it describes the answers of A cannot be told" in text
+    assert pd.read_csv(tmp_path / "text" / "m_fit.csv").fits.fillna("").tolist() == ["", "yes", "yes"]
+
+
+def test_of_the_best_model_of_a_comparison_neither():
+    few = SimpleNamespace(
+        prior=bt.Prior(), model="predictive update", subject=lambda name: SimpleNamespace(n_pairs=2 if name == "a" else 3)
+    )
+    shape = np.zeros((2, 1))
+    table = ComparisonFile(("a", "b"), (SYMMETRIC,), shape - 9.0, shape, shape, shape + 0.5)
+    facts = compared_facts(table, few)
+    assert (facts["untold"], facts["judged"]) == ("a", True)
 
 
 def test_evidence_under_another_prior_of_the_constant_error_is_that_of_another_prior(analysis, tmp_path):
