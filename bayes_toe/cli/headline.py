@@ -54,7 +54,7 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence
     parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
     parts += [f"{unknown} {'has' if unknown == 1 else 'have'} no estimate"] if unknown else []
     parts += [f"and about {moved[False]} of these the choice of the prior decides"] if moved[False] else []
-    untold = sum(row.fit is None or row.fit.degrees_of_freedom <= 0 for row in described)
+    untold = sum(row.fit is None or row.fit.describes is None for row in described)
     last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else _describes(len(described), untold)
     return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
 

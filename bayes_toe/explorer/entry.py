@@ -218,7 +218,7 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
     sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
     if np.isnan(fit.p_overall):
         return (sampled,)
-    if fit.degrees_of_freedom <= 0 and not fit.misfit:  # who has as many parameters as pairs fits whatever was said
+    if fit.describes is None:
         return sampled, ("untold", f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}")
     described = (
         ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")

@@ -5,11 +5,16 @@ from types import SimpleNamespace
 import pytest
 
 from bayes_toe.cli.headline import NEXT, in_short
+from bayes_toe.inference.predictive_checks import FitSummary
 
 EFFECT, NONE, OPEN = (-9.0, -3.0, 0.0), (0.0, -3.0, -2.0), (0.0, -0.5, -0.2)
 
 
-JUDGED = SimpleNamespace(degrees_of_freedom=9)
+def fit_of(degrees_of_freedom):
+    return FitSummary(9.0, degrees_of_freedom, 0.5, 0.01, 0.5, 0.0, 0.3)
+
+
+JUDGED = fit_of(9)
 
 
 def table(*rows, fit=JUDGED):
@@ -40,7 +45,7 @@ def test_synthetic_subjects_are_called_so():
     assert in_short(table((EFFECT, False), (EFFECT, False)), synthetic=True).startswith("2 of 2 synthetic subjects have")
 
 
-@pytest.mark.parametrize("fit", [None, SimpleNamespace(degrees_of_freedom=0)], ids=["withheld", "as many parameters as pairs"])
+@pytest.mark.parametrize("fit", [None, fit_of(0)], ids=["withheld", "as many parameters as pairs"])
 def test_where_it_cannot_be_told_whether_h1_describes_the_answers_it_is_not_said(fit):
     judged, not_judged = table((EFFECT, False)), table((EFFECT, False), (EFFECT, False), fit=fit)
     assert in_short(not_judged).endswith("whether H1 describes the answers cannot be told")
