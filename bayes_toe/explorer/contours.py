@@ -9,10 +9,9 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.explorer.packing import FRAME, shorts
 from bayes_toe.plots.corner_content import BINS
-from bayes_toe.plots.corner_sheet import levels
+from bayes_toe.plots.density import AROUND, Density
 
 Span = tuple[float, float]
-_AROUND = 2  # bins beyond either end of the span, where contours close
 
 
 def contours(samples: FloatArray, spans: list[Span]) -> list[str]:
@@ -30,7 +29,7 @@ def contours(samples: FloatArray, spans: list[Span]) -> list[str]:
 
 def frame(span: Span) -> Span:
     """Between the middles of the outermost bins: in so many parts of this frame the coordinates of contours are counted."""
-    beyond = (_AROUND - 0.5) / BINS * (span[1] - span[0])
+    beyond = (AROUND - 0.5) / BINS * (span[1] - span[0])
     return span[0] - beyond, span[1] + beyond
 
 
@@ -52,15 +51,12 @@ def _places(values: FloatArray, span: Span) -> FloatArray:
 
 def _packed(x: FloatArray, y: FloatArray) -> str:
     from contourpy import LineType, contour_generator
-    from scipy.ndimage import gaussian_filter
 
-    edges = np.arange(BINS + 1.0)
-    density = gaussian_filter(np.histogram2d(x, y, [edges, edges])[0].T, 1.0)
-    around = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=density.min())
-    found = contour_generator(z=around, line_type=LineType.Separate)
+    density = Density.of(x, y, (0.0, BINS), (0.0, BINS))
+    found = contour_generator(z=density.values, line_type=LineType.Separate)
     parts = []
-    for place, level in enumerate(levels(density)):
+    for place, level in enumerate(density.levels):
         for line in found.lines(level):
-            at = np.rint(np.asarray(line) / (BINS + 2 * _AROUND - 1) * FRAME).astype(np.int64)
+            at = np.rint(np.asarray(line) / (BINS + 2 * AROUND - 1) * FRAME).astype(np.int64)
             parts.append(np.concatenate([[place, len(at)], at.ravel()]))
     return shorts(np.concatenate(parts) if parts else [])

@@ -7,6 +7,7 @@ panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
 from bayes_toe.plots.corner_alone import corner_alone
 from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, OVERLAID, RIGHT, TOP, TRUTH, Content, Values, content, overlaid
+from bayes_toe.plots.density import Density
 from bayes_toe.plots.style import POSTERIOR
 
 if TYPE_CHECKING:
@@ -61,7 +63,8 @@ def corner(
         return _overlay(overlaid(draws, subject, coordinates, _by_subject(truths), prior), fig)
     found = content(draws, subject, coordinates, _of_one(truths), prior)
     figure = shown.figure_for(found) if fig is None else fig
-    axes = _panels(figure, found, quantiles=shown.MARKED, color=POSTERIOR, fill_contours=True)
+    axes = _panels(figure, found, quantiles=shown.MARKED, color=POSTERIOR)
+    _draw_contours(axes, found, **shown.AREAS, edgecolors=POSTERIOR)
     _draw_prior(axes, found)
     _draw_truths(axes, found)
     for i, span in enumerate(found.spans):
@@ -74,17 +77,8 @@ def _overlay(found: Sequence[Content], fig: Figure | None) -> Figure:
     """Several subjects in the same panels: outlines without areas."""
     figure = shown.figure_for(found[0]) if fig is None else fig
     for one, (colour, line) in zip(found, OVERLAID, strict=False):
-        style = {"linestyles": line, "linewidths": 1.6}
-        drawn = {"linestyle": line, "linewidth": 1.4}
-        axes = _panels(
-            figure,
-            one,
-            color=colour,
-            plot_density=False,
-            no_fill_contours=True,
-            contour_kwargs=style,
-            hist_kwargs={"color": colour, **drawn},
-        )
+        axes = _panels(figure, one, color=colour, hist_kwargs={"color": colour, "linestyle": line, "linewidth": 1.4})
+        _draw_contours(axes, one, facecolors="none", edgecolors=colour, linestyles=line, linewidths=1.6)
         for ax, median in zip(axes.diagonal(), one.marked[1], strict=True):
             ax.axvline(median, color=colour, lw=1.0, ls=line)
     for i, (ax, span) in enumerate(zip(axes.diagonal(), found[0].spans, strict=True)):
@@ -131,20 +125,30 @@ def _by_subject(truths: Values | Mapping[str, Values] | None) -> Mapping[str, Va
 
 
 def _panels(figure: Figure, found: Content, **style: Any) -> npt.NDArray[Any]:
-    """Histograms and contours; returns the Axes, of which those above the diagonal are empty."""
+    """Histograms, with panels for contours; returns the Axes, of which those above the diagonal are empty."""
     corner_alone()(
         found.samples,
         fig=figure,
         bins=shown.BINS,
         range=list(found.spans),
         labels=found.labels,
-        levels=shown.LEVELS,
-        smooth=1.0,
         plot_datapoints=False,
+        plot_density=False,
+        plot_contours=False,
         label_kwargs={"fontsize": 13},
         **style,
     )
     return np.array(figure.axes).reshape(len(found.names), len(found.names))
+
+
+def _draw_contours(axes: npt.NDArray[Any], found: Content, **style: Any) -> None:
+    """Outlines, or areas, that hold the shares :data:`~bayes_toe.plots.corner_content.LEVELS` of the draws."""
+    from matplotlib.collections import PathCollection
+
+    for j, i in combinations(range(len(found.names)), 2):
+        (x, y), spans = found.samples[:, [j, i]].T, (found.spans[j], found.spans[i])
+        areas = Density.of(x, y, *spans).areas(*spans)
+        axes[i, j].add_collection(PathCollection(areas, transform=axes[i, j].transData, **style), autolim=False)
 
 
 def _draw_prior(axes: npt.NDArray[Any], found: Content, line: str = "solid") -> None:

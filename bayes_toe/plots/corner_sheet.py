@@ -17,14 +17,13 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
 from bayes_toe.plots.corner_content import BINS, BOTTOM, GAP, LEFT, TRUTH, Content, Values, content
+from bayes_toe.plots.density import Density
 from bayes_toe.plots.style import POSTERIOR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from matplotlib.path import Path
 
 _TICK, _TICK_LABEL = 3.5 / 72.0, 7.0 / 72.0  # inches from a panel to the end of a tick, and to its label
-_CENTRES = (np.arange(-2, BINS + 2) + 0.5) / BINS  # of bins, with two more at both ends, where contours close
 
 
 class Panel(NamedTuple):
@@ -97,39 +96,14 @@ def _draw_contours(figure: Figure, panel: Panel, x: FloatArray, y: FloatArray) -
     """Areas that hold the shares :data:`~bayes_toe.plots.corner_content.LEVELS` of the draws, the larger one lighter."""
     from matplotlib.collections import PathCollection
     from matplotlib.transforms import Bbox, TransformedBbox
-    from scipy.ndimage import gaussian_filter
 
-    density = gaussian_filter(np.histogram2d(x, y, [_edges(panel.x), _edges(panel.y)])[0].T, 1.0)
+    ends = [(start, start + panel.side) for start in (panel.left, panel.bottom)]
     inside = Bbox.from_bounds(panel.left, panel.bottom, panel.side, panel.side)
     areas = PathCollection(
-        _areas(panel, density),
-        facecolors=[(POSTERIOR, 1.0 / 3.0), POSTERIOR],
-        edgecolors=POSTERIOR,
-        linewidths=1.5,
-        transform=figure.dpi_scale_trans,
+        Density.of(x, y, panel.x, panel.y).areas(*ends), **shown.AREAS, edgecolors=POSTERIOR, transform=figure.dpi_scale_trans
     )
     figure.add_artist(areas)
     areas.set_clip_box(TransformedBbox(inside, figure.dpi_scale_trans))  # the figure has set its own
-
-
-def levels(density: FloatArray) -> list[float]:
-    """The density above which each of the shares lies."""
-    ordered = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(ordered)
-    return [float(ordered[max(np.searchsorted(held, share * held[-1], side="right") - 1, 0)]) for share in shown.LEVELS]
-
-
-def _areas(panel: Panel, density: FloatArray) -> list[Path]:
-    """Where a density in the bins, shape (BINS up, BINS across), is above its levels, lowest first; contours close beyond the panel."""
-    from contourpy import FillType, contour_generator
-    from matplotlib.path import Path
-
-    around = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=density.min())
-    x, y = (panel.side * _CENTRES + start for start in (panel.left, panel.bottom))
-    contours: Any = contour_generator(x, y, around, fill_type=FillType.OuterCode)
-    found = (contours.filled(level, 2.0 * density.max()) for level in reversed(levels(density)))
-    nothing = Path(np.empty((0, 2)))  # where all but a few draws are in one bin, no density is above that bin's
-    return [Path(np.concatenate(points), np.concatenate(codes)) if points else nothing for points, codes in found]
 
 
 def _draw_lines(figure: Figure, lines: Sequence[FloatArray], colour: str, width: float, **style: Any) -> None:

@@ -7,11 +7,13 @@ import pytest
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
+from matplotlib.path import Path
 
 import bayes_toe as bt
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.plots.corner_content import BINS, BOTTOM, GAP, LEFT, MARKED, PANEL, TRUTH
-from bayes_toe.plots.corner_sheet import Panel, _areas, corner_sheet
+from bayes_toe.plots.corner_sheet import corner_sheet
+from bayes_toe.plots.density import Density
 from bayes_toe.plots.style import POSTERIOR
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.001}
@@ -35,7 +37,7 @@ def lines(figure, colour):
     return [one.get_segments() for one in figure.artists if isinstance(one, LineCollection) and to_hex(one.get_colors()[0]) == colour]
 
 
-def test_contours_are_those_of_the_corner_package(pair):
+def test_contours_are_those_of_the_figure_with_axes(pair):
     theirs, ours = pair
     axes = np.array(theirs.axes).reshape(4, 4)
     drawn = [one.get_paths() for one in ours.artists if isinstance(one, PathCollection)]
@@ -89,8 +91,22 @@ def test_words_are_clear_of_the_panels_and_of_each_other(pair):
     assert all(ours.bbox.x0 <= box.x0 < box.x1 <= ours.bbox.x1 and ours.bbox.y0 <= box.y0 < box.y1 <= ours.bbox.y1 for box in around)
 
 
-def test_a_density_that_is_all_in_one_bin_has_an_area_of_nothing():
-    density = np.zeros((BINS, BINS))
-    density[0, 0] = 1.0  # draws that a few of them, far away, press into a corner
-    wide, narrow = _areas(Panel(0.0, 0.0, 1.0, (0.0, 1.0), (0.0, 1.0)), density)
+def held(areas, points):
+    """Share of points within each area."""
+    rings = [[Path(ring) for ring in area.to_polygons()] for area in areas]  # a ring in a ring is a hole
+    return [np.mean(np.sum([ring.contains_points(points) for ring in within], axis=0) % 2) for within in rings]
+
+
+def test_areas_hold_their_shares_of_a_narrow_peak_with_long_tails():
+    rng = np.random.default_rng(1)
+    x = rng.standard_t(1.5, 20_000)
+    y = np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, x.size)
+    spans = [tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y)]
+    found = Density.of(x, y, *spans).areas(*spans)
+    assert held(found, np.column_stack([x, y])) == pytest.approx([0.9, 0.5], abs=0.01)
+
+
+def test_draws_that_are_one_point_have_an_area_of_nothing():
+    x = np.full(100, 0.5 / BINS)  # the middle of the first bin, where the density is largest
+    wide, narrow = Density.of(x, x, (0.0, 1.0), (0.0, 1.0)).areas((0.0, 1.0), (0.0, 1.0))
     assert len(wide.vertices) == len(narrow.vertices) == 0
