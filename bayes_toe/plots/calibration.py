@@ -96,7 +96,7 @@ def differences_figure(table: CalibrationTable) -> Figure:
     ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
     low, high = ax.get_xlim()
     shown = [tick for tick in _TICKS if low <= tick <= high]
-    ax.set_xticks(shown, [f"{tick:+d}" if tick else "0" for tick in shown])
+    ax.set_xticks(shown, [f"{tick:+d}".replace("-", "−") if tick else "0" for tick in shown])
     ax.set_xticks([], minor=True)
     ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)", fontsize=LETTERS)
     ax.set_yticks([-float(i) for i in range(len(others))], others)

@@ -232,7 +232,7 @@ def _risk(table: ModelComparison, found: _Found, variational: ModelFrequencies) 
 
 
 def _short(probability: float) -> str:
-    return f"{probability:.2f}" if probability >= 0.01 else f"{probability:.1g}"
+    return f"{probability:.2f}" if probability >= 0.01 else f"{probability:.1g}".replace("-", "−")
 
 
 def _rule(ax: Axes, even: float) -> None:

@@ -66,7 +66,7 @@ def _panel(ax: Axes, table: PartsSensitivity, subject: str, varied: str, part: s
     if positive:
         ax.set_xscale("log")
     ticks = [rows[0].value, given, rows[-1].value]
-    ax.set_xticks(ticks, [f"{value:.3g}" for value in ticks])
+    ax.set_xticks(ticks, [f"{value:.3g}".replace("-", "−") for value in ticks])
     ax.minorticks_off()
     ax.set_yticks([0.0, 1.0])
     ax.set_ylim(-0.06, 1.06)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
 from bayes_toe.planning.power_of_populations import ON_AVERAGE, SOMEWHERE
 from bayes_toe.planning.power_table import NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure, panel, plain
@@ -24,6 +27,9 @@ _TITLES = {
 }
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
+#: Between lines next to each other, in natural logs; of the distance to the next number, how much all of them may take.
+_APART, _MOST = 0.025, 0.6
+_MARGIN = 1.25  # factor from the outermost numbers to the ends of a panel
 
 
 def power_figure(table: PowerTable, populations: PopulationPower | None = None) -> Figure:
@@ -57,43 +63,50 @@ def _row(keys: Sequence[str], draw: Callable[..., Axes], shared: str = "") -> Ca
 def power_axes(table: PowerTable, kind: str = "update", *, ax: Axes | None = None) -> Axes:
     """Share of one kind of observers whose order effect is named (P > 0.95), and for whom another is, with 95 % Monte Carlo intervals."""
     ax = panel(ax)
+    beside = _beside(table.trials, table.designs)
     for index, design in enumerate(table.designs):
-        label = plain(design)
-        _line(ax, 2 * index, table.trials, [table[design, trials, kind, NAMED] for trials in table.trials], f"named, {label}")
-        _line(
-            ax, 2 * index + 1, table.trials, [table[design, trials, kind, WRONG] for trials in table.trials], f"another named, {label}", ":"
-        )
+        for quantity, what, style in ((NAMED, "named", "-"), (WRONG, "another named", ":")):
+            found = [table[design, trials, kind, quantity] for trials in table.trials]
+            _line(ax, index, next(beside), found, f"{what}, {plain(design)}", style)
     ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of observers", xlabel="trials of a subject")
     return _by(ax, table.trials)
 
 
 def population_power_axes(table: PopulationPower, kind: str = "update", *, ax: Axes | None = None) -> Axes:
     """Share of simulated studies of one kind of subjects whose analysis as a group finds an order effect, by their number."""
-    ax = panel(ax)
+    ax, beside = panel(ax), _beside(table.subjects, table.designs)
     for index, design in enumerate(table.designs):
-        for place, quantity, style in ((2 * index, SOMEWHERE, "-"), (2 * index + 1, ON_AVERAGE, ":")):
+        for quantity, style in ((SOMEWHERE, "-"), (ON_AVERAGE, ":")):
             found = [table.counted[design, kind, size, quantity] for size in table.subjects]
-            _line(ax, place, [one.subjects for one in found], found, f"order effect {quantity}, {plain(design)}", style)
+            _line(ax, index, next(beside), found, f"order effect {quantity}, {plain(design)}", style)
     ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of studies", xlabel=f"subjects of {table.trials:,} trials")
     return _by(ax, table.subjects)
 
 
 def interval_width_axes(table: PowerTable, quantity: str, *, ax: Axes | None = None) -> Axes:
     """Expected width of the 90 % interval of gain, mu1 or width of observers who update."""
-    ax = panel(ax)
+    ax, beside = panel(ax), _beside(table.trials, table.designs, lines=1)
     for index, design in enumerate(table.designs):
         found = [table[design, trials, "update", f"90 % width of {quantity}"] for trials in table.trials]
-        _line(ax, 2 * index, table.trials, found, "")
+        _line(ax, index, next(beside), found, "")
     ax.set_yscale("log")
     ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject")
     return _by(ax, table.trials)
 
 
-def _line(ax: Axes, place: int, at: Sequence[int], found: Sequence[Counted | CountedStudies], label: str, style: str = "-") -> None:
-    """A line with error bars, next to those of other places."""
-    x, y = [number * (1.0 + 0.025 * place) for number in at], [one.value for one in found]
+def _beside(numbers: Sequence[int], designs: Sequence[str], *, lines: int = 2) -> Iterator[FloatArray]:
+    """Where each line's points stand: beside each other about their numbers, within the panel and clear of the next number."""
+    count, at = lines * len(designs), np.array(numbers, np.float64)
+    nearest = float(np.diff(np.log(np.sort(at))).min(initial=2.0 * np.log(_MARGIN)))
+    step = min(_APART, _MOST * nearest / count)
+    return (at * np.exp(step * (place - 0.5 * (count - 1))) for place in range(count))
+
+
+def _line(ax: Axes, index: int, x: FloatArray, found: Sequence[Counted | CountedStudies], label: str, style: str = "-") -> None:
+    """A line of a design with error bars; beyond five designs colours come again, with other markers."""
+    y = [one.value for one in found]
     errors = [[one.value - one.low for one in found], [one.high - one.value for one in found]]
-    colour, marker = _COLOURS[place // 2 % len(_COLOURS)], _MARKERS[place // 2 % len(_MARKERS)]
+    colour, marker = _COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)]
     filled = colour if style == "-" else "white"
     ax.errorbar(
         x, y, errors, fmt=marker, linestyle=style, color=colour, markerfacecolor=filled, markersize=4.0, linewidth=1.1, elinewidth=0.8,
@@ -105,7 +118,7 @@ def _by(ax: Axes, numbers: Sequence[int]) -> Axes:
     from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, NullLocator
 
     ax.set_xscale("log")
-    ax.set_xlim(min(numbers) / 1.25, max(numbers) * 1.25)
+    ax.set_xlim(min(numbers) / _MARGIN, max(numbers) * _MARGIN)
     ax.xaxis.set_major_locator(FixedLocator(list(numbers)))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_xticklabels([f"{number:,}" for number in numbers])

@@ -75,4 +75,6 @@ def test_figure_and_file(table, tmp_path):
     figure = parts_sensitivity_figure(table)
     turning = sum(table.turns(name) for name in ("S01", "S05"))
     assert len(figure.axes) == len(table.varied) * (1 + (turning or 2))
+    shifted = figure.axes[len(table.varied) * (1 + (turning or 2)) - len(table.varied) + table.varied.index("mu1_mean")]
+    assert [label.get_text() for label in shifted.get_xticklabels()] == ["−10", "0", "10"]
     assert table.save(tmp_path / "sensitivity_parts.csv").exists()

@@ -36,6 +36,17 @@ def test_lines_are_the_shares(table):
     assert widths.get_ylabel() == "90 % interval of mu1"
 
 
+def test_many_designs_are_told_apart_and_stand_at_their_numbers():
+    many = made_up([f"design {i}" for i in range(8)], (300, 325, 350))
+    ax = bt.plots.power_axes(many, "update")
+    lines = [one.lines[0] for one in ax.containers]
+    assert len({(one.get_color(), one.get_marker(), one.get_linestyle()) for one in lines}) == 16
+    at = np.array([one.get_xdata() for one in lines])
+    assert (np.abs(np.log(at[:, :, None] / [300, 325, 350])).argmin(axis=2) == [0, 1, 2]).all()
+    assert ax.get_xlim()[0] < at.min() < at.max() < ax.get_xlim()[1]
+    assert (np.diff(at, axis=0) > 0.0).all()
+
+
 def test_the_figure_has_a_panel_a_kind_and_a_quantity(table):
     figure = bt.plots.power_figure(table)
     assert len(figure.axes) == 6
