@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from bayes_toe.groups.predictive_check import PredictiveCheck
 
 #: What of it is in a results folder.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
+
+_MINUS = re.compile(r"(?<![\w.])-(?=\d)")  # of a number; not the hyphen of a word, a range or an exponent
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,15 @@ def group_section(group: Group, folder: Path) -> dict[str, Any]:
     return {
         "problems": [*found.problems, *group.check.warnings],
         "converged": found.converged,
-        "answer": [Text.from_markup(line).plain for line in answer(found)],
+        "answer": [_typeset(Text.from_markup(line).plain) for line in answer(found)],
         "picture": folder / GROUP_PRODUCTS[2],
-        "tables": [(title, rows) for title, rows in tables if rows],
+        "tables": [(title, [{key: _typeset(str(value)) for key, value in row.items()} for row in rows]) for title, rows in tables if rows],
         "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
         "scatter": found.settings.scatter,
         "subjects": len(found.study),
     }
+
+
+def _typeset(words: str) -> str:
+    """What a terminal shows, with minus signs as the rest of the report has them."""
+    return _MINUS.sub("−", words)

@@ -275,7 +275,7 @@ def _diagnostics(analysis: Analysis, stats: Any, row: SubjectEvidence, fitted: S
         "acceptance": f"{float(stats['acceptance_rate'].mean()):.2f}",
         "steps of each walker": _kept(analysis, int(stats["steps"]), int(stats["thin"])),
         "proposal efficiency": f"{row.efficiency:.2f}",
-        "Pareto k-hat": f"{row.pareto_k:.2f}",
+        "Pareto k-hat": _number(row.pareto_k),
         **({} if fitted is None else {"maximum likelihood at an edge": fitted.at_edge or "no"}),
     }
 
@@ -289,7 +289,7 @@ def _asymmetry(effect: SubjectAsymmetry) -> dict[str, str]:
     one = effect.maximal
     largest = {} if one is None else {
         "largest asymmetry": f"{_signed(one.asymmetry)} ± {_number(one.asymmetry_se)}",
-        "at (r, c)": f"({one.s_weak:.3g}, {one.s_strong:.3g})",
+        "at (r, c)": f"({one.s_weak:.3g}, {one.s_strong:.3g})".replace("-", "−"),
         "p, exact": p_value(one.p_value),
         "p, Holm": p_value(one.p_adjusted),
     }  # fmt: skip
@@ -330,7 +330,7 @@ def _fit(fit: FitSummary) -> dict[str, str]:
         "p of the deviance": "–" if np.isnan(fit.p_deviance) else p_value(fit.p_deviance),
         "predictive p": p_value(fit.p_overall),
         "predictive p, worst pair": p_value(fit.worst_p),
-        "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g}){interval}",
+        "worst pair (s1, s2)": f"({fit.worst_s1:.3g}, {fit.worst_s2:.3g})".replace("-", "−") + interval,
     }
 
 

@@ -133,7 +133,7 @@ class ModelComparison(Table[ModelRow]):
         found: dict[str, tuple[ModelRow, float | None]] = {}
         for i, (name, values) in enumerate(zip(self.subjects, evidence, strict=True)):
             known = np.where(composed & ~np.isnan(values), values, -np.inf)
-            best, free = int(known.argmax()), values[~composed].tolist()
+            best, free = int(known.argmax()), values[~composed & ~np.isnan(values)].tolist()
             if np.isfinite(known[best]):
                 found[name] = self.rows[i * len(self.models) + best], float(known[best]) - free[0] if free else None
         return found

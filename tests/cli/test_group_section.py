@@ -1,5 +1,7 @@
 """The group in a results folder and its report, with draws that are made up: what is said first, and where it cannot be believed."""
 
+import re
+
 from commands import inside
 from conftest import few_pairs, grouped_csv
 from populations import made_population, ordinary
@@ -36,6 +38,9 @@ def test_warnings_come_before_the_answer_and_that_before_figure_and_tables(analy
         "<th>BF no difference",
         "Hyperprior: mu1: ",
     ]
+    numbers = re.sub(r"base64,[^\"]*|Hyperprior.*", "", said)
+    assert "−" in numbers
+    assert not re.search(r"[ (>]-\d", numbers)
     places = [said.index(words) for words in order]
     assert places == sorted(places)
     assert all((tmp_path / "out" / name).stat().st_size > 500 for name in GROUP_PRODUCTS)

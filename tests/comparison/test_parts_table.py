@@ -92,12 +92,12 @@ def test_rows_columns_and_what_is_withheld(tmp_path):
 
 
 def test_the_best_composition_and_its_evidence_against_free_frequencies():
-    evidence = np.full((3, 3), -9.0)
-    evidence[0], evidence[1], evidence[2] = [1.0, 3.0, 2.0], [1.0, np.nan, -4.0], [0.0, np.nan, np.nan]
+    evidence = np.array([[1.0, 3.0, 2.0], [1.0, np.nan, -4.0], [0.0, np.nan, np.nan], [np.nan, 3.0, 2.0]])
     best = made(evidence, COMPOSED[:3]).best_compositions()
     assert {name: (row.model, against) for name, (row, against) in best.items()} == {
         "P1": ("symmetric", 2.0),
         "P2": ("none + both ways", -5.0),
+        "P4": ("symmetric", None),
     }
     assert made(evidence[:1, 1:], COMPOSED[1:3]).best_compositions()["P1"][1] is None
 
