@@ -26,7 +26,7 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-_OF_KINDS = ("#BDBDBD", "#E69F00", POSTERIOR)  # told apart by their lightness too
+_OF_KINDS = ("#DEDEDE", "#E69F00", POSTERIOR)  # told apart by their lightness too
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
 if TYPE_CHECKING:
