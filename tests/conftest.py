@@ -1,7 +1,9 @@
 """Shared pieces: small studies, one analysis of them, and the paths of the real data where they are present."""
 
 import gc
+import importlib
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +18,14 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.experiments.simulate import reference_design
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure(config):
+    """ArviZ 0.23 notes the day of its warning in a file at its first import: two processes at once end in FileNotFoundError."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            importlib.import_module("arviz")
 
 
 def pytest_collection():
