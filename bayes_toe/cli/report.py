@@ -197,7 +197,6 @@ def _context(analysis: Analysis, facts: Facts, pictures: Pictures, links: Mappin
         "rows": table.rows,
         "in_short": first + in_short(table, synthetic=analysis.study.synthetic, presets=analysis.presets),
         "terms": TERMS,
-        "prior": prior.describe_orders(),
         "settings": _settings(analysis.draws.attrs, prior.describe_orders()),
         "tally": tally(table),
         "misfits": misfits(table),

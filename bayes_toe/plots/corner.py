@@ -64,7 +64,7 @@ def corner(
     found = content(draws, subject, coordinates, _of_one(truths), prior)
     figure = shown.figure_for(found) if fig is None else fig
     axes = _panels(figure, found, quantiles=shown.MARKED, color=POSTERIOR)
-    _draw_contours(axes, found, **shown.AREAS, edgecolors=POSTERIOR)
+    _draw_contours(axes, found, **shown.AREAS)
     _draw_prior(axes, found)
     _draw_truths(axes, found)
     for i, span in enumerate(found.spans):

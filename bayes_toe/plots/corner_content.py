@@ -49,7 +49,7 @@ BINS = 40
 LEVELS, MARKED = (0.5, 0.9), (0.05, 0.5, 0.95)
 SPANNED = (0.005, 0.995)
 #: Areas within the contours of one subject, the largest first.
-AREAS: Mapping[str, Any] = {"facecolors": ((POSTERIOR, 1.0 / 3.0), POSTERIOR), "linewidths": 1.5}
+AREAS: Mapping[str, Any] = {"facecolors": ((POSTERIOR, 1.0 / 3.0), POSTERIOR), "edgecolors": POSTERIOR, "linewidths": 1.5}
 
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
 OVERLAID = ((POSTERIOR, "solid"), ("#B8520A", "dashed"), ("#00704F", "dotted"), ("#A0458A", "dashdot"))

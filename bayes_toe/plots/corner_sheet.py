@@ -99,9 +99,7 @@ def _draw_contours(figure: Figure, panel: Panel, x: FloatArray, y: FloatArray) -
 
     ends = [(start, start + panel.side) for start in (panel.left, panel.bottom)]
     inside = Bbox.from_bounds(panel.left, panel.bottom, panel.side, panel.side)
-    areas = PathCollection(
-        Density.of(x, y, panel.x, panel.y).areas(*ends), **shown.AREAS, edgecolors=POSTERIOR, transform=figure.dpi_scale_trans
-    )
+    areas = PathCollection(Density.of(x, y, panel.x, panel.y).areas(*ends), **shown.AREAS, transform=figure.dpi_scale_trans)
     figure.add_artist(areas)
     areas.set_clip_box(TransformedBbox(inside, figure.dpi_scale_trans))  # the figure has set its own
 

@@ -65,7 +65,7 @@ def unconverged(draws: Draws, subject: str) -> str:
 
 def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], Axes], title: str) -> Figure:
     """One panel per weaker stimulus with curves, or a single one, which `many` draws, where a design has more than six of those."""
-    weaker = np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+    weaker = weaker_stimuli(counts)
     if not 1 <= len(weaker) <= _MAX_PANELS:
         figure, [ax] = _answers_panels(1, title)
         many(ax)
@@ -135,24 +135,36 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     """
     refuse_intervals([counts], "panel of both orders")
     stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
-    x = over_stronger(counts, weaker, 120)
-    fixed, alike = np.full_like(x, weaker), np.linspace(shown_range(counts, weaker)[0], x[-1], len(x))
-    pairs = {-1: (fixed, x), 1: (x, fixed), 0: (alike, alike)}
+    pairs = pairs_along(counts, weaker, 120)
     for order, mark in ORDERS.items():
         at = shown & (presentation_order(counts) == order)
         if at.any():
             if equal is not None:
-                draw_band(ax, alike if order == 0 else x, equal(*pairs[order]), mark.colour, 0.3 * size)
+                x, s1, s2 = pairs[order]
+                draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
             draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
-        ax.set_title(f"weaker stimulus {weaker:.3g}".replace("-", "−"), fontsize=10)
+        ax.set_title(said_weaker(weaker), fontsize=10)
     return ax
 
 
-def over_stronger(counts: Subject, weaker: float, points: int) -> FloatArray:
-    """From the weaker stimulus to the strongest one that :func:`order_panel` shows with it, shape (points,)."""
-    return np.linspace(weaker, max(shown_range(counts, weaker)[1], weaker + 1e-9), points)
+def weaker_stimuli(counts: Subject) -> FloatArray:
+    """The weaker ones of all pairs of different stimuli, ascending."""
+    return np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+
+
+def said_weaker(weaker: float) -> str:
+    """Which pairs a panel shows."""
+    return f"weaker stimulus {weaker:.3g}".replace("-", "−")
+
+
+def pairs_along(counts: Subject, weaker: float, points: int) -> dict[int, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Places along :func:`order_panel`, and the pairs (s1, s2) there of which each order has a curve, each of shape (points,)."""
+    low, high = shown_range(counts, weaker)
+    x, alike = (np.linspace(start, max(high, weaker + 1e-9), points) for start in (weaker, low))
+    fixed = np.full_like(x, weaker)
+    return {0: (alike, alike, alike), -1: (x, fixed, x), 1: (x, x, fixed)}
 
 
 def shown_range(counts: Subject, weaker: float) -> tuple[float, float]:
@@ -164,7 +176,7 @@ def shown_range(counts: Subject, weaker: float) -> tuple[float, float]:
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and equal ones from it on; with the weakest one, which is shown anyway, all equal ones."""
     lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
-    weakest = weaker <= lower[~alike].min(initial=np.inf)
+    weakest = weaker <= weaker_stimuli(counts).min(initial=np.inf)
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 

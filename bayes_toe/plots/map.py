@@ -233,9 +233,8 @@ def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str,
     down = max(-(-len(letters) // _ACROSS), 3)
     panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
     for i, (name, letter) in enumerate(letters.items()):
-        ax = answers_axes(draws.subject(name), draws.natural(name), panels[i], size=2.8)
-        weaker = main_weaker(draws.subject(name))
-        about = "" if weaker is None else which_weaker(draws.subject(name), weaker)
+        counts = draws.subject(name)
+        ax, about = answers_axes(counts, draws.natural(name), panels[i], size=2.8), which_weaker(counts, main_weaker(counts))
         ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=7.0 if about else 2.0)
         last = i + _ACROSS >= len(letters)
         ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)

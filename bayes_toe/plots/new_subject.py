@@ -10,7 +10,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.population import Population
-from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel, over_stronger
+from bayes_toe.plots.curves import CURVE_DRAWS, Curve, order_panel, pairs_along
 from bayes_toe.plots.style import ORDERS, dress, legend_above, panel
 from bayes_toe.plots.subject import main_weaker, which_weaker
 from bayes_toe.seeds import generator
@@ -37,10 +37,9 @@ def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
     reference = main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)
-    x = over_stronger(everyone, low, 60)
-    for order, pair in {0: (x, x), -1: (np.full_like(x, low), x), 1: (x, np.full_like(x, low))}.items():
+    for order, (x, s1, s2) in pairs_along(everyone, low, 60).items():
         if (presentation_order(everyone) == order).any():
-            _draw_band(ax, x, equal(*pair), ORDERS[order].colour)
+            _draw_band(ax, x, equal(s1, s2), ORDERS[order].colour)
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"

@@ -15,7 +15,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import natural_curve, order_panel, over_panel, shown_range
+from bayes_toe.plots.curves import natural_curve, order_panel, over_panel, said_weaker, shown_range, weaker_stimuli
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -58,11 +58,9 @@ def main_weaker(counts: Subject) -> float | None:
     return float(values[np.argmax(found)])
 
 
-def which_weaker(counts: Subject, weaker: float) -> str:
+def which_weaker(counts: Subject, weaker: float | None) -> str:
     """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
-    if len(np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])) < 2:
-        return ""
-    return f"weaker stimulus {weaker:.3g}".replace("-", "−")
+    return "" if weaker is None or len(weaker_stimuli(counts)) < 2 else said_weaker(weaker)
 
 
 def answers_axes(
@@ -222,8 +220,7 @@ def _draw_column(axes: Sequence[Axes], draws: Draws, subject: str, *, first: boo
     answers_axes(counts, theta, axes[0])
     prior_axes(counts, theta, central(draws, subject), axes[1])
     collapse_axes(counts, theta, axes[2])
-    weaker = main_weaker(counts)
-    about = "" if weaker is None else which_weaker(counts, weaker)
+    about = which_weaker(counts, main_weaker(counts))
     axes[0].set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
     if not first:
         for ax in axes:

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from speed.cases import Case
 from speed.method import Method
 from speed.methods import METHODS
-from speed.race import Rules, not_run, race, warm_up
+from speed.race import Rules, lost, race, warm_up
 from speed.table import Row, row_of
 
 _ENDED = "its process ended without an answer"
@@ -30,7 +30,7 @@ def rows_of(case: Case, rules: Rules, keys: Sequence[str] | None = None) -> list
             pass
     if len(keys) > 1:
         return [row for key in keys for row in rows_of(case, rules, [key])]
-    return [row_of(entry) for entry in not_run(case, _methods(keys), rules, _ENDED)]
+    return [row_of(entry) for entry in lost(case, _methods(keys), rules, _ENDED)]
 
 
 def _raced(case: Case, rules: Rules, keys: Sequence[str]) -> list[Row]:

@@ -116,7 +116,7 @@ def warm_up() -> None:
 
 def race(case: Case, methods: Sequence[Method], rules: Rules) -> list[Entry]:
     """All methods on one case; failures are entries with their reason."""
-    entries = [_entry(case, method, effort, rules) for method in methods for effort in method.efforts]
+    entries = _entries(case, methods, rules)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what libraries warn of shows in the numbers
         _prepare([entry for entry in entries if not entry.reason], rules)
@@ -130,9 +130,9 @@ def race(case: Case, methods: Sequence[Method], rules: Rules) -> list[Entry]:
     return entries
 
 
-def not_run(case: Case, methods: Sequence[Method], rules: Rules, reason: str) -> list[Entry]:
-    """The entries of a race that did not take place, or of which nothing is left: all of them failed for one reason."""
-    entries = [_entry(case, method, effort, rules) for method in methods for effort in method.efforts]
+def lost(case: Case, methods: Sequence[Method], rules: Rules, reason: str) -> list[Entry]:
+    """The entries of a race of which nothing is left: all that would have run failed for one reason."""
+    entries = _entries(case, methods, rules)
     for entry in entries:
         if not entry.reason:
             entry.failures.append(reason)
@@ -140,8 +140,12 @@ def not_run(case: Case, methods: Sequence[Method], rules: Rules, reason: str) ->
     return entries
 
 
-def _entry(case: Case, method: Method, effort: int, rules: Rules) -> Entry:
-    return Entry(case, method, max(1, effort // rules.shrink), rules.runs(method, case), rules.why_not(method, case))
+def _entries(case: Case, methods: Sequence[Method], rules: Rules) -> list[Entry]:
+    return [
+        Entry(case, method, max(1, effort // rules.shrink), rules.runs(method, case), rules.why_not(method, case))
+        for method in methods
+        for effort in method.efforts
+    ]
 
 
 def _prepare(entries: list[Entry], rules: Rules) -> None:
