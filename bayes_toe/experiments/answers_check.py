@@ -46,7 +46,7 @@ LARGEST_LOG = 5.0
 NOTES = frozenset({"columns_ignored"})
 
 _STRETCHES = 10  # of the trials, among which drift is looked for
-_FEWEST_DRAWS, _LARGER = 999, 10  # drawing ends with so many tables, or sooner with so many that deviate more
+_FEWEST_DRAWS, _LARGER = 199, 10  # drawing ends with so many tables, or sooner with so many that deviate more
 _MOST_DRAWN = 10**8  # answers of a subject: beyond them tables cannot be drawn, and no experiment has so many
 _Rule = Iterable[tuple[str, str]]
 
@@ -229,7 +229,7 @@ class _Table:
         most, batch = max(_FEWEST_DRAWS, math.ceil(5 / level)), max(1, BLOCK // self.n.size)
         larger = drawn = 0
         while drawn < most and larger < _LARGER:
-            size = min(batch, most - drawn)
+            size = min(batch, most - drawn, 32 + 3 * drawn)  # most tables do not deviate, which a few tell
             rows = [rng.multivariate_hypergeometric(n, k, size) for n, k in zip(self.n, self.k.sum(1), strict=True)]
             larger += int((statistic(np.stack(rows, 1)) >= observed).sum())
             drawn += size
@@ -307,7 +307,7 @@ def _drift(name: str, answers: Answers, level: float) -> _Rule:
 
     change = np.tensordot(slopes, table.k, 2)
     which = int(np.argmax(np.abs(change)))
-    # Most changes are too small to be named, and then their p-value, which takes a thousand tables, need not be known.
+    # Most changes are too small to be named, and then their p-value, which takes hundreds of tables, need not be known.
     p = table.p_value(largest, level, name) if abs(change[which]) >= SMALL_DRIFT else 1.0
     if p <= level:
         what = ("P(equal)", "share of right answers")[which]

@@ -83,8 +83,7 @@ def check_subject(subject: Subject) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check_subject(subject)]
     ['one_first_stimulus', 'one_order', 'design_rank']
     """
-    rules = (_few_pairs, _rounding, _answers, _equal_pairs, _first_stimuli, _orders, _intervals, _design)
-    return tuple(Finding(subject.name, code, message) for rule in rules for code, message in rule(subject))
+    return _of_subject(subject, {})
 
 
 def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
@@ -110,7 +109,8 @@ def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]
     """
     require_study(study)
     of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study))
-    return (*of_all, *(finding for subject in study for finding in check_subject(subject)))
+    designs: dict[bytes, list[list[tuple[str, str]]]] = {}
+    return (*of_all, *(finding for subject in study for finding in _of_subject(subject, designs)))
 
 
 def doubts(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
@@ -200,6 +200,17 @@ def _one_order(subject: Subject) -> list[str]:
 
 
 _Rule = Iterable[tuple[str, str]]
+
+
+def _of_subject(subject: Subject, designs: dict[bytes, list[list[tuple[str, str]]]]) -> tuple[Finding, ...]:
+    """The findings of one subject; what the design alone tells is told once of all subjects with the same."""
+    pairs = (subject.s1, subject.s2, subject.n_trials, *(() if subject.isi is None else (subject.isi,)))
+    design = b"".join(values.tobytes() for values in pairs)
+    if design not in designs:
+        rules = (_few_pairs, _rounding), (_equal_pairs, _first_stimuli, _orders, _intervals, _design)
+        designs[design] = [[said for rule in some for said in rule(subject)] for some in rules]
+    first, rest = designs[design]
+    return tuple(Finding(subject.name, code, message) for code, message in (*first, *_answers(subject), *rest))
 
 
 def _few_pairs(subject: Subject) -> _Rule:
