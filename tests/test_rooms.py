@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays lean_imports seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
+version errors arrays seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
 < analysis < experiments < planning < plots < explorer < cli
 """
 
@@ -18,7 +18,6 @@ ORDER = (
     "version",
     "errors",
     "arrays",
-    "lean_imports",
     "seeds",
     "cluster",
     "workers",
@@ -38,7 +37,7 @@ ORDER = (
     "cli",
 )
 OWNERS = {
-    "emcee": {"inference.emcee_alone", "inference.sampling", "inference.moves"},
+    "emcee": {"inference", "groups"},
     "xarray": {
         *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),
         "groups.population_file",
@@ -48,7 +47,7 @@ OWNERS = {
     "pyarrow": {"data.parquet"},
     "zarr": {"inference.draws_store"},
     "matplotlib": {"plots"},
-    "corner": {"plots.corner_alone"},
+    "corner": {"plots.corner"},
     "bokeh": {"explorer"},
     "loky": {"workers"},
     "cloudpickle": {"workers"},
@@ -103,4 +102,4 @@ def test_pandas_is_not_loaded_by_importing(room):
     for name in (one for one in _modules() if one.split(".")[0] == room):
         tree = ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))
         top = [alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names]
-        assert not {"pandas", "xarray", "emcee", "arviz"} & set(top), name
+        assert not {"pandas", "xarray", "arviz"} & set(top), name

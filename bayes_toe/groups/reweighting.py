@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import emcee
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
@@ -26,7 +27,6 @@ from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared
 from bayes_toe.groups.starting import starts
-from bayes_toe.inference.emcee_alone import emcee_alone
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.seeds import stream
 
@@ -126,7 +126,7 @@ def _ensemble(density: Reweighted, joint: Joint, seeds: np.random.SeedSequence) 
     Against integration, tails are too thin with emcee 3.1's DESnookerMove, which takes half the log of the ratio of distances, and too
     thick with its KDEMove.
     """
-    emcee, random = emcee_alone(), np.random.RandomState(np.random.MT19937(seeds))
+    random = np.random.RandomState(np.random.MT19937(seeds))
     shared, _ = joint.split(starts(joint, _WALKERS, np.random.default_rng(seeds)))
     start = np.concatenate([part.reshape(_WALKERS, -1) for part in shared], axis=1)
     moves = emcee.moves.DEMove()

@@ -1,20 +1,14 @@
-"""The moves of a sampler: a global one from the fitted proposal, and the local ones of emcee.
-
-emcee comes by :func:`bayes_toe.inference.emcee_alone.emcee_alone`.
-"""
+"""The moves of a sampler: a global one from the fitted proposal, and the local ones of emcee."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import emcee
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.inference.emcee_alone import emcee_alone
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-
-if TYPE_CHECKING:
-    import emcee
 
 
 class Stock:
@@ -47,16 +41,14 @@ def moves(fitted: FittedProposal, stock: Stock) -> list[tuple[Any, float]]:
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
-    local_moves = emcee_alone().moves
     local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
-    return [(GlobalMove(stock), 1.0 - local), (local_moves.DEMove(), 0.8 * local), (local_moves.StretchMove(), 0.2 * local)]
+    return [(GlobalMove(stock), 1.0 - local), (emcee.moves.DEMove(), 0.8 * local), (emcee.moves.StretchMove(), 0.2 * local)]
 
 
 def GlobalMove(stock: Stock) -> emcee.moves.Move:  # noqa: N802 (named like emcee's own moves)
     """Independence Metropolis move: all walkers propose from the fitted proposal at once."""
-    emcee = emcee_alone()
 
-    class Global(emcee.moves.Move):  # type: ignore[misc, name-defined]  # emcee has no types
+    class Global(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         def __init__(self) -> None:
             self._known = np.empty((0, 0)), np.empty(0)
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import emcee
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, Quantity
-from bayes_toe.inference.emcee_alone import emcee_alone
 from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
 from bayes_toe.seeds import generator, stream
-
-if TYPE_CHECKING:
-    import emcee
-
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
 _QUANTILE_DRAWS = 10_000
@@ -213,9 +209,8 @@ class _Ensemble:
 
 def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
     """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
-    emcee = emcee_alone()
 
-    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc, name-defined]  # emcee has no types
+    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
         def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
             log_density = posterior.log_density(coords)
             require_defined(log_density, posterior)
@@ -239,7 +234,7 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
         start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])
         some = np.isfinite(log_density)
         start, log_density = start[some], log_density[some]
-    return emcee_alone().State(start[:walkers], log_prob=log_density[:walkers])
+    return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
 def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:

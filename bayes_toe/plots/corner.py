@@ -6,6 +6,7 @@ panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plo
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, cast
@@ -17,7 +18,6 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots import corner_content as shown
-from bayes_toe.plots.corner_alone import corner_alone
 from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, OVERLAID, RIGHT, TOP, TRUTH, Content, Values, content, overlaid
 from bayes_toe.plots.density import Density
 from bayes_toe.plots.style import POSTERIOR
@@ -126,7 +126,11 @@ def _by_subject(truths: Values | Mapping[str, Values] | None) -> Mapping[str, Va
 
 def _panels(figure: Figure, found: Content, **style: Any) -> npt.NDArray[Any]:
     """Histograms, with panels for contours; returns the Axes, of which those above the diagonal are empty."""
-    corner_alone()(
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # ArviZ, which corner imports, announces itself once a day
+        from corner import corner as panels
+
+    panels(
         found.samples,
         fig=figure,
         bins=shown.BINS,
