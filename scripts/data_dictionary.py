@@ -151,8 +151,7 @@ def _names(kind: type) -> list[str]:
 _RANGES = {"median": "Posterior median", "q05": "5 % quantile", "q95": "95 % quantile"}
 _SHOWN = (*FITTED, "gain")
 _SUMS = "sum over the subjects that have a value under every model, nats"
-_ENSEMBLE = "variational, to compare with other work"
-_EXACTLY = "without that approximation, to be trusted"
+_SAMPLED = "by random effects, sampled"
 _JUDGED = ("error", "floor", "p_value", "brier", "log_score", "unsure")
 _STUDY_COLUMNS = (
     *("model", "subjects", "best", "expected", "exceedance", "protected", "omnibus_risk", "group_log_evidence", "elpd_loo_trial"),
@@ -185,13 +184,13 @@ FILES = (
         "compare_models.csv", "`compare`", "model, over the whole study", _STUDY_COLUMNS, (), {
             "subjects": "Subjects with every evidence, who alone count.",
             "best": "For how many of them the model has the highest evidence.",
-            **{name: f"{said}; {_ENSEMBLE}." for name, said in _FREQUENCIES.items()},
-            **{f"{name}_exact": f"{said}; {_EXACTLY}." for name, said in _FREQUENCIES.items()},
-            **{f"{name}_exact_se": f"Monte Carlo standard error of `{name}_exact`; 0 by the exact sum." for name in _FREQUENCIES},
+            **{name: f"{said}; {_SAMPLED}." for name, said in _FREQUENCIES.items()},
+            **{f"{name}_exact": f"The same as `{name}`." for name in _FREQUENCIES},
+            **{f"{name}_exact_se": f"Monte Carlo standard error of `{name}`." for name in _FREQUENCIES},
             "group_log_evidence": "Log evidence of all subjects, as if all of them followed the model; nats.",
             "elpd_loo_trial": f"Leave-one-out by trial, {_SUMS}.", "elpd_loo_pair": f"Leave-one-out by pair, {_SUMS}.",
             **{f"elpd_loo_{unit}_subjects": f"Over how many subjects `elpd_loo_{unit}` goes." for unit in ("trial", "pair")},
-            "exact_how": "`exact sum` or `sampled`.",
+            "exact_how": "`sampled`, where there are frequencies.",
         },
     ),
     File(

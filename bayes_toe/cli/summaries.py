@@ -207,20 +207,20 @@ def _say_models(console: Console, table: ModelComparison) -> None:
     """The models over the study, with their frequencies over more than one subject."""
     # How often a model is found over subjects means nothing for one of them.
     many = len(table.subjects) > 1
-    frame, found = table.study_frame(), table.exact_frequencies() if many else None
+    frame, found = table.study_frame(), table.frequencies() if many else None
     columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
     sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
     lines = [
         {
             "model": row["model"],
             "best for": row["best"],
-            **{shown: _or_dash(row[f"{key}_exact"], 3) for key, shown in columns.items()},
+            **{shown: _or_dash(row[key], 3) for key, shown in columns.items()},
             **{shown: _or_dash(row[key], 1) for key, shown in sums.items()},
         }
         for row in frame.to_dict("records")
     ]
     first, everyone = frame.iloc[0].to_dict(), len(table.subjects)
-    how = "" if found is None else f", random effects ({found.how})"
+    how = "" if found is None else ", random effects (sampled)"
     say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
     if how:
         _say_risk(console, first)
@@ -229,11 +229,9 @@ def _say_models(console: Console, table: ModelComparison) -> None:
 
 
 def _say_risk(console: Console, row: Mapping[Any, Any]) -> None:
-    """The probability that all models are equally frequent, and the same by the variational scheme; errors of what is sampled."""
-    risk, error = _or_dash(row["omnibus_risk_exact"], 3), row["omnibus_risk_exact_se"]
-    shown = f"{risk} ± {error:.1g}" if error else risk
-    variational = _or_dash(row["omnibus_risk"], 3)
-    say(console, f"all models equally frequent with probability {shown} ({row['exact_how']}), {variational} (variational)")
+    """The probability that all models are equally frequent, with its Monte Carlo error."""
+    risk, error = _or_dash(row["omnibus_risk"], 3), row["omnibus_risk_exact_se"]
+    say(console, f"all models equally frequent with probability {risk} ± {error:.1g} ({row['exact_how']})")
 
 
 def _say_summed(console: Console, unit: str, counted: int, everyone: int) -> None:

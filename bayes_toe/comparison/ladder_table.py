@@ -6,19 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.exact_random_effects import ExactFrequencies, exact_random_effects, is_affordable
-from bayes_toe.comparison.exceedance import GroupFrequencies
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
-from bayes_toe.comparison.sampled_random_effects import SampledFrequencies, sampled_random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_folders import whole_together
@@ -139,41 +136,25 @@ class ModelComparison(Table[ModelRow]):
         return found
 
     def frequencies(self) -> ModelFrequencies | None:
-        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject.
-
-        The variational scheme that the field quotes. Its omnibus risk is too high where subjects say little.
-        """
-        if not self._has_frequencies:
-            return None
-        return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True)
-
-    def exact_frequencies(self) -> ExactFrequencies | SampledFrequencies | None:
-        """The same without the approximation: by the exact sum, or sampled where that is too long, as from 21 subjects and 8 models."""
-        return self._exact
+        """Random-effects model frequencies over subjects with every evidence; None with fewer than two models or no such subject."""
+        return self._frequencies
 
     @cached_property
-    def _exact(self) -> ExactFrequencies | SampledFrequencies | None:
-        if not self._has_frequencies:
+    def _frequencies(self) -> ModelFrequencies | None:
+        if len(self.models) < 2 or not len(_complete(self.log_evidence)):
             return None
-        given: dict[str, Any] = {"models": self.models, "subjects": self.subjects, "leave_out": True}
-        if is_affordable(len(_complete(self.log_evidence)), len(self.models)):
-            return exact_random_effects(self.log_evidence, **given)
-        return sampled_random_effects(self.log_evidence, seed=self.seed, **given)
-
-    @property
-    def _has_frequencies(self) -> bool:
-        return len(self.models) >= 2 and len(_complete(self.log_evidence)) > 0
+        return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True, seed=self.seed)
 
     def study_frame(self) -> pd.DataFrame:
         """One row per model over the whole study.
 
         Columns: model; subjects, those with every evidence, which alone count in what follows; best, for how many of them the model has
-        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, all by the variational
-        scheme; group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
-        expected_exact to omnibus_risk_exact, the same four without the approximation, see :meth:`exact_frequencies`;
+        the highest evidence; expected frequency, exceedance and protected exceedance probability, omnibus_risk, see :meth:`frequencies`;
+        group_log_evidence, the sum; elpd_loo_trial and elpd_loo_pair, sums over the subjects that have a value under every model;
+        expected_exact to omnibus_risk_exact, the first four again, under the names that they had beside those of the variational scheme;
         elpd_loo_trial_subjects and elpd_loo_pair_subjects, over how many subjects those sums go; elpd_loo_pair_diff to
         elpd_loo_trial_diff_se, differences of those sums to the best model's with the standard errors of the paired differences; exact_how,
-        'exact sum' or 'sampled', and expected_exact_se to omnibus_risk_exact_se, Monte Carlo standard errors, 0 by the exact sum.
+        'sampled' where there are frequencies, and expected_exact_se to omnibus_risk_exact_se, Monte Carlo standard errors.
         """
         import pandas as pd
 
@@ -185,10 +166,12 @@ class ModelComparison(Table[ModelRow]):
         predicted = {name: _complete(self._matrix(name)) for name in _SUMMED}
         for name, values in predicted.items():
             frame[name] = _sum(values)
-        frame = _with_frequencies(frame, self.exact_frequencies(), "_exact")
+        frame = _with_frequencies(frame, self.frequencies(), "_exact")
         frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
         frame = frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
-        return _with_errors(frame, self.exact_frequencies())
+        found = self.frequencies()
+        errors = {f"{name}_exact_se": np.nan if found is None else getattr(found, f"{name}_se") for name in _ERROR_COLUMNS}
+        return frame.assign(exact_how="" if found is None else "sampled", **errors)
 
     def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
@@ -223,18 +206,9 @@ def _sum(rows: FloatArray) -> FloatArray:
     return np.asarray(rows.sum(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
 
 
-def _with_frequencies(frame: pd.DataFrame, found: GroupFrequencies | None, suffix: str) -> pd.DataFrame:
+def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | None, suffix: str) -> pd.DataFrame:
     values = {f"{name}{suffix}": np.nan if found is None else getattr(found, name) for name in _FREQUENCY_COLUMNS}
     return frame.assign(**values)
-
-
-def _with_errors(frame: pd.DataFrame, found: ExactFrequencies | SampledFrequencies | None) -> pd.DataFrame:
-    """How the frequencies without the approximation were found, and how sure they are."""
-    none = np.nan if found is None else 0.0
-    values = {
-        f"{name}_exact_se": getattr(found, f"{name}_se") if isinstance(found, SampledFrequencies) else none for name in _ERROR_COLUMNS
-    }
-    return frame.assign(exact_how="" if found is None else found.how, **values)
 
 
 def beside(path: str | Path) -> tuple[Path, Path]:

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from scipy.special import log_expit, logit, logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.exact_random_effects import exact_random_effects, is_affordable
-from bayes_toe.comparison.sampled_random_effects import sampled_random_effects
+from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.model.ladder import Record
 
 #: Columns of compare_parts.csv.
@@ -71,7 +70,7 @@ def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: 
     log_evidence : array_like, shape (subjects, models)
         Nats; NaN where withheld.
     seed : int
-        Of the study's frequencies, where they are sampled.
+        Of the study's frequencies, which are sampled.
 
     Examples
     --------
@@ -95,14 +94,7 @@ def _part_table(part: str, levels: dict[str, list[int]], log_evidence: FloatArra
     values = np.where(np.isnan(log_evidence).any(axis=1, keepdims=True), np.nan, log_evidence)
     families = np.column_stack([logsumexp(values[:, of], axis=1) - np.log(len(of)) for of in levels.values()])
     odds = np.column_stack([families[:, k] - logsumexp(np.delete(families, k, axis=1), axis=1) for k in range(len(levels))])
-    even, study = logit(1.0 / len(levels)), _expected(families, seed)
+    even, known = logit(1.0 / len(levels)), families[~np.isnan(families).any(axis=1)]
+    study = random_effects(known, seed=seed).expected if len(known) > 1 else None
     of_study = None if study is None else np.asarray(logit(study) - even)
     return PartTable(part, tuple(levels), np.exp(log_expit(odds)), odds - even, study, of_study)
-
-
-def _expected(families: FloatArray, seed: int) -> FloatArray | None:
-    """Expected frequencies of the families: by the exact sum, unless that is too long; then sampled."""
-    known = families[~np.isnan(families).any(axis=1)]
-    if len(known) < 2:
-        return None
-    return (exact_random_effects(known) if is_affordable(*known.shape) else sampled_random_effects(known, seed=seed)).expected

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.exact_random_effects import exact_random_effects
+from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.planning.observers import MIXED, PLAIN, mixture
 from bayes_toe.planning.power_table import CERTAIN, WORDS, PowerTable, share
@@ -112,6 +112,5 @@ def _share(key: tuple[str, int, str], kind: str, studies: Sequence[FloatArray]) 
 
 
 def _named(evidence: FloatArray) -> str | None:
-    names = tuple(str(i) for i in range(len(evidence)))
-    found = exact_random_effects(evidence, models=tuple(PLAIN), subjects=names).protected
+    found = random_effects(evidence).protected
     return list(PLAIN)[int(found.argmax())] if found.max() > CERTAIN else None

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.exact_random_effects import ExactFrequencies
 from bayes_toe.comparison.ladder_table import ModelComparison
 from bayes_toe.comparison.random_effects import ModelFrequencies
-from bayes_toe.comparison.sampled_random_effects import SampledFrequencies
 from bayes_toe.plots.figure_files import save_figure
 from bayes_toe.plots.parts import BETWEEN, ROW, WORDS, best_axes, heads_height, part_axes, part_width, rows_height
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain
@@ -21,8 +19,6 @@ from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_Found = ExactFrequencies | SampledFrequencies
 
 #: Nats below the best model up to which a class of cells goes, what it is called, its colour (even steps of lightness), that of its number.
 CLASSES = (
@@ -85,9 +81,8 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
 def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     """Expected frequency of every model among people, with its central 95 % interval, and exceedance probabilities.
 
-    Plain: that a model is the most frequent one, if frequencies differ; protected: averaged over whether they do. By the exact sum, or
-    sampled where that is too long, which the panel says, with the probability that all models are equally frequent. A single subject has no
-    frequencies: its model probabilities are drawn.
+    Plain: that a model is the most frequent one, if frequencies differ; protected: averaged over whether they do. The panel also says the
+    probability that all models are equally frequent. A single subject has no frequencies: its model probabilities are drawn.
 
     Parameters
     ----------
@@ -97,15 +92,15 @@ def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes
     """
     own = ax is None
     ax = panel(ax, wide=_width(table), high=_STUDY + _heads(table))
-    exact, variational = table.exact_frequencies(), table.frequencies()
+    found = table.frequencies()
     if len(table.subjects) == 1:
         _draw_probabilities(ax, table)
-    elif exact is None or variational is None:
+    elif found is None:
         why = "one model only" if len(table.models) < 2 else "no subject has an evidence under every model"
         _say(ax, f"no model frequencies:\n{why}")
     else:
-        _draw_frequencies(ax, exact)
-        ax.set_title(_risk(table, exact, variational), loc="left", fontsize=SMALL)
+        _draw_frequencies(ax, found)
+        ax.set_title(_risk(table, found), loc="left", fontsize=SMALL)
         ax.set_ylabel("frequency, probability")
     ax.set(xlim=(-0.5, len(table.models) - 0.5), ylim=(0.0, 1.0), yticks=[0.0, 0.5, 1.0])
     ax.set_xticks(range(len(table.models)), [_broken(name) for name in table.models])
@@ -203,7 +198,7 @@ def _has_sum(table: ModelComparison) -> bool:
 # --- the study ----------------------------------------------------------------------------------------------------------------------
 
 
-def _draw_frequencies(ax: Axes, found: _Found) -> None:
+def _draw_frequencies(ax: Axes, found: ModelFrequencies) -> None:
     x = np.arange(len(found.models))
     style: dict[str, Any] = {"ms": 4.5, "mew": 1.1, "clip_on": False}
     ax.vlines(x - _SHIFT, *found.interval(_LEVEL).T, color=STRONGER_FIRST, lw=1.2)
@@ -224,11 +219,10 @@ def _draw_probabilities(ax: Axes, table: ModelComparison) -> None:
     return None
 
 
-def _risk(table: ModelComparison, found: _Found, variational: ModelFrequencies) -> str:
-    """How many subjects, by which method, and the probability that all models are equally frequent."""
-    who = f"{len(found.subjects)} of {len(table.subjects)} subjects, random effects, {found.how}"
-    risk = f"{_short(found.omnibus_risk)} (variational {_short(variational.omnibus_risk)})"
-    return f"{who}\nall models equally frequent with probability {risk}"
+def _risk(table: ModelComparison, found: ModelFrequencies) -> str:
+    """How many subjects, and the probability that all models are equally frequent."""
+    who = f"{len(found.subjects)} of {len(table.subjects)} subjects, random effects, sampled"
+    return f"{who}\nall models equally frequent with probability {_short(found.omnibus_risk)}"
 
 
 def _short(probability: float) -> str:

@@ -1,6 +1,5 @@
 """The comparison table: columns, probabilities, notes, files, order."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +12,11 @@ import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.summaries import say_comparison
 from bayes_toe.cli.terminal import new_console
-from bayes_toe.comparison.exact_random_effects import is_affordable
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out
 from bayes_toe.comparison.left_out_pairs import log_evidence_without
 from bayes_toe.comparison.model_row import Checks, ModelRow, with_differences
-from bayes_toe.comparison.sampled_random_effects import sampled_random_effects
+from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.errors import InputError
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import NAMES
@@ -124,49 +122,22 @@ def made(evidence, trial=None, pair=None):
     return ModelComparison(tuple(rows), subjects, NAMES[: evidence.shape[1]], 1, bt.Prior())
 
 
-def test_exact_columns_are_the_sum_over_all_assignments():
-    evidence = np.random.default_rng(9).normal(size=(6, 3)) * 2
+def test_model_frequencies_over_the_study_are_by_random_effects_with_their_errors(capsys):
+    evidence = np.random.default_rng(9).normal(size=(7, 3)) * 2
     evidence[2, 1] = np.nan  # does not count
-    frame = made(evidence).study_frame()
-    assert list(frame) == MODEL_COLUMNS
-    kept = np.exp(np.delete(evidence, 2, axis=0))
-    total, mean = 0.0, np.zeros(3)
-    for assignment in itertools.product(range(3), repeat=5):
-        counts = np.bincount(assignment, minlength=3)
-        # A uniform prior on the frequencies: 2! n1! n2! n3! / 7!, with mean (n + 1)/8.
-        weight = kept[np.arange(5), assignment].prod() * 2 * np.prod([[1, 1, 2, 6, 24, 120][n] for n in counts]) / 5040
-        total, mean = total + weight, mean + weight * (counts + 1) / 8
-    equal = kept.mean(axis=1).prod()
-    assert frame["omnibus_risk_exact"].to_numpy() == pytest.approx(np.full(3, equal / (equal + total)), rel=1e-12)
-    assert frame["expected_exact"].to_numpy() == pytest.approx(mean / total, rel=1e-12)
-    assert set(frame["exact_how"]) == {"exact sum"}
-    assert not frame["expected_exact_se"].any()
-    assert (frame["omnibus_risk"] > frame["omnibus_risk_exact"]).all()  # the variational bound lies below the evidence
-    risk = frame["omnibus_risk_exact"]
-    assert frame["protected_exact"].to_numpy() == pytest.approx(((1 - risk) * frame["exceedance_exact"] + risk / 3).to_numpy(), rel=1e-12)
-
-
-def test_beyond_the_limit_exact_columns_are_sampled_and_say_so(capsys):
-    evidence = np.random.default_rng(1).normal(size=(21, 8))
-    assert is_affordable(20, 8)
     table = made(evidence)
-    frame, found = table.study_frame(), sampled_random_effects(evidence, seed=table.seed)
-    assert set(frame["exact_how"]) == {"sampled"}
-    assert np.array_equal(frame["expected_exact"], found.expected)
+    frame, found = table.study_frame(), random_effects(np.delete(evidence, 2, axis=0), seed=table.seed)
+    assert list(frame) == MODEL_COLUMNS
+    for name in ("expected", "exceedance", "protected", "omnibus_risk"):
+        assert frame[name].to_numpy() == pytest.approx(np.broadcast_to(getattr(found, name), 3), rel=1e-12)
+        assert np.array_equal(frame[name], frame[f"{name}_exact"])
     assert np.array_equal(frame["exceedance_exact_se"], found.exceedance_se)
     assert (frame[["expected_exact_se", "exceedance_exact_se", "omnibus_risk_exact_se"]] > 0).all(axis=None)
+    assert set(frame["exact_how"]) == {"sampled"}
     say_comparison(new_console(False), table)
     said = capsys.readouterr().out
     assert "random effects (sampled)" in said
-    assert f"probability {found.omnibus_risk:.3f} ± {found.omnibus_risk_se:.1g} (sampled), {frame['omnibus_risk'][0]:.3f} (vari" in said
-
-
-def test_the_terminal_shows_both_risks(capsys):
-    table = made(np.random.default_rng(1).normal(size=(7, 3)))
-    exact, variational = table.exact_frequencies().omnibus_risk, table.frequencies().omnibus_risk
-    say_comparison(new_console(False), table)
-    said = capsys.readouterr().out
-    assert f"all models equally frequent with probability {exact:.3f} (exact sum), {variational:.3f} (variational)" in said
+    assert f"all models equally frequent with probability {found.omnibus_risk:.3f} ± {found.omnibus_risk_se:.1g} (sampled)" in said
     assert "LOO by" not in said.split("all models")[1]  # every value is there: nothing to say
 
 

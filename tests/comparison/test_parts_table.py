@@ -68,7 +68,7 @@ def test_the_study_is_the_sum_over_all_assignments_of_families():
         counts = np.bincount(assignment, minlength=3)
         weight = family[np.arange(3), assignment].prod() * np.prod([factorial(n) for n in counts])
         total, mean = total + weight, mean + weight * (counts + 1) / 6
-    assert order.study == pytest.approx(mean / total, rel=1e-12)
+    assert order.study == pytest.approx(mean / total, abs=0.01)  # sampled: standard errors below 0.002
     assert order.study_log_inclusion == pytest.approx(np.log(order.study / (1 - order.study) * 2), rel=1e-12)
 
 
@@ -85,7 +85,7 @@ def test_rows_columns_and_what_is_withheld(tmp_path):
     assert frame[~known][["probability", "log_inclusion_bayes_factor"]].isna().all(axis=None)
     assert frame[known].groupby(["subject", "part"])["probability"].sum().to_numpy() == pytest.approx(1.0)
     assert table.parts[0].counted == 2
-    assert table.parts[0].study == pytest.approx(part_tables(COMPOSED, EVIDENCE[[0, 2]])[0].study)
+    assert table.parts[0].study == pytest.approx(part_tables(COMPOSED, EVIDENCE[[0, 2]], seed=1)[0].study)
     alone = made(EVIDENCE[:1], COMPOSED).parts_frame()
     assert set(alone["subject"]) == {"P1"}
     assert made(EVIDENCE[:, :2], COMPOSED[:2]).parts_frame().empty  # one composition: no part varies
