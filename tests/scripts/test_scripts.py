@@ -150,3 +150,14 @@ def test_before_and_after_of_the_same_commit(folder):
     refused = call("before_after.py", "nothing-like-it", "--only", "help", cwd=folder)
     assert refused.returncode == 2
     assert refused.stderr.startswith("commit 'nothing-like-it': ")
+
+
+def test_the_race_of_methods_has_a_row_for_each_that_is_installed(folder):
+    done = call("speed_vs_error.py", "-o", "speed.csv", "--subjects", "S01", "--runs", "2", "--shrink", "8", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "speed.csv").set_index("method")
+    assert table.loc["emcee DE and stretch, identified", "error_worst"] < 1.0
+    assert table.loc["bayes_toe, 40,000 draws", "error_worst"] < 0.3
+    assert table.loc["bayes_toe, evidence", "log_evidence_error"] < 0.05
+    refused = inside("speed_vs_error.py", "-o", "other.csv", "--subjects", "nobody", cwd=folder)
+    assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
