@@ -6,7 +6,7 @@ from .analysis import sample as sample
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.covariates import covariate_tests as covariate_tests
 from .classical.fit_table import fit as fit
-from .classical.uncertainty_table import uncertainty_table as uncertainty_table
+from .classical.fit_table import uncertainty_table as uncertainty_table
 from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.ladder_table import compare as compare

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from bayes_toe.classical.bootstrap import bootstrap_evidence, evidence_by_bootstrap
+from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
@@ -293,10 +293,11 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Map
 
 
 def _by_bootstrap(subject: Subject, settings: Settings, fit: SubjectFit | None) -> tuple[float | None, str]:
-    """Appendix C's evidence, from replicates that are there already or, where nothing else is asked of them, from as many as it needs."""
+    """Appendix C's evidence, from replicates that are there already or are made for it."""
     if fit is not None:
         return bootstrap_evidence(fit.bootstrap, settings.prior)
-    return evidence_by_bootstrap(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES)
+    made = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES)
+    return bootstrap_evidence(made, settings.prior)
 
 
 def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -> tuple[Evidence, Fitted]:

@@ -11,12 +11,13 @@ lies below the blue one there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.arrays import IndexArray
 from bayes_toe.classical.exact_test import equality_test, holm, probability_greater
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
@@ -28,28 +29,6 @@ if TYPE_CHECKING:
 
 #: Level at which an asymmetry is called significant.
 LEVEL = 0.05
-
-ASYMMETRY_COLUMNS = (
-    "subject",
-    "s_weak",
-    "s_strong",
-    "n_equal_weak_first",
-    "n_trials_weak_first",
-    "n_equal_strong_first",
-    "n_trials_strong_first",
-    "q_weak_first",
-    "q_weak_first_se",
-    "q_strong_first",
-    "q_strong_first_se",
-    "asymmetry",
-    "asymmetry_se",
-    "p_value",
-    "p_adjusted",
-    "test",
-    "probability_of_direction",
-    "is_maximal",
-    "accuracy",
-)
 
 
 @dataclass(frozen=True)
@@ -65,10 +44,21 @@ class Comparison:
         Answers to (r, c): the weaker stimulus first, the paper's red.
     n_equal_strong_first, n_trials_strong_first : int
         Answers to (c, r): the stronger stimulus first, the paper's blue.
+    q_weak_first : float
+        Laplace estimator of q(r, c). Source: Eq. e:2b.
+    q_strong_first : float
+        Laplace estimator of q(c, r). Source: Eq. e:2b.
+    q_weak_first_se, q_strong_first_se : float
+        Their uncertainties.
+    asymmetry : float
+        q(c, r) - q(r, c), the posterior mean of the difference, -1..1.
+    asymmetry_se : float
+        Posterior standard deviation of the difference; both orders are independent.
     p_value : float
         Exact two-sided test of the null that both orders share one probability; `test` names it (:mod:`bayes_toe.classical.exact_test`).
     p_adjusted : float
         The same by Holm's method over the comparisons of this subject.
+    test : {"boschloo", "fisher"}
     probability_of_direction : float
         Posterior P(q(c, r) > q(r, c)) under independent uniform priors: near 1 a positive asymmetry, near 0 a negative one.
     is_maximal : bool
@@ -82,41 +72,20 @@ class Comparison:
     n_trials_weak_first: int
     n_equal_strong_first: int
     n_trials_strong_first: int
+    q_weak_first: float
+    q_weak_first_se: float
+    q_strong_first: float
+    q_strong_first_se: float
+    asymmetry: float
+    asymmetry_se: float
     p_value: float
     p_adjusted: float
     test: str
     probability_of_direction: float
     is_maximal: bool
 
-    @property
-    def q_weak_first(self) -> float:
-        """Laplace estimator of q(r, c). Source: Eq. e:2b."""
-        return float(laplace_estimate(self.n_equal_weak_first, self.n_trials_weak_first))
 
-    @property
-    def q_weak_first_se(self) -> float:
-        """Its uncertainty."""
-        return float(laplace_error(self.n_equal_weak_first, self.n_trials_weak_first))
-
-    @property
-    def q_strong_first(self) -> float:
-        """Laplace estimator of q(c, r). Source: Eq. e:2b."""
-        return float(laplace_estimate(self.n_equal_strong_first, self.n_trials_strong_first))
-
-    @property
-    def q_strong_first_se(self) -> float:
-        """Its uncertainty."""
-        return float(laplace_error(self.n_equal_strong_first, self.n_trials_strong_first))
-
-    @property
-    def asymmetry(self) -> float:
-        """q(c, r) - q(r, c), the posterior mean of the difference, -1..1."""
-        return self.q_strong_first - self.q_weak_first
-
-    @property
-    def asymmetry_se(self) -> float:
-        """Posterior standard deviation of the difference; both orders are independent."""
-        return float(np.hypot(self.q_weak_first_se, self.q_strong_first_se))
+ASYMMETRY_COLUMNS = (*(one.name for one in fields(Comparison)), "accuracy")
 
 
 @dataclass(frozen=True)
@@ -252,7 +221,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     """
     require_study(study)
     refuse_intervals(study, "asymmetry")
-    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
+    table = AsymmetryTable(subject_asymmetries(study.subjects))
     if not any(row.comparisons for row in table):
         raise InputError(
             f"{study.source}: no pair of different stimuli was presented in both orders to one subject, so its asymmetry cannot be "
@@ -263,40 +232,41 @@ def asymmetry(study: Study) -> AsymmetryTable:
 
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     """Model-free asymmetries of one subject; no comparison where no pair was presented in both orders, or with intervals."""
+    return subject_asymmetries([subject])[0]
+
+
+def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
+    """Those of many subjects, all comparisons in one call of the tests."""
+    orders = [_orders(subject) for subject in subjects]
+    weak, strong = (
+        np.concatenate([(one.n_equal[at[:, i]], one.n_trials[at[:, i]]) for one, (at, _) in zip(subjects, orders, strict=True)], axis=1)
+        for i in (0, 1)
+    )
+    tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
+    q, error = ((of(*weak), of(*strong)) for of in (laplace_estimate, laplace_error))
+    estimates = [q[0], error[0], q[1], error[1], q[1] - q[0], np.hypot(*error)]
+    found, first = [], 0
+    for one, (at, left_out) in zip(subjects, orders, strict=True):
+        some = slice(first, first := first + len(at))
+        p_value, size = tested.p_value[some], np.abs(estimates[4][some])
+        maximal = np.zeros(len(at), bool)
+        maximal[np.lexsort((p_value, -size))[:1]] = True  # of two alike, the one that is better established
+        counted = [one.s1[at[:, 0]], one.s2[at[:, 0]], *weak[:, some], *strong[:, some], *(values[some] for values in estimates)]
+        judged = [p_value, holm(p_value), tested.test[some], direction[some], maximal]
+        rows = zip(*(column.tolist() for column in (*counted, *judged)), strict=True)
+        comparisons = tuple(Comparison(one.name, *row) for row in rows)
+        found.append(SubjectAsymmetry(one.name, accuracy(one), comparisons, left_out, pooled=one.isi is None))
+    return tuple(found)
+
+
+def _orders(subject: Subject) -> tuple[IndexArray, int]:
+    """Which pairs are the two orders of comparisons, weaker first and stronger first, (comparisons, 2); how many lack an order."""
     if subject.isi is not None:
-        return SubjectAsymmetry(subject.name, accuracy(subject), (), 0, pooled=False)
+        return np.empty((0, 2), np.intp), 0
     at = {pair: i for i, pair in enumerate(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))}
     unequal = {(min(pair), max(pair)) for pair in at if pair[0] != pair[1]}
     both = sorted(pair for pair in unequal if pair in at and pair[::-1] in at)
-    weak_first, strong_first = [at[pair] for pair in both], [at[pair[::-1]] for pair in both]
-    comparisons = _comparisons(subject, weak_first, strong_first) if both else ()
-    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, len(unequal) - len(both))
-
-
-def _comparisons(subject: Subject, weak_first: list[int], strong_first: list[int]) -> tuple[Comparison, ...]:
-    weak = subject.n_equal[weak_first], subject.n_trials[weak_first]
-    strong = subject.n_equal[strong_first], subject.n_trials[strong_first]
-    tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
-    sizes = np.abs(laplace_estimate(*strong) - laplace_estimate(*weak))
-    largest = np.lexsort((tested.p_value, -sizes))[0]  # of two alike, the one that is better established
-    adjusted = holm(tested.p_value)
-    return tuple(
-        Comparison(
-            subject=subject.name,
-            s_weak=float(subject.s1[i]),
-            s_strong=float(subject.s2[i]),
-            n_equal_weak_first=int(weak[0][j]),
-            n_trials_weak_first=int(weak[1][j]),
-            n_equal_strong_first=int(strong[0][j]),
-            n_trials_strong_first=int(strong[1][j]),
-            p_value=float(tested.p_value[j]),
-            p_adjusted=float(adjusted[j]),
-            test=str(tested.test[j]),
-            probability_of_direction=float(direction[j]),
-            is_maximal=bool(j == largest),
-        )
-        for j, i in enumerate(weak_first)
-    )
+    return np.array([(at[pair], at[pair[::-1]]) for pair in both], np.intp).reshape(-1, 2), len(unequal) - len(both)
 
 
 def _notes(row: SubjectAsymmetry) -> Iterator[str]:

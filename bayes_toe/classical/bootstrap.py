@@ -6,32 +6,30 @@ corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff. All replicates are fitted in on
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.ellipse import Ellipse
-from bayes_toe.classical.fits import EDGES, Fits, join
-from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
-from bayes_toe.classical.starts import replicate_starts
+from bayes_toe.classical.maximum_likelihood import EDGES, Fits, fit_counts, fit_subject
+from bayes_toe.classical.penalised_likelihood import Counts, Design, replicate_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.prior import LOG_2PI, Prior
 from bayes_toe.seeds import generator
 
-#: Counts drawn and fitted at once: memory stays flat however many pairs there are.
-_GROUP = 1 << 20
-#: Replicates that are fitted before the others where one may be enough.
-_LOOK = 100
 _LABEL = "Appendix C's evidence of H1"
-_OPEN = f"{_LABEL} does not exist: some replicates leave a parameter infinite or open"
 #: Smallest eigenvalue of a correlation matrix that still counts as invertible.
 _SINGULAR = 1e-10
+#: What is said of replicates on such edges.
+_SAID = {
+    "sigma_p=0": "sigma_p = 0",
+    "sigma_p=inf": "an infinite sigma_p",
+    "not unique": "a maximum that leaves a parameter open; its interval rests on the others",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +79,7 @@ class Bootstrap:
         The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
         """
         first, second = np.broadcast_arrays(np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64)))
-        size = max(1, _GROUP // len(self))
-        parts = [
-            np.quantile(self.fits.equal_probability(first[i : i + size], second[i : i + size]), [low, high], axis=0)
-            for i in range(0, len(first), size)
-        ]
-        return np.concatenate(parts, axis=1)
+        return np.asarray(np.quantile(self.fits.equal_probability(first, second), [low, high], axis=0))
 
     def covariance(self) -> FloatArray | None:
         """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4); None where one is infinite or not determined.
@@ -117,26 +110,14 @@ class Bootstrap:
 
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the intervals has to know, one sentence each."""
-        fits, count = self.fits, len(self)
-        found = []
-        lost = int((~fits.arrived).sum())
-        if lost:
-            found.append(f"{lost} of {count} bootstrap replicates did not converge; their best points are used")
-        on_edge = {name: int(n) for name, n in zip(EDGES, fits.edges.sum(axis=0), strict=True) if n}
-        for name in ("sigma_p=0", "sigma_p=inf", "not unique"):
-            if name in on_edge:
-                found.append(f"{on_edge[name]} of {count} bootstrap replicates have {_SAID[name]}")
+        count, lost = len(self), int((~self.fits.arrived).sum())
+        on_edge = dict(zip(EDGES, self.fits.edges.sum(axis=0).tolist(), strict=True))
+        found = [f"{lost} of {count} bootstrap replicates did not converge; their best points are used"] if lost else []
+        found += [f"{on_edge[name]} of {count} bootstrap replicates have {said}" for name, said in _SAID.items() if on_edge[name]]
         limits = zip(NATURAL, self.fitted.parameters[0], self.intervals(), strict=True)
         if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
             found.append(f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies")
         return tuple(found)
-
-
-_SAID = {
-    "sigma_p=0": "sigma_p = 0",
-    "sigma_p=inf": "an infinite sigma_p",
-    "not unique": "a maximum that leaves a parameter open; its interval rests on the others",
-}
 
 
 def bootstrap_subject(
@@ -171,17 +152,9 @@ def bootstrap_subject(
         raise InputError(f"replicates={replicates} must be at least 1")
     penalty = Prior() if prior is None else prior
     own = fit_subject(subject, penalty) if fitted is None else fitted
-    return Bootstrap(subject.name, own, join(list(_refits(subject, own, penalty, seed, replicates))), seed)
-
-
-def _refits(subject: Subject, own: Fits, prior: Prior, seed: int, replicates: int, look: int = 0) -> Iterator[Fits]:
-    """Fits of the replicates group by group, of each group the first `look` before the others."""
-    design, rng, size = Design.of(subject, prior), generator(seed, subject.name, "bootstrap"), max(1, _GROUP // subject.n_pairs)
-    for first in range(0, replicates, size):
-        equal = resample(subject, rng, min(size, replicates - first))
-        for part in filter(len, (equal[:look], equal[look:])):
-            counts = Counts.of(part, subject.n_trials)
-            yield fit_counts(design, counts, replicate_starts(design, own, counts))
+    equal = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
+    design, counts = Design.of(subject, penalty), Counts.of(equal, subject.n_trials)
+    return Bootstrap(subject.name, own, fit_counts(design, counts, replicate_starts(design, own.identified[0], counts)), seed)
 
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
@@ -198,49 +171,20 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tup
     None, with the reason, where there is no such number. Where theta* lies on an edge the number is the paper's, and the second value
     says that the Gaussian then reaches beyond the edge. Source: Eq. app:evidapprox.
     """
-    theta, edge = replicates.fitted.parameters[0], replicates.fitted.at_edge[0]
-    if _without_number(replicates.fitted):
-        return None, f"{_LABEL} does not exist: the maximum {_lies(edge)}"
-    covariance = replicates.covariance()
+    fitted, covariance = replicates.fitted, replicates.covariance()
+    theta, edge = fitted.parameters[0], fitted.at_edge[0]
+    at = ";".join(part for part in edge.split(";") if part != "not unique")
+    lies = " and ".join([*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])])
+    if not np.isfinite(theta).all() or theta[1] == 0.0:
+        return None, f"{_LABEL} does not exist: the maximum {lies}"
     if covariance is None:
-        return None, _OPEN
+        return None, f"{_LABEL} does not exist: some replicates leave a parameter infinite or open"
     if _singular(covariance) or np.any(np.ptp(replicates.fits.parameters, axis=0) == 0.0):
         return None, f"{_LABEL} does not exist: the covariance of the replicates is singular"
     half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
     density = (Prior() if prior is None else prior).log_density_variances(Natural(*theta))
-    value = float(replicates.fitted.log_likelihood[0] + density + half_log_det)
-    return value, f"{_LABEL}: the maximum {_lies(edge)}, beyond which its Gaussian reaches" if edge else ""
-
-
-def _lies(edge: str) -> str:
-    """Where a maximum is, in words.
-
-    Examples
-    --------
-    >>> _lies("q0=0;not unique"), _lies("not unique"), _lies("gamma=0;q0=1")
-    ('lies at q0=0 and is not unique', 'is not unique', 'lies at gamma=0;q0=1')
-    """
-    at = ";".join(part for part in edge.split(";") if part != "not unique")
-    return " and ".join([*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])])
-
-
-def evidence_by_bootstrap(subject: Subject, *, seed: int, prior: Prior, replicates: int = 1000) -> tuple[float | None, str]:
-    """:func:`bootstrap_evidence` where nothing else is asked of the replicates: none is fitted that cannot change what it says.
-
-    Most subjects whose fit lies on an edge have no such number, and one infinite or open replicate decides it.
-    """
-    own, parts = fit_subject(subject, prior), []
-    if not _without_number(own):
-        for fits in _refits(subject, own, prior, seed, replicates, look=_LOOK if own.at_edge[0] else 0):
-            if not np.isfinite(fits.parameters).all():
-                return None, _OPEN
-            parts.append(fits)
-    return bootstrap_evidence(Bootstrap(subject.name, own, join(parts or [own]), seed), prior)
-
-
-def _without_number(own: Fits) -> bool:
-    """Whether a fit rules Appendix C's evidence out, whatever its replicates are."""
-    return not np.isfinite(own.parameters).all() or own.parameters[0, 1] == 0.0
+    value = float(fitted.log_likelihood[0] + density + half_log_det)
+    return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
 
 
 def _singular(covariance: FloatArray) -> bool:

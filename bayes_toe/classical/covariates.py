@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import pearsonr, ttest_ind
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
@@ -117,7 +118,12 @@ def _welch_row(covariate: str, outcome: str, kinds: Sequence[str], groups: Seque
         return CovariateTest(*about, note="a group of fewer than two subjects has no variance")
     if all(np.ptp(values) == 0 for values in groups):
         return CovariateTest(*about, note="the outcome does not vary within the groups")
-    return CovariateTest(*about, float(groups[0].mean() - groups[1].mean()), *_welch(*groups))
+    with warnings.catch_warnings():
+        # One group whose values are all alike is no loss of precision.
+        warnings.filterwarnings("ignore", message="Precision loss", category=RuntimeWarning)
+        found = ttest_ind(*groups, equal_var=False)
+    difference = float(groups[0].mean() - groups[1].mean())
+    return CovariateTest(*about, difference, float(found.statistic), float(found.df), float(found.pvalue))
 
 
 def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> CovariateTest:
@@ -126,25 +132,7 @@ def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> 
         return CovariateTest(*about, note="fewer than three subjects: no correlation")
     if np.ptp(x) == 0 or np.ptp(y) == 0:
         return CovariateTest(*about, note="covariate or outcome does not vary over these subjects")
-    return CovariateTest(*about, *_pearson(x, y))
-
-
-def _welch(first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
-    """Welch's t, degrees of freedom and two-sided p-value for the difference of two means."""
-    from scipy.stats import ttest_ind  # slow to import
-
-    with warnings.catch_warnings():
-        # One group whose values are all alike is no loss of precision.
-        warnings.filterwarnings("ignore", message="Precision loss", category=RuntimeWarning)
-        found = ttest_ind(first, second, equal_var=False)
-    return float(found.statistic), float(found.df), float(found.pvalue)
-
-
-def _pearson(x: FloatArray, y: FloatArray) -> tuple[float, float, float, float]:
-    """Correlation r, its t = r sqrt(df / (1 - r^2)), df = n - 2 and two-sided p-value."""
-    from scipy.stats import pearsonr  # slow to import
-
-    found = pearsonr(x, y)
-    r, df = float(found.statistic), len(x) - 2.0
+    found, df = pearsonr(x, y), len(x) - 2.0
+    r = float(found.statistic)
     t = r * math.sqrt(df / (1.0 - r * r)) if abs(r) < 1.0 else math.copysign(math.inf, r)
-    return r, t, df, float(found.pvalue)
+    return CovariateTest(*about, r, t, df, float(found.pvalue))

@@ -1,4 +1,4 @@
-"""The fit table of a study: maximum-likelihood parameters of every subject with percentile bootstrap intervals."""
+"""The fit table of a study: maximum-likelihood parameters of every subject with percentile bootstrap intervals, beside the posterior's."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_subject, require_level
-from bayes_toe.classical.fits import Fits
-from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.classical.maximum_likelihood import Fits, fit_subject
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
+from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
@@ -32,6 +32,10 @@ FIT_COLUMNS = (
     *("subject", *NATURAL, "log_likelihood", "at_edge"),
     *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
     *("level", "replicates", "penalty"),
+)
+UNCERTAINTY_COLUMNS = (
+    *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
+    *("fit", "bootstrap_lower", "bootstrap_upper", "at_edge"),
 )
 
 
@@ -56,7 +60,7 @@ class SubjectFit:
 
     @property
     def at_edge(self) -> str:
-        """Edges on which the maximum lies, joined with ';': see :data:`bayes_toe.classical.fits.EDGES`; empty where it lies inside."""
+        """Edges on which the maximum lies, joined with ';', empty inside: :data:`bayes_toe.classical.maximum_likelihood.EDGES`."""
         return self.fitted.at_edge[0]
 
 
@@ -148,3 +152,29 @@ def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = 
     if open_:
         notes.append(f"not determined by these answers: {', '.join(open_)}")
     return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))
+
+
+def uncertainty_table(draws: Draws, fits: FitTable) -> pd.DataFrame:
+    """Central posterior interval and percentile bootstrap interval of every subject and natural parameter, both at the table's level.
+
+    Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log intensity. The two answer different questions: the
+    posterior weighs parameters by the prior and the answers given, the bootstrap says where the maximum would fall if the experiment were
+    done again.
+
+    Raises
+    ------
+    InputError
+        If the two do not hold the same subjects.
+    """
+    import pandas as pd
+
+    names = [row.subject for row in fits]
+    if set(names) != set(draws.names):
+        raise InputError("the draws and the fits must be of the same subjects")
+    tails = [0.5 - fits.level / 2.0, 0.5, 0.5 + fits.level / 2.0]
+    rows = []
+    for row in fits:
+        for key, best, (lower, upper) in zip(NATURAL, row.parameters, row.bootstrap.intervals(fits.level), strict=True):
+            low, middle, high = np.quantile(draws.values(row.subject, key), tails)
+            rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
+    return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))

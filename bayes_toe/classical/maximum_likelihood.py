@@ -11,20 +11,18 @@ called 'equal') are limits that have their own, smaller problem.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import xlogy
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
-from bayes_toe.classical.counts import Counts, Design
-from bayes_toe.classical.fits import Fits
-from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
-from bayes_toe.classical.starts import first_starts
+from bayes_toe.classical.penalised_likelihood import Counts, Design, PenalisedLikelihood, first_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.newton import Ascent, ascend
-from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.closed_form import LN2, MAX_PULL
 from bayes_toe.model.prior import Prior
 
 #: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
@@ -33,6 +31,57 @@ _FLAT = 1e-6
 _STILL = 1e-3
 _ITERATIONS = 40  # after which only the best start of each row goes on
 _NO_PULL = 1e-6  # a pull below it is on its way to gamma = 0 where that edge is as good
+#: Where a maximum may lie beyond the open domain, in the order in which `at_edge` names them.
+EDGES = ("gamma=0", "gamma=1", "q0=0", "q0=1", "sigma_p=0", "sigma_p=inf", "not unique")
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Maximum-likelihood fits of one design to one or many count vectors.
+
+    Attributes
+    ----------
+    parameters : array, shape (rows, 4)
+        mu1, sigma_p, sigma_l (natural-log intensity) and q0; NaN where the data leave the parameter open ("not unique").
+    log_likelihood : array, shape (rows,)
+        At the maximum, without binomial coefficients and without the penalty, nats.
+    objective : array, shape (rows,)
+        Log likelihood minus penalty: what was maximised.
+    edges : array of bool, shape (rows, len(EDGES))
+        On which edges the maximum lies.
+    arrived : array of bool, shape (rows,)
+        False where the ascent did not meet its criterion; the row is then the best point found.
+    identified : array, shape (rows, 4)
+        Offset c, pull p, width w and q0, from which curves follow also where a natural parameter has no value.
+    sbar : float
+        Mean first stimulus, natural-log intensity; mu1 = sbar + c/p.
+    """
+
+    parameters: FloatArray
+    log_likelihood: FloatArray
+    objective: FloatArray
+    edges: BoolArray
+    arrived: BoolArray
+    identified: FloatArray
+    sbar: float
+
+    def __len__(self) -> int:
+        return len(self.objective)
+
+    @property
+    def at_edge(self) -> tuple[str, ...]:
+        """The edges of every row as text, joined with ';', empty for a maximum inside."""
+        return tuple(";".join(name for name, here in zip(EDGES, row, strict=True) if here) for row in self.edges)
+
+    def equal_probability(self, s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
+        """P(equal) of pairs by every row; s1, s2 natural-log intensities of shape (pairs,); returns (rows, pairs).
+
+        Source: Eq. mod:q.
+        """
+        first, second = np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64))
+        c, p, w, q0 = (column[:, None] for column in self.identified.T)
+        z = ((second - first) + p * (first - self.sbar) - c) / w
+        return np.asarray(q0 * np.exp(-LN2 * np.square(z)))
 
 
 def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
@@ -147,7 +196,7 @@ def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: Bo
     upper = np.array([np.inf, 0.0, np.log(design.scale) + 20.0, 0.0])[:, None]
     row, held = np.repeat(np.arange(rows), x.shape[2]), fixed.reshape(4, -1)
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
-    objective = PenalisedLikelihood(design.s1, design.s2, design.sbar, equal, different, row, design.penalty)
+    objective = PenalisedLikelihood(design, equal, different, row)
     found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS, rivals=row)
     return _finish(objective, found, _highest(found, rows), upper, held)
 

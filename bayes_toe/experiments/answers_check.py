@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logit, ndtri
+from scipy.stats import hypergeom
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
-from bayes_toe.classical.exact_test import hypergeometric_tails
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import bare, counted, listed
 from bayes_toe.data.read_options import LOOKED_AT, looks_like
@@ -171,7 +171,7 @@ def _accuracy(n: IntArray, k: IntArray, same: BoolArray, level: float) -> _Rule:
     share = (equal + 0.5) / (answers + 1)
     most = share[0] - share[1] - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
     said = "'equal' to {:.0%} of the equal and {:.0%} of the different pairs".format(*equal / answers)
-    if hypergeometric_tails(equal[0], equal.sum(), answers[0], answers.sum() - equal.sum())[0] <= level:
+    if hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]) <= level:
         yield "reversed_answers", f"Answers look reversed, {said}: does --equal-code name the other answer?"
     elif most < NEAR_CHANCE:
         yield "chance_accuracy", f"Accuracy is near chance, {said}."

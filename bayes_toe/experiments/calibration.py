@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.classical.bootstrap import evidence_by_bootstrap
+from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError, NumericalError
@@ -177,7 +177,8 @@ def _analysed(study: Study, job: Job) -> tuple[Draws | None, list[SubjectEvidenc
 
 
 def _row(result: SubjectResult, fitted: Fitted, settings: Settings) -> SubjectEvidence:
-    return subject_evidence(result, fitted, evidence_by_bootstrap(result.subject, seed=settings.seed, prior=settings.prior))
+    replicates = bootstrap_subject(result.subject, seed=settings.seed, prior=settings.prior)
+    return subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
 
 
 def _observed(job: Job, name: str) -> tuple[Subject, Natural | None]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
-from bayes_toe.classical.collapse import collapse, universal_curve
+from bayes_toe.classical.frequencies import collapse, universal_curve
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior

@@ -8,10 +8,8 @@ from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 import bayes_toe as bt
-from bayes_toe.classical import bootstrap
-from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, evidence_by_bootstrap, resample
-from bayes_toe.classical.fits import EDGES, Fits
-from bayes_toe.classical.maximum_likelihood import fit_counts
+from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
+from bayes_toe.classical.maximum_likelihood import EDGES, Fits
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import Natural
@@ -65,17 +63,6 @@ def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
         assert np.array_equal(row.bootstrap.fits.parameters, two[row.subject].bootstrap.fits.parameters)
     other = bt.fit(small_study, replicates=60, seed=6, workers=1)
     assert not np.array_equal(one.rows[0].bootstrap.fits.parameters, other.rows[0].bootstrap.fits.parameters)
-
-
-def test_many_pairs_go_in_groups(monkeypatch):
-    import bayes_toe.classical.bootstrap as module
-
-    subject = CASES["400 pairs with 3 trials"]
-    monkeypatch.setattr(module, "_GROUP", 400 * 4)
-    found = bootstrap_subject(subject, seed=1, replicates=10)
-    assert len(found) == 10
-    assert found.fits.arrived.all()
-    assert found.bands(subject.s1, subject.s2).shape == (2, 400)
 
 
 def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
@@ -143,17 +130,6 @@ def test_evidence_says_what_is_wrong_with_it():
     value, note = bootstrap_evidence(made_up(same))
     assert value is None
     assert note.endswith("singular")
-
-
-@pytest.mark.parametrize("name", ["S01", "S02", "all equal", "one batch", "perfect observer", "very blunt observer", "q0 = 1"])
-def test_evidence_by_as_many_replicates_as_it_needs_is_that_by_all(name, monkeypatch):
-    value, note = bootstrap_evidence(bootstrap_subject(SUBJECTS[name], seed=1, replicates=150))
-    fitted = []
-    monkeypatch.setattr(bootstrap, "fit_counts", lambda *of: fitted.append(len(of[1].equal)) or fit_counts(*of))
-    again, same = evidence_by_bootstrap(SUBJECTS[name], seed=1, prior=Prior(), replicates=150)
-    assert same == note
-    assert again == pytest.approx(value, abs=1e-6)
-    assert sum(fitted) == {"all equal": 0, "perfect observer": 0, "very blunt observer": 0, "one batch": 100}.get(name, 150)
 
 
 def test_what_has_no_value_is_missing_and_said():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.classical.collapse import collapse, universal_curve
+from bayes_toe.classical.frequencies import collapse, universal_curve
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.coordinates import Natural, unconstrained
 

@@ -7,10 +7,8 @@ from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.classical.counts import Counts, Design
-from bayes_toe.classical.fits import EDGES
-from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
-from bayes_toe.classical.starts import first_starts
+from bayes_toe.classical.maximum_likelihood import EDGES, fit_counts, fit_subject
+from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
 

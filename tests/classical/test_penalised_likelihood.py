@@ -5,8 +5,7 @@ import pytest
 from reference.hard_cases import hard_cases
 from scipy.special import log_expit
 
-from bayes_toe.classical import penalised_likelihood
-from bayes_toe.classical.penalised_likelihood import PenalisedLikelihood
+from bayes_toe.classical.penalised_likelihood import Design, PenalisedLikelihood
 from bayes_toe.model.distributions import Normal
 from bayes_toe.model.ladder import posterior_of
 
@@ -18,7 +17,7 @@ def objective(subject, row=None, equal=None, mean=0.0, sd=10.0):
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     counts = np.asarray(subject.n_equal if equal is None else equal, float).reshape(-1, subject.n_pairs).T.copy()
     row = np.zeros(1000, int) if row is None else row
-    return PenalisedLikelihood(subject.s1, subject.s2, sbar, counts, subject.n_trials[:, None] - counts, row, Normal(mean, sd))
+    return PenalisedLikelihood(Design(subject.s1, subject.s2, sbar, Normal(mean, sd)), counts, subject.n_trials[:, None] - counts, row)
 
 
 def expanded(of, y):
@@ -85,7 +84,7 @@ def test_derivatives_on_the_edges_agree_with_finite_differences(edge):
         assert hessian[:, i] == pytest.approx(column, rel=1e-3, abs=1e-3 * np.abs(hessian).max())
 
 
-def test_rows_are_independent_and_blocks_do_not_matter(monkeypatch):
+def test_rows_are_independent_and_blocks_do_not_matter():
     subject = CASES["400 pairs with 3 trials"]
     rng = np.random.default_rng(5)
     equal = rng.binomial(subject.n_trials, 0.6, size=(7, subject.n_pairs))
@@ -101,12 +100,3 @@ def test_an_impossible_answer_has_no_likelihood():
     subject = CASES["reversed answers"]  # 'different' was answered where z can be 0
     y = np.array([[0.0], [-np.inf], [0.0], [0.0]])
     assert objective(subject).value(y, np.zeros(1, int)) == -np.inf
-
-
-def test_pairs_after_one_another_add_up_to_all_at_once(monkeypatch):
-    of, (_, y) = objective(CASES["400 pairs with 3 trials"]), points()
-    monkeypatch.setattr(penalised_likelihood, "_PAIRS", 1000)
-    at_once = expanded(of, y)
-    monkeypatch.setattr(penalised_likelihood, "_PAIRS", 37)
-    for part, whole in zip(expanded(of, y), at_once, strict=True):
-        assert part == pytest.approx(whole, rel=1e-12, abs=1e-11 * np.abs(whole).max())

@@ -6,9 +6,8 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.classical.bootstrap import resample
-from bayes_toe.classical.counts import Counts, Design
 from bayes_toe.classical.maximum_likelihood import fit_counts, fit_subject
-from bayes_toe.classical.starts import first_starts, replicate_starts
+from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts, replicate_starts
 from bayes_toe.model.prior import Prior
 
 SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
@@ -41,4 +40,4 @@ def test_starts_of_a_fit_lead_as_high_as_many(case):
 
 def test_starts_of_a_replicate_lead_as_high_as_many(case):
     design, counts, own, best = case
-    assert (fit_counts(design, counts, replicate_starts(design, own, counts)).objective < best - 1e-8).sum() <= 1
+    assert (fit_counts(design, counts, replicate_starts(design, own.identified[0], counts)).objective < best - 1e-8).sum() <= 1

@@ -9,7 +9,7 @@ from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import evidence_by_bootstrap
+from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison import words
 from bayes_toe.comparison.evidence_table import (
     EVIDENCE_COLUMNS,
@@ -92,9 +92,8 @@ def test_laplace_is_exact_for_a_normal_density():
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     result, found = fitted_result(posterior_of(subject), 1, Wanted(evidence_draws=20_000))
-    row = subject_evidence(
-        result, found, evidence_by_bootstrap(subject, seed=1, prior=bt.Prior()), others=(result.evidence, result.evidence)
-    )
+    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, prior=bt.Prior()))
+    row = subject_evidence(result, found, by_bootstrap, others=(result.evidence, result.evidence))
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None
