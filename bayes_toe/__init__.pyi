@@ -13,9 +13,9 @@ from .comparison.ladder_table import compare as compare
 from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.covariates import read_covariates as read_covariates
-from .data.example import example_study as example_study
-from .data.example import example_truth as example_truth
-from .data.read_options import ReadOptions as ReadOptions
+from .data.options import ReadOptions as ReadOptions
+from .data.read_study import example_study as example_study
+from .data.read_study import example_truth as example_truth
 from .data.read_study import read_study as read_study
 from .data.study import Study as Study
 from .data.study import Subject as Subject

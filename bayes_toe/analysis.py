@@ -16,7 +16,7 @@ from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.presets import UnderPresets, under_presets
-from bayes_toe.data.notebook import as_html
+from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.belonging import require_update

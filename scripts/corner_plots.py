@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import bayes_toe as bt
-from bayes_toe.data.file_names import file_stems
+from bayes_toe.data.tables import file_stems
 from bayes_toe.data.whole_files import require_writable
 
 

@@ -13,7 +13,7 @@ import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.results_folder import write_results
 from bayes_toe.cli.truth import read_truth
-from bayes_toe.data.read_options import ReadOptions
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
 from bayes_toe.experiments.recipes import design_from, trial_frame

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import read_covariates
-from bayes_toe.data.number_table import read_numbers
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.hyperprior import read_hyperprior

@@ -44,7 +44,7 @@ OWNERS = {
     },
     "h5py": {"inference.draws_file", "inference.draws_writer"},
     "h5netcdf": {"inference.draws_writer"},
-    "pyarrow": {"data.parquet"},
+    "pyarrow": {"data.text_table", "data.tables"},
     "zarr": {"inference.draws_store"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from bayes_toe.cli.results_folder import Drawing, corner_files
-from bayes_toe.data.example import Truth
 from bayes_toe.data.messages import quoted
+from bayes_toe.data.read_study import Truth
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.corner import corner

@@ -29,7 +29,7 @@ def asymmetry(
     from bayes_toe.classical.asymmetry import asymmetry as compute
     from bayes_toe.classical.covariates import covariate_tests
     from bayes_toe.data.covariates import read_covariates
-    from bayes_toe.data.parquet import is_parquet
+    from bayes_toe.data.text_table import is_parquet
 
     beside = output.with_name(f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}")
     files = [output] if covariates is None else [output, beside]

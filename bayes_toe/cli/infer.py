@@ -51,7 +51,7 @@ def run(
     from bayes_toe.cli.headline import in_short, scale_first
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
     from bayes_toe.comparison.presets import say_presets
-    from bayes_toe.data.example import example_truth
+    from bayes_toe.data.read_study import example_truth
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
     if explore:

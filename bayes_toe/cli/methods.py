@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -146,7 +147,7 @@ def _table(given: Path | None, beside: Path, name: str) -> Path | None:
     """The file that was named, or in the folder that was named; otherwise that beside the draws, where there is one."""
     if given is None:
         return _there(beside / name)
-    return given / name if given.is_dir() else given
+    return given / name if os.path.isdir(given) else given
 
 
 def _there(path: Path) -> Path | None:
@@ -155,7 +156,7 @@ def _there(path: Path) -> Path | None:
 
 def _posterior(results: Path) -> Path:
     """The draws themselves, or those of a folder."""
-    if not results.is_dir() or is_store(results):
+    if not os.path.isdir(results) or is_store(results):  # a Path refuses names that are too long with an error of its own
         return results
     there = [path for path in (draws_in(results, "nc"), draws_in(results, "zarr")) if path.exists()]
     if len(there) != 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from glob import glob
 from pathlib import Path
@@ -91,10 +92,10 @@ class StudyFileOrExample:
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
         if not self.files:
-            from bayes_toe.data.example import example_study
+            from bayes_toe.data.read_study import example_study
 
             return example_study()
-        from bayes_toe.data.read_options import ReadOptions, parse_columns, parse_where
+        from bayes_toe.data.options import ReadOptions, parse_columns, parse_where
         from bayes_toe.data.read_study import read_study
 
         options = ReadOptions(
@@ -110,7 +111,7 @@ class StudyFileOrExample:
 
 def _matching(path: Path) -> list[Path]:
     """The files of a name with *, where the shell has left that to us; otherwise the name itself."""
-    found = [] if path.exists() or "*" not in str(path) else sorted(map(Path, glob(str(path))))
+    found = sorted(map(Path, glob(str(path)))) if "*" in str(path) and not os.path.exists(path) else []
     return found or [path]
 
 

@@ -22,9 +22,9 @@ from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, deviance, in_short, mi
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.comparison.presets import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
-from bayes_toe.data.file_names import file_stems
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
+from bayes_toe.data.tables import file_stems
 from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.checks import Finding, check_study
 from bayes_toe.inference.predictive_checks import FitSummary

@@ -15,10 +15,9 @@ from bayes_toe.cli.attention import flagged
 from bayes_toe.cli.group_section import GROUP_PRODUCTS, Group, group_section, write_group
 from bayes_toe.cli.report import Facts, Pictures, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.data.example import Truth
-from bayes_toe.data.file_names import file_stems
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
-from bayes_toe.data.tables import write_table
+from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, load

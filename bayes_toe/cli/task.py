@@ -62,7 +62,7 @@ class WritingTask(Task):
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
-        from bayes_toe.data.parquet import require_parquet
+        from bayes_toe.data.text_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
         from bayes_toe.data.whole_folders import put_back
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.data.example import Truth
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.number_table import read_some_numbers
+from bayes_toe.data.read_study import Truth
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 
@@ -25,7 +25,7 @@ def read_truth(path: Path, draws: Sequence[Draws], subjects: Sequence[str]) -> T
         One line per problem; also where no model of these draws has such a quantity, or there is no true value of any of these subjects.
     """
     allowed = list(dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all))
-    names, columns = read_some_numbers(path, "subject", allowed)
+    names, columns = read_numbers(path, (), "subject", optional=allowed, gaps=True)
     interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
     if interval is not None and "sigma_p" in columns:
         columns["sigma_p"] = columns["sigma_p"] * np.sqrt(interval)

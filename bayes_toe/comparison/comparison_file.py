@@ -12,7 +12,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.parts_table import PartTable, part_tables
 from bayes_toe.data.messages import bare, quoted
-from bayes_toe.data.number_table import read_rows
+from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_said_prior, require_subjects
 from bayes_toe.inference.draws import Draws

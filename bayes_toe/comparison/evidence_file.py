@@ -7,9 +7,9 @@ from pathlib import Path
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, EvidenceTable, SubjectEvidence
-from bayes_toe.data.cells import read_cells, read_header
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.number_table import read_some_numbers
+from bayes_toe.data.text_table import read_table
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_said_prior, require_update
 from bayes_toe.inference.draws import Draws
@@ -33,7 +33,7 @@ def read_evidence(path: str | Path, draws: Draws) -> EvidenceTable:
     """
     source = bare(Path(path).name)
     require_update(draws, source)
-    names, columns = read_some_numbers(path, "subject", _NUMBERS)
+    names, columns = read_numbers(path, (), "subject", optional=_NUMBERS, gaps=True)
     if missing := [name for name in _NUMBERS if name not in columns]:
         raise InputError(f"{source}, column {missing[0]}: missing, allowed: the columns of evidence.csv")
     rows = {name: row for row, name in enumerate(names)}
@@ -57,10 +57,8 @@ def _other_counts(draws: Draws, rows: dict[str, int], columns: dict[str, FloatAr
 
 def _prior_in(path: str | Path) -> str:
     """What the first row says of the prior; empty without the column."""
-    header, text = read_header(path, frozenset(("subject", "prior")))
-    if "prior" not in header.names:
-        return ""
-    return read_cells(header, text, {"prior": header.names.index("prior")}, []).columns["prior"].text(0)
+    columns = read_table(path, ("subject", "prior")).columns
+    return columns["prior"].text(0) if "prior" in columns else ""
 
 
 def _row(draws: Draws, name: str, cells: dict[str, float]) -> SubjectEvidence:

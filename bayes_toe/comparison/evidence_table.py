@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.comparison.words import probabilities
-from bayes_toe.data.parquet import is_parquet
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable, write_cells
+from bayes_toe.data.text_table import is_parquet
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary

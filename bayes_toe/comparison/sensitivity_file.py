@@ -12,7 +12,7 @@ from bayes_toe.comparison.parts_sensitivity import PartsRow, PartsSensitivity
 from bayes_toe.comparison.parts_table import STUDY
 from bayes_toe.comparison.prior_sensitivity import QUANTILES, SUMMARISED, SensitivityRow, SensitivityTable
 from bayes_toe.data.messages import bare, quoted
-from bayes_toe.data.number_table import read_rows
+from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_said_prior, require_subjects, require_update
 from bayes_toe.inference.draws import Draws

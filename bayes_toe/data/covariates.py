@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.data.cells import Cells, Column, Fault, Header, number, read_cells, read_header, refuse
-from bayes_toe.data.columns import MISSING_WORDS, name_faults, number_fault
 from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.text_table import Column, read_table
+from bayes_toe.data.validation import MISSING_WORDS, bare_names, number, require_numbers, require_texts
 from bayes_toe.errors import InputError
 
 _SUBJECT = "subject"
@@ -85,21 +85,23 @@ def read_covariates(path: str | Path) -> Covariates:
     ...     read_covariates(file).values["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
-    header, text = read_header(path, frozenset({_SUBJECT}))
-    cells = read_cells(header, text, {name: place for place, name in enumerate(header.names)}, _header_problems(header))
-    subject = cells.columns[_SUBJECT]
-    meant = {name: _meanings(column, header.decimal_comma) for name, column in cells.columns.items() if name != _SUBJECT}
-    faults = [_covariate_fault(cells, cells.columns[name], values) for name, values in meant.items()]
-    refuse(header.source, [cells.fault, *name_faults(cells, subject), *faults])
-    return Covariates({name: _by_subject(subject, cells.columns[name], values) for name, values in meant.items()})
-
-
-def _header_problems(header: Header) -> list[str]:
-    names = set(header.names)
-    if _SUBJECT in names and len(header.names) == len(names) > 1 and "" not in names:
-        return []
-    found = listed([quoted(name) for name in header.names])
-    return [f"{header.place}: found columns {found}, allowed: subject and at least one covariate, each with a name of its own"]
+    table = read_table(path, {_SUBJECT}, every=True)
+    if _SUBJECT not in table.names or not len(table.names) == len(table.columns) > 1 or "" in table.names:
+        found = listed([quoted(name) for name in table.names])
+        table.require([f"found columns {found}, allowed: subject and at least one covariate, each with a name of its own"])
+    table.require([])
+    require_texts(table, table.columns[_SUBJECT], once=True)
+    subject, values = bare_names(table, table.columns[_SUBJECT]), {}
+    for name, column in table.columns.items():
+        if name == _SUBJECT:
+            continue
+        meanings = _meanings(column, table.decimal_comma)
+        wrong = np.array([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
+        require_numbers(table, column, wrong[column.codes], "a finite number (or no number in the whole column)")
+        of_rows = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
+        values[name] = {who: value for who, value in of_rows if value is not None}
+    table.problems.refuse()
+    return Covariates(values)
 
 
 def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
@@ -109,13 +111,3 @@ def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
     if all(words) or (len(words) <= 2 and any(words)):
         return [text if text in given else None for text in column.texts]
     return [given.get(text) for text in column.texts]
-
-
-def _covariate_fault(cells: Cells, column: Column, meanings: Sequence[str | float | None]) -> Fault:
-    bad = column.spread([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
-    return number_fault(cells, column, bad, "a finite number (or no number in the whole column)")
-
-
-def _by_subject(subject: Column, column: Column, meanings: Sequence[str | float | None]) -> dict[str, str | float]:
-    values = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
-    return {name: value for name, value in values if value is not None}

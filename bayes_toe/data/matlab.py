@@ -1,103 +1,90 @@
-"""MATLAB beside CSV: a .mat file of trials is read into the same cells, so that every check is the same.
+"""Trials in MATLAB's files: fields of one struct, of vectors or of a struct array, or else vectors of one length, by name.
 
-Its columns are the fields of one struct, or of a struct array, or else vectors of one length; a single value stands in every row, such as
-the subject whose file it is. Row 1 is the first trial. MATLAB's own table objects are in no documented format: they are refused, with what
-to save instead.
+A single value stands in every row, such as the subject whose file it is. MATLAB's own table objects are in no documented format: they are
+refused, with what to save instead.
 """
 
 from __future__ import annotations
 
 import io
+import json
+import subprocess
+import sys
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from bayes_toe.data.cells import Header
 from bayes_toe.data.messages import bare, listed
 from bayes_toe.errors import InputError
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-MATLAB = "MATLAB"
 _SAVED = "S = table2struct(T, 'ToScalar', true); save('trials.mat', '-struct', 'S', '-v7')"
 _ALLOWED = f"one struct, or vectors of one length: {_SAVED}"
+_DAMAGED = "found a damaged MATLAB file ({}), allowed: one that MATLAB has saved with '-v7'"
 
 
-def is_matlab(path: str | Path) -> bool:
-    """Whether a file is one by its name.
-
-    Examples
-    --------
-    >>> is_matlab("trials.mat"), is_matlab("study.csv")
-    (True, False)
-    """
-    return Path(path).suffix.lower() == ".mat"
-
-
-def matlab_header(source: str, data: bytes) -> tuple[Header, pd.DataFrame]:
-    """The header that names of fields stand for, and the columns as a frame.
+def matlab_columns(source: str, data: bytes) -> dict[str, list[Any]]:
+    """The columns in a file, of one length or of one value.
 
     Raises
     ------
     InputError
         If the file is damaged, of a version that needs MATLAB, or holds something else than columns of one length.
     """
-    import pandas as pd
-
-    found = _loaded(source, data)
-    structs = {name: value for name, value in found.items() if _is_struct(value)}
-    if len(structs) > 1:
-        raise InputError(f"{source}: found the structs {listed([*map(bare, structs)])}, allowed: {_ALLOWED}")
-    columns = _fields(next(iter(structs.values()))) if structs else found
-    flat = {name: _vector(value) for name, value in columns.items()}
-    lengths = {name: len(value) for name, value in flat.items() if value is not None}
-    wrong = [name for name, value in flat.items() if value is None]
-    most = max(lengths.values(), default=0)
-    wrong += [name for name, length in lengths.items() if length not in (1, most)]
-    if wrong or not most:
-        said = f"{listed([*map(bare, wrong)])}, not a column of {most}" if wrong else "nothing"
-        raise InputError(f"{source}: found {said}, allowed: {_ALLOWED}")
-    frame = pd.DataFrame({name: pd.Series(np.resize(value, most), dtype=object) for name, value in flat.items() if value is not None})
-    return Header(source, MATLAB, "", [*frame.columns], 1), frame
+    # In a process of its own, because some damaged files end the process that reads them.
+    reader = f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); from bayes_toe.data.matlab import print_columns as p; p()"
+    done = subprocess.run([sys.executable, "-P", "-c", reader], input=data, capture_output=True, check=False)
+    if done.returncode:
+        raise InputError(f"{source}: {_DAMAGED.format(f'reading it ended with {done.returncode}')}")
+    refused, columns = json.loads(done.stdout)
+    if refused:
+        raise InputError(f"{source}: {refused}")
+    return dict(columns)
 
 
-def _loaded(source: str, data: bytes) -> dict[str, Any]:
-    """The variables of a file by name."""
+def print_columns() -> None:
+    """Of the file that is standard input: why it is refused, or nothing, and its columns, as JSON."""
+    warnings.simplefilter("ignore")
+    refused, columns = "", dict[str, list[object]]()
+    try:
+        columns = _columns(_variables(sys.stdin.buffer.read()))
+    except InputError as error:
+        refused = str(error)
+    json.dump((refused, columns), sys.stdout, default=lambda value: {type(value).__name__: str(value)})
+
+
+def _variables(data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = loadmat(io.BytesIO(data), simplify_cells=True)
+        found = loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:
-        raise InputError(f"{source}: found a file of version 7.3, allowed: one saved with '-v7'") from None
+        raise InputError("found a file of version 7.3, allowed: one saved with '-v7'") from None
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        said = bare(" ".join(str(error).split())[:200])
-        raise InputError(f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved with '-v7'") from None
-    known = {name: value for name, value in found.items() if not name.startswith("__")}
+        raise InputError(_DAMAGED.format(bare(" ".join(str(error).split())[:200]))) from None
     if "__function_workspace__" in found:
-        raise InputError(f"{source}: found a table or another object of MATLAB's own, allowed: {_ALLOWED}")
-    return known
+        raise InputError(f"found a table or another object of MATLAB's own, allowed: {_ALLOWED}")
+    return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _is_struct(value: object) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list | np.ndarray) and len(value) > 0 and isinstance(value[0], Mapping))
-
-
-def _fields(struct: Any) -> dict[str, Any]:
-    """Columns of a struct of vectors, or of a struct array with a trial in each."""
-    if isinstance(struct, Mapping):
-        return dict(struct)
-    return {name: np.array([one[name] for one in struct], object) for name in struct[0]}
-
-
-def _vector(value: object) -> Any:
-    """A column as an array of objects; None where it is none."""
-    array = np.array([value], object) if isinstance(value, str) else np.asarray(value, object)
-    if array.ndim == 0:
-        array = array.reshape(1)
-    return array.ravel() if array.size == max(array.shape, default=0) and array.size else None
+def _columns(found: dict[str, Any]) -> dict[str, list[object]]:
+    structs = {name: value for name, value in found.items() if isinstance(value, dict)}
+    arrays = {name: value for name, value in found.items() if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)}
+    if len(structs) + len(arrays) > 1:
+        raise InputError(
+            f"found the structs {listed([bare(name) for name in found if name in {**structs, **arrays}])}, allowed: {_ALLOWED}"
+        )
+    for struct in structs.values():
+        found = struct
+    for trials in arrays.values():
+        found = {name: np.array([one[name] for one in trials], object) for name in trials[0]}
+    columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
+    lengths = {name: column.size if column.size == max(column.shape) else 0 for name, column in columns.items()}
+    most = max(lengths.values(), default=0)
+    wrong = [bare(name) for name, length in lengths.items() if length not in (1, most) or not length]
+    if wrong or not most:
+        raise InputError(f"found {f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: {_ALLOWED}")
+    return {
+        name: [value.item() if isinstance(value, np.generic) else value for value in column.ravel()] for name, column in columns.items()
+    }

@@ -1,4 +1,4 @@
-"""Studies as they come in: CSV files of trials or of counts, read strictly and reported by row.
+"""Studies as they come in: tables of trials or of counts, read strictly and reported by row; and the bundled study.
 
 Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and what cannot be used is
 refused with all problems of the file at once.
@@ -8,44 +8,43 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import as_file, files
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray, run_starts
-from bayes_toe.data.answers import Answers, Reading, order_of_trials
-from bayes_toe.data.cells import (
-    LARGEST_COUNT,
-    LARGEST_STUDY,
-    Cells,
-    Column,
-    Fault,
-    Frame,
-    Header,
-    fault_in,
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted
+from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, subject_in
+from bayes_toe.data.study import LARGEST_COUNT, Answers, Reading, Study, Subject, said_intervals
+from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
+from bayes_toe.data.validation import (
+    MISSING_WORDS,
+    bare_names,
     number,
-    read_cells,
-    read_header,
-    refuse,
+    numbers,
+    read_numbers,
+    require_numbers,
+    require_texts,
     whole_number,
 )
-from bayes_toe.data.columns import MISSING_WORDS, numbers
-from bayes_toe.data.messages import MOST_SHOWN, bare, listed, quoted
-from bayes_toe.data.read_options import COLUMNS, ReadOptions
-from bayes_toe.data.repeats import repeat_note, repeats
-from bayes_toe.data.several_files import read_together
-from bayes_toe.data.shown_pairs import ShownPairs, pair_faults, shown_pairs
-from bayes_toe.data.study import Study, Subject, subjects_of_rows
-from bayes_toe.data.study_columns import SYNTHETIC, rows_asked_for, study_columns, subject_of_file
-from bayes_toe.data.study_notes import dropped_notes, format_note, grouping_notes, interval_notes, layout_notes
 from bayes_toe.errors import InputError
+
+#: What made the bundled files.
+COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604"
+#: True natural parameters by subject.
+Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
 _EQUAL_WORDS = frozenset({"equal", "same", "1"})
 _DIFFERENT_WORDS = frozenset({"different", "0"})
 _TRUE_WORDS = frozenset({"1", "true", "yes"})
 _EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _SWITCH = re.compile(r"([01])[.,]0*")
+_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
+_TWICE = "trials that are there twice make everything look surer than it is"
 
 
 def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
@@ -61,8 +60,8 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     path : str, Path, pandas.DataFrame or polars.DataFrame
         Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
         the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
-        :mod:`bayes_toe.data.matlab`. Rows of a frame count from 0. Several files or frames in a list make one study, see
-        :mod:`bayes_toe.data.several_files`.
+        :mod:`bayes_toe.data.matlab`. Rows of a frame count from 0. Several files or frames in a list make one study: the answers of a
+        subject who is in more than one of them are put together, file by file a block.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -74,7 +73,8 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     Raises
     ------
     InputError
-        If anything cannot be used: one line per problem of the file, ten at most, with row and column.
+        If anything cannot be used: one line per problem of the file, ten at most, with row and column. For no file, a file that is given
+        twice, and files of which only some have intervals.
 
     Examples
     --------
@@ -88,17 +88,190 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     """
     options = ReadOptions() if options is None else options
     if isinstance(path, list | tuple):
-        return read_together(path, lambda one: read_study(one, options))
-    header, text = read_header(path, frozenset(options.columns.get(ours, ours) for ours in COLUMNS), LARGEST_STUDY)
-    places, problems = study_columns(header, options)
-    subject = subject_of_file(header, path, options)
-    cells = rows_asked_for(read_cells(header, text, places, problems), options)
-    if subject is not None:
-        cells.columns["subject"] = Column("subject", [subject], np.zeros(len(cells.rows), np.int64))
-    return _trial_study(cells, options) if "response" in cells.columns else _count_study(cells, options)
+        return _read_several(path, options)
+    rows = _rows(path, options)
+    return _trial_study(rows) if "response" in rows.columns else _count_study(rows)
+
+
+def example_study() -> Study:
+    """The bundled synthetic study: 16 subjects in the paper's design, made by :data:`COMMAND`. The paper's own data are not public.
+
+    Examples
+    --------
+    >>> study = example_study()
+    >>> len(study), study.synthetic, study.subjects[0].total_trials
+    (16, True, 650)
+    """
+    with as_file(files("bayes_toe.data") / "example_study.csv") as path:
+        study = read_study(path)
+    return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
+
+
+def example_truth() -> Truth:
+    """True natural parameters of the bundled study, by subject.
+
+    Examples
+    --------
+    >>> sorted(example_truth()["S01"])
+    ['mu1', 'q0', 'sigma_l', 'sigma_p']
+    """
+    with as_file(files("bayes_toe.data") / "example_truth.csv") as path:
+        names, columns = read_numbers(path, ("mu1", "sigma_p", "sigma_l", "q0"), key="subject")
+    return {name: {key: float(values[row]) for key, values in columns.items()} for row, name in enumerate(names)}
+
+
+# --- Rows of trials or of counts ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows that are asked for: columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
+
+    The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a column.
+    """
+
+    table: TextTable
+    columns: dict[str, Column]
+    keys: list[FloatArray]
+    options: ReadOptions
+
+    @property
+    def shown(self) -> list[Column]:
+        """The columns of the keys."""
+        return [self.columns[ours] for ours in (*self.options.stimuli, "isi") if ours in self.columns]
+
+    @property
+    def subject(self) -> Column:
+        """Whose row it is."""
+        return self.columns["subject"]
+
+    def require_pairs(self, asked: BoolArray) -> None:
+        """Note subjects without a name, stimuli and intervals without a number, in these rows."""
+        positive = "a positive finite number"
+        kinds = ["a finite number" if self.options.intensity is None else positive] * 2 + [f"{positive} of seconds"]
+        require_texts(self.table, self.subject, asked)
+        for column, values, kind in zip(self.shown, self.keys, kinds, strict=False):
+            if column.name == self.options.name("isi"):
+                self.table.fault(column, asked & np.isnan(values), f"{kind}, in every row or no such column")
+            else:
+                require_numbers(self.table, column, asked & np.isnan(values), kind)
+
+
+def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
+    """The rows that are asked for; all others are left out before anything is checked."""
+    table = read_table(path, {*map(options.name, COLUMNS), "synthetic", *options.where}, LARGEST_STUDY)
+    needed, problems = columns_to_read(table.names, options, python=table.python)
+    table.require(problems)
+    named = {ours: options.name(ours) for ours in needed} | ({"synthetic": "synthetic"} if "synthetic" in table.columns else {})
+    columns = {ours: table.columns[theirs] for ours, theirs in named.items()}
+    if "subject" in columns:
+        columns["subject"] = bare_names(table, columns["subject"])
+    if options.where:
+        kept = _asked_for(table, options.where)
+        table = replace(table, rows=table.rows[kept])
+        columns = {ours: column.only(kept) for ours, column in columns.items()}
+    if options.subject_from is not None:
+        who = None if table.python else subject_in(Path(str(path)), options.subject_from)
+        if who is None:
+            allowed = f"a file named as --subject-from {options.subject_from}"
+            raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
+        columns["subject"] = Column("subject", [who], np.zeros(len(table.rows), np.int64))
+    keys = [_stimulus(table, columns[ours], options.intensity) for ours in options.stimuli]
+    if "isi" in columns:
+        isi = numbers(table, columns["isi"])
+        keys.append(np.where(isi > 0, isi, math.nan))
+    return _Rows(table, columns, keys, options)
+
+
+def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
+    """The rows that have in all of these columns the text that is asked for."""
+    kept = np.ones(len(table.rows), np.bool_)
+    for name, asked in where.items():
+        column = table.columns[name]
+        if asked not in column.texts:
+            found = f"column {bare(name)}: found {listed([*map(quoted, column.texts)])}"
+            raise InputError(f"{table.source}: {found}, allowed: {quoted(asked)}, as --where has it, in some row")
+        kept &= column.codes == column.texts.index(asked)
+    if not kept.any():
+        raise InputError(f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}")
+    return kept
+
+
+def _stimulus(table: TextTable, column: Column, reference: float | None) -> FloatArray:
+    """Natural-log intensities, NaN where a cell holds none."""
+
+    def log_intensity(text: str) -> float:
+        value = number(text, table.decimal_comma)
+        if reference is None:
+            return value
+        # The difference of logs, because the ratio itself may overflow.
+        return math.log(value) - math.log(reference) if value > 0 else math.nan
+
+    return column.map(log_intensity, np.float64)
+
+
+def _study(rows: _Rows, notes: Sequence[str], k: IntArray, n: IntArray) -> Study:
+    """The study of valid rows; answers are kept as they were given where rows are trials or have a block."""
+    owned = np.flatnonzero(n > 0)
+    owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
+    parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
+    subjects = {
+        name: Subject.from_counts(name, *(values[at] for values in (*rows.keys[:2], k, n, *rows.keys[2:]))) for name, at in parts.items()
+    }
+    trials = "response" in rows.columns
+    answers, disordered = _answers(rows, parts, k, n) if trials or "block" in rows.columns else ({}, [])
+    order, doubts = [], []
+    if disordered:
+        who = f"{bare(rows.columns['trial'].name)} does not tell the order of all trials, so that of the file stands: {listed(disordered)}"
+        order, doubts = [f"column {who}"], _repeated(rows, k, n)  # no trial is there twice where the order is known
+    marks = [_word(text) in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
+    if all(marks):
+        order.append("synthetic data: column synthetic says so in every row")
+    elif any(marks):
+        order.append("column synthetic says so in some rows only: not marked synthetic")
+    known = {column.name for column in rows.columns.values()}
+    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known)
+    reading = Reading(answers, tuple(rows.columns), tuple(ignored), tuple(f"{rows.table.source}: {one}" for one in doubts))
+    study = Study(tuple(subjects.values()), rows.table.source, all(marks), (), reading)
+    timed = []
+    if "isi" in rows.columns:
+        isi = study.intervals
+        timed = [f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}"]
+    return replace(study, notes=(*notes, *timed, *order))
+
+
+def _layout_notes(rows: _Rows, what: str, counted_answers: str) -> list[str]:
+    """How the table is written, as it was detected; which rows were asked for, which columns have another name or another unit."""
+    table, options = rows.table, rows.options
+    comma = table.decimal_comma and any("," in text for column in rows.shown for text in column.texts)
+    form = f"{DELIMITERS[table.delimiter]}-separated, {table.form}{', decimal comma' if comma else ''}" if table.delimiter else table.form
+    notes = [f"{what} rows, {form}, {counted_answers}"]
+    notes += [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
+    notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+    if options.intensity is not None:
+        notes += [f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}" for one in rows.shown[:2]]
+    return notes
 
 
 # --- Trials ---------------------------------------------------------------------------------------
+
+
+def _trial_study(rows: _Rows) -> Study:
+    table, options, response = rows.table, rows.options, rows.columns["response"]
+    answer = response.map(lambda text: _answer(text, options), np.int64)
+    asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
+    equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
+    different = "different, 0" if options.different_code is None else quoted(options.different_code)
+    codes = "ReadOptions(equal_code=..., different_code=...)" if table.python else "--equal-code, --different-code"
+    rows.require_pairs(asked)
+    table.fault(response, answer == _UNKNOWN, f"{equal} (equal) or {different} (different), or empty; other codes by {codes}")
+    table.problems.refuse()
+    if not asked.any():
+        raise InputError(f"{table.source}: found no response in any of {len(asked)} rows, allowed: at least one answered trial")
+    said = [_as_answered(response, answer == value, word) for value, word in ((_EQUAL, "equal"), (_DIFFERENT, "different"))]
+    notes = [*_layout_notes(rows, "trial", f"responses {' / '.join(said)}"), *_dropped_notes(rows.subject, ~asked)]
+    # A trial is a count of one, a trial without an answer a count of none.
+    return _study(rows, notes, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
 
 
 def _word(text: str) -> str:
@@ -123,181 +296,205 @@ def _answer(text: str, options: ReadOptions) -> int:
     return _DIFFERENT if word in _DIFFERENT_WORDS and options.different_code is None else _UNKNOWN
 
 
-def _allowed_answers(options: ReadOptions, header: Header) -> str:
-    equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
-    different = "different, 0" if options.different_code is None else quoted(options.different_code)
-    codes = "ReadOptions(equal_code=..., different_code=...)" if header.python else "--equal-code, --different-code"
-    return f"{equal} (equal) or {different} (different), or empty; other codes by {codes}"
-
-
-def _trial_study(cells: Cells, options: ReadOptions) -> Study:
-    pairs, response = shown_pairs(cells, options), cells.columns["response"]
-    answer = response.spread([_answer(text, options) for text in response.texts], np.int64)
-    asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
-    unknown = fault_in(cells, response, answer == _UNKNOWN, lambda _: _allowed_answers(options, cells.header))
-    refuse(cells.header.source, [cells.fault, *pair_faults(cells, pairs, asked, options), unknown])
-    _require_answers(cells, asked)
-    notes = [
-        f"trial rows, {format_note(cells, pairs)}, responses {_answers_note(response, answer)}",
-        *layout_notes(pairs, options),
-        *dropped_notes(pairs.subject, ~asked),
-    ]
-    # A trial is a count of one, a trial without an answer a count of none.
-    counts = (np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
-    subjects = _subjects(pairs, *counts)
-    answers, order_note = _answers(cells, pairs, *counts)
-    doubts = _repeated(cells, pairs, *counts) if order_note else []  # no trial is there twice where the order is known
-    reading = _reading(cells, answers, doubts)
-    return _study(cells, subjects, [*notes, *interval_notes(pairs, subjects), *order_note], reading)
-
-
-def _require_answers(cells: Cells, asked: BoolArray) -> None:
-    if not asked.any():
-        what = f"found no response in any of {len(asked)} rows, allowed: at least one answered trial"
-        raise InputError(f"{cells.header.source}: {what}")
-
-
-def _answers_note(response: Column, answer: IntArray) -> str:
-    return " / ".join(_side_note(response, answer, *side) for side in ((_EQUAL, "equal"), (_DIFFERENT, "different")))
-
-
-def _side_note(response: Column, answer: IntArray, value: int, word: str) -> str:
-    """Which texts were read as this answer, and how often it was given."""
-    chosen = answer == value
+def _as_answered(response: Column, chosen: BoolArray, word: str) -> str:
+    """Which texts were read as an answer, and how often it was given."""
     texts = [response.texts[code] for code in np.unique(response.codes[chosen]).tolist()]
     meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
-    shown = listed([quoted(text) for text in texts]) if texts else f"'{word}'"
-    return f"{shown}{meaning} ({np.count_nonzero(chosen)})"
+    return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
+
+
+def _dropped_notes(subject: Column, dropped: BoolArray) -> list[str]:
+    """How many trials without a response each subject has, and who has no other."""
+    count, total = (np.bincount(codes, minlength=len(subject.texts)) for codes in (subject.codes[dropped], subject.codes))
+    names = ["(no subject)" if text == "" else bare(text) for text in subject.texts]
+    each = [f"{names[code]} {count[code]}" for code in np.flatnonzero(count).tolist()]
+    gone = [names[code] for code in np.flatnonzero(count == total).tolist() if subject.texts[code]]
+    notes = [f"{counted(int(count.sum()), 'trial')} without a response dropped: {listed(each)}"] if each else []
+    return notes + ([f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else [])
 
 
 # --- Counts ---------------------------------------------------------------------------------------
 
 
-def _count_study(cells: Cells, options: ReadOptions) -> Study:
-    pairs, equal, trials = shown_pairs(cells, options), cells.columns["n_equal"], cells.columns["n_trials"]
-    k, n = (_whole_numbers(cells, column) for column in (equal, trials))
-    every = np.ones(len(n), np.bool_)
-    faults = [*_count_faults(cells, equal, trials, k, n), _total_fault(cells, pairs.subject, trials, n)]
-    refuse(cells.header.source, [cells.fault, *pair_faults(cells, pairs, every, options), *faults])
-    subjects = _subjects(pairs, k, n)
-    notes = [
-        f"grouped rows, {format_note(cells, pairs)}, {k.sum()} of {n.sum()} trials answered 'equal'",
-        *layout_notes(pairs, options),
-        *grouping_notes(pairs.subject, subjects, n),
-        *interval_notes(pairs, subjects),
-    ]
-    answers = _answers(cells, pairs, k, n)[0] if "block" in cells.columns else {}
-    return _study(cells, subjects, notes, _reading(cells, answers))
+def _count_study(rows: _Rows) -> Study:
+    table, equal, trials = rows.table, rows.columns["n_equal"], rows.columns["n_trials"]
+    k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (equal, trials))
+    rows.require_pairs(np.ones(len(n), np.bool_))
+    for column, count in ((equal, k), (trials, n)):
+        table.fault(column, count < 0, "a whole number from 0 to 2**53, without thousands separators")
+    table.fault(equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
+    _require_totals(rows, trials, n)
+    table.problems.refuse()
+    notes = _layout_notes(rows, "grouped", f"{k.sum()} of {n.sum()} trials answered 'equal'")
+    if (n == 0).any():
+        notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
+    study = _study(rows, notes, k, n)
+    lines = np.bincount(rows.subject.codes[n > 0], minlength=len(rows.subject.texts))
+    of = dict(zip(rows.subject.texts, lines.tolist(), strict=True))
+    merged = {one.name: of[one.name] - one.n_pairs for one in study}
+    each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
+    note = [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"] if each else []
+    return replace(study, notes=(*study.notes[: len(notes)], *note, *study.notes[len(notes) :]))
 
 
-def _whole_numbers(cells: Cells, column: Column) -> IntArray:
-    return column.spread([whole_number(text, cells.header.decimal_comma) for text in column.texts], np.int64)
-
-
-def _count_faults(cells: Cells, equal: Column, trials: Column, k: IntArray, n: IntArray) -> list[Fault]:
-    return [
-        fault_in(cells, equal, k < 0, _allowed_count),
-        fault_in(cells, trials, n < 0, _allowed_count),
-        fault_in(cells, equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}"),
-    ]
-
-
-def _allowed_count(_: int) -> str:
-    return "a whole number from 0 to 2**53, without thousands separators"
-
-
-def _total_fault(cells: Cells, subject: Column, trials: Column, n: IntArray) -> Fault:
-    """Subjects whose trials add up to nothing, or to more than can be counted exactly."""
+def _require_totals(rows: _Rows, trials: Column, n: IntArray) -> None:
+    """Note subjects whose trials add up to nothing, or to more than can be counted exactly."""
+    subject = rows.subject
     # A bad count makes the sum NaN, for which both comparisons are false.
     total = np.bincount(subject.codes, np.where(n < 0, np.nan, n), minlength=len(subject.texts))
-    named = np.array([text != "" for text in subject.texts], np.bool_)
-    bad = np.flatnonzero(named & ((total == 0) | (total > LARGEST_COUNT)))
-    shown = []
-    for code in bad[:MOST_SHOWN].tolist():
-        row, name = int(cells.rows[np.argmax(subject.codes == code)]), quoted(subject.texts[code])
-        what = "0 in all rows" if total[code] == 0 else f"a sum of {total[code]:.0f} over the rows"
-        where = f"row {row}, column {bare(trials.name)}"
-        shown.append((row, f"{where}: found {what} of subject {name}, allowed: 1 to 2**53 trials per subject"))
-    return Fault(len(bad), tuple(shown))
+    bad = [code for code in np.flatnonzero((total == 0) | (total > LARGEST_COUNT)).tolist() if subject.texts[code]]
+    lines = []
+    for code in bad[:MOST_SHOWN]:
+        row = int(rows.table.rows[np.argmax(subject.codes == code)])
+        found = "0 in all rows" if total[code] == 0 else f"a sum of {total[code]:.0f} over the rows"
+        what = f"found {found} of subject {quoted(subject.texts[code])}, allowed: 1 to 2**53 trials per subject"
+        lines.append((row, f"row {row}, column {bare(trials.name)}: {what}"))
+    rows.table.problems.add(lines, len(bad))
 
 
-# --- The study ------------------------------------------------------------------------------------
+# --- Answers in their order -----------------------------------------------------------------------
 
 
-def _subjects(pairs: ShownPairs, n_equal: IntArray, n_trials: IntArray) -> tuple[Subject, ...]:
-    """Subjects with an answered trial, in order of first appearance."""
-    return subjects_of_rows(pairs.subject.texts, pairs.subject.codes, pairs.keys, n_equal, n_trials)
+def _answers(rows: _Rows, parts: Mapping[str, IndexArray], k: IntArray, n: IntArray) -> tuple[dict[str, Answers], list[str]]:
+    """What each subject answered, in order, and for whom column trial does not tell the order."""
+    block, trials, keys = rows.columns.get("block"), "response" in rows.columns, np.column_stack(rows.keys)
+    trial = numbers(rows.table, rows.columns["trial"]) if trials and "trial" in rows.columns else None
+    names, rank = ([""], np.zeros(len(n), np.int64)) if block is None else _ranked(rows.table, block)
+    found, disordered = dict[str, Answers](), list[str]()
+    for name, part in parts.items():
+        at = part
+        if trial is not None:
+            order = _order(trial[part], rank[part])
+            disordered += [bare(name)] if order is None else []
+            at = part if order is None else part[order]
+        own, place = np.unique(rank[at], return_inverse=True)
+        called = () if block is None else tuple(names[one] for one in own.tolist())
+        found[name] = Answers(keys[at], k[at], n[at], None if block is None else place, called, trials)
+    return found, disordered
 
 
-def _answers(cells: Cells, pairs: ShownPairs, n_equal: IntArray, n_trials: IntArray) -> tuple[dict[str, Answers], list[str]]:
-    """What each subject answered, in order, and a note where column trial does not tell the order."""
-    trials, block, trial = "response" in cells.columns, cells.columns.get("block"), cells.columns.get("trial")
-    rank = np.zeros(len(n_trials), np.int64) if block is None else _rank_of_blocks(cells, block)
-    rows = np.flatnonzero(n_trials > 0)
-    rows = rows[np.argsort(pairs.subject.codes[rows], kind="stable")]
-    starts = run_starts(pairs.subject.codes[rows])
-    names, notes = [pairs.subject.text(row) for row in rows[starts]], list[str]()
-    owner = np.repeat(np.arange(len(names)), np.diff(starts, append=len(rows)))
-    if trial is not None and trials:
-        order, unknown = order_of_trials(owner, numbers(cells, trial)[rows], rank[rows])
-        rows, who = rows[order], listed([bare(names[one]) for one in np.flatnonzero(unknown)])
-        notes = [f"column {bare(trial.name)} does not tell the order of all trials, so that of the file stands: {who}"] if who else []
-    keys, k, n = np.column_stack(pairs.keys)[rows], n_equal[rows], n_trials[rows]
-    place, blocks = (None, [()] * len(names)) if block is None else _blocks(block, rows, owner, rank[rows])
-    found = {}
-    for name, start, end, called in zip(names, starts.tolist(), [*starts[1:].tolist(), len(rows)], blocks, strict=True):
-        at = slice(start, end)
-        found[name] = Answers(keys[at], k[at], n[at], None if place is None else place[at], called, trials)
-    return found, notes
+def _ranked(table: TextTable, block: Column) -> tuple[list[str], IntArray]:
+    """Names of blocks in their order, by number where all are numbers, else by appearance; and the place of each row's among them."""
+    values = [number(text, table.decimal_comma) for text in block.texts]
+    order = np.arange(len(values)) if any(map(math.isnan, values)) else np.argsort(values, kind="stable")
+    return [block.texts[one] for one in order.tolist()], np.argsort(order)[block.codes]
 
 
-def _repeated(cells: Cells, pairs: ShownPairs, n_equal: IntArray, n_trials: IntArray) -> list[str]:
-    """What is said of answered trials that are there twice."""
-    block, rows = cells.columns.get("block"), np.flatnonzero(n_trials > 0)
-    others = [column.codes[rows] for column in (pairs.subject, block) if column is not None]
-    again, of = (rows[found] for found in repeats(numbers(cells, cells.columns["trial"])[rows], *others))
+def _order(trial: FloatArray, block: IntArray) -> IndexArray | None:
+    """The order in which trials were given: by their numbers where these are unique, else by block and number; None if not known."""
+    for keys in ((trial,), (trial, block)):
+        order = np.lexsort(keys)
+        if not np.isnan(trial).any() and len(run_starts(*(key[order] for key in keys))) == len(trial):
+            return np.asarray(order)
+    return None
+
+
+def _repeated(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
+    """What is said of answered trials with the number, subject and block of an earlier row; a row without a number repeats none."""
+    block, trial = rows.columns.get("block"), numbers(rows.table, rows.columns["trial"])
+    known = np.flatnonzero((n > 0) & ~np.isnan(trial))
+    of = [trial, rows.subject.codes, *([] if block is None else [block.codes])]
+    order = known[np.lexsort([key[known] for key in of])]
+    starts = run_starts(*(key[order] for key in of))
+    first = np.repeat(order[starts], np.diff(starts, append=len(order)))
+    again = np.flatnonzero(first != order)
     if not len(again):
         return []
-    same = np.logical_and.reduce([key[again] == key[of] for key in (*pairs.keys, n_equal)])
-    first = int(cells.rows[again[0]]), int(cells.rows[of[0]])
-    return repeat_note(first, pairs.subject.text(again[0]), same, blocks=block is not None)
+    again = again[np.argsort(order[again])]
+    later, earlier = order[again], first[again]
+    same = np.logical_and.reduce([key[later] == key[earlier] for key in (*rows.keys, k)])
+    if block is None and not same.all():
+        return []  # without blocks numbers may begin anew in each: only rows that are the same in everything count
+    verb = "repeats" if len(same) == 1 else "repeat"
+    what = f"{counted(len(same), 'row')} {verb} {'' if block is None else 'block and '}trial of another row"
+    row, other = (rows.table.rows[one[0]] for one in (later, earlier))
+    where = f"first row {row}, which repeats row {other} (subject {bare(rows.subject.text(later[0]))})"
+    if same.all():
+        return [f"{what} with the same stimuli and answer, {where}: {_TWICE}, leave them out"]
+    alike = f"{same.sum()} of them with the same stimuli and answer" if same.any() else "none with the same stimuli and answer"
+    return [f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, {_TWICE}"]
 
 
-def _blocks(block: Column, rows: IntArray, owner: IntArray, rank: IntArray) -> tuple[IntArray, list[tuple[str, ...]]]:
-    """The place of each row's block among those of its subject, by rank, and of each subject their names."""
-    order = np.lexsort((rank, owner))
-    first = run_starts(owner[order], rank[order])
-    begins = run_starts(owner[order][first])
-    number = np.empty(len(owner), np.int64)
-    number[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(owner)))
-    names = [block.text(row) for row in rows[order[first]]]
-    ends = zip(begins.tolist(), [*begins[1:].tolist(), len(first)], strict=True)
-    return number - begins[owner], [tuple(names[start:end]) for start, end in ends]
+# --- Several files --------------------------------------------------------------------------------
 
 
-def _rank_of_blocks(cells: Cells, block: Column) -> IntArray:
-    """The rank of each row's block: by number where all are numbers, else by appearance."""
-    value = [number(text, cells.header.decimal_comma) for text in block.texts]
-    order = range(len(value)) if any(map(math.isnan, value)) else np.argsort(np.argsort(value, kind="stable"))
-    return block.spread(list(order), np.int64)
+def _read_several(paths: Sequence[str | Path | Frame], options: ReadOptions) -> Study:
+    """One study of several files; what was noted of every file is noted once."""
+    named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
+    twice = [path for i, path in enumerate(named) if path in named[:i]]
+    if not paths or twice:
+        raise InputError(f"{bare(twice[0].name)}: found twice, allowed: each file once" if twice else "files: found none, allowed: some")
+    called = [path.name for path in named]
+    studies, faulty = list[Study](), list[list[str]]()
+    for path in paths:
+        home = f"{Path(path).absolute().parent.name}/" if isinstance(path, str | Path) and called.count(Path(path).name) > 1 else ""
+        try:
+            study = read_study(path, options)
+            studies.append(replace(study, source=home + study.source))
+        except InputError as error:
+            faulty.append([home + problem for problem in error.problems])
+    if faulty:
+        shown, told = faulty[0], 1  # of which the last may count what is not shown
+        while told < len(faulty) and len(shown) + len(faulty[told]) <= MOST_SHOWN:
+            shown, told = shown + faulty[told], told + 1
+        more = [f"... and problems in {counted(len(faulty) - told, 'more file')}"] if told < len(faulty) else []
+        raise InputError([*shown, *more])
+    return studies[0] if len(studies) == 1 else _together(studies)
 
 
-def _reading(cells: Cells, answers: Mapping[str, Answers], doubts: Sequence[str] = ()) -> Reading:
-    read = {column.name for column in cells.columns.values()}
-    ignored = dict.fromkeys(name for name in cells.header.names if name and name not in read)
-    return Reading(answers, tuple(cells.columns), tuple(ignored), tuple(f"{cells.header.source}: {one}" for one in doubts))
+def _together(studies: Sequence[Study]) -> Study:
+    timed = {bool(study.intervals): study.source for study in studies}
+    if len(timed) > 1:
+        raise InputError(f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none")
+    parts: dict[str, list[Study]] = {}
+    for study in studies:
+        for name in study.names:
+            parts.setdefault(name, []).append(study)
+    subjects, answers, doubts = list[Subject](), dict[str, Answers](), [doubt for study in studies for doubt in study.reading.doubts]
+    for name, of in parts.items():
+        keys = ("s1", "s2", "n_equal", "n_trials", *(("isi",) if True in timed else ()))
+        counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
+        subjects.append(of[0][name] if len(of) == 1 else Subject.from_counts(name, *counts))
+        known = [(study.source, study.reading.answers[name]) for study in of if name in study.reading.answers]
+        doubts += _copies(name, known)
+        if len(known) == len(of):
+            answers[name] = known[0][1] if len(of) == 1 else _joined(known)
+    several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
+    joined = [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"] if several else []
+    read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))
+    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
+    reading = Reading(answers, read, ignored, tuple(doubts))
+    return Study(tuple(subjects), source, all(study.synthetic for study in studies), (*_common_notes(studies), *joined), reading)
 
 
-def _study(cells: Cells, subjects: Sequence[Subject], notes: Sequence[str], reading: Reading) -> Study:
-    synthetic, note = _synthetic(cells)
-    return Study(tuple(subjects), cells.header.source, synthetic, (*notes, *note), reading)
+def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
+    """What is said of files that have the same answers of a subject, trial by trial."""
+    found: dict[tuple[bytes, bytes], str] = {}
+    for source, one in of:
+        earlier = found.setdefault((one.keys.tobytes(), one.n_equal.tobytes()), source)
+        if earlier != source and one.trials and len(one.n_equal) >= _FEWEST:
+            what = f"{source} has the same {len(one.n_equal)} trials of subject {bare(name)} as {earlier}"
+            yield f"{what}: {_TWICE}, leave one file out"
 
 
-def _synthetic(cells: Cells) -> tuple[bool, list[str]]:
-    """Whether the file says that its data were simulated, and the note about it."""
-    if SYNTHETIC not in cells.columns:
-        return False, []
-    marks = [_word(text) in _TRUE_WORDS for text in cells.columns[SYNTHETIC].texts]
-    if all(marks):
-        return True, ["synthetic data: column synthetic says so in every row"]
-    return False, ["column synthetic says so in some rows only: not marked synthetic"] if any(marks) else []
+def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
+    """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
+    names, places = list[str](), list[IntArray]()
+    for source, one in of:
+        places.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
+        names += [f"{source}: {block}" for block in one.blocks] or [source]
+    keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_equal", "n_trials"))
+    return Answers(keys, k, n, np.concatenate(places), tuple(names), all(one.trials for _, one in of))
+
+
+def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
+    """What was noted, once where files differ in numbers only."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for study in studies:
+        for note in study.notes:
+            found.setdefault(re.sub(r"\d+", "0", note), []).append((study.source, note))
+    for said in found.values():
+        source, note = said[0]
+        everywhere = len({note for _, note in said}) == 1 and len(said) == len(studies)
+        such = source if len(said) == 1 else f"{len(said)} files, such as {source}"
+        yield note if everywhere else f"{such}: {note}"

@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray, run_starts
-from bayes_toe.data.answers import Reading
-from bayes_toe.data.messages import listed
-from bayes_toe.data.notebook import MOST_ROWS, as_html, named_few
+from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,13 +27,6 @@ if TYPE_CHECKING:
 LARGEST_COUNT = 2**53
 _KEYS = ("s1", "s2", "isi")  # what makes a pair
 _MOST_SHOWN = 8  # intervals listed one by one in a note
-
-
-def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
-    """A read-only copy, one-dimensional."""
-    array: npt.NDArray[Any] = np.array(values, dtype=dtype, ndmin=1, copy=True)
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,15 +67,21 @@ class Subject:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
-        for key in ("n_equal", "n_trials"):
-            _require_counts(self.name, key, getattr(self, key))
-        s1, s2 = _frozen(_stimuli(self.name, self.s1), np.float64), _frozen(_stimuli(self.name, self.s2), np.float64)
-        k, n = _frozen(self.n_equal, np.int64), _frozen(self.n_trials, np.int64)
-        keys = [s1, s2] if self.isi is None else [s1, s2, _frozen(_intervals(self.name, self.isi), np.float64)]
-        _require_valid(self.name, keys, k, n)
+        keys, k, n = _columns(self.name, (self.s1, self.s2, self.isi), self.n_equal, self.n_trials)
         order = np.lexsort(keys[::-1])  # one order whatever the file's, so results agree to the bit
+        problems = {
+            "no answered trial": not len(k),
+            "s1 and s2 must be finite numbers": not np.isfinite(keys[:2]).all(),
+            "isi must be positive finite numbers of seconds": any(not (np.isfinite(isi) & (isi > 0)).all() for isi in keys[2:]),
+            "every pair needs n_trials >= 1": (n < 1).any(),
+            "a pair of stimuli is repeated; Subject.from_counts adds repeats up": len(run_starts(*(key[order] for key in keys))) < len(k),
+        }
+        for problem in (said for said, is_so in problems.items() if is_so):
+            raise InputError(f"subject {self.name!r}: {problem}")
         for key, values in zip((*_KEYS[: len(keys)], "n_equal", "n_trials"), (*keys, k, n), strict=True):
-            object.__setattr__(self, key, _frozen(values[order], values.dtype.type))
+            ordered = values[order]
+            ordered.setflags(write=False)
+            object.__setattr__(self, key, ordered)
 
     @classmethod
     def from_counts(
@@ -103,16 +100,13 @@ class Subject:
         >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_equal.tolist()
         [3]
         """
-        for key, values in (("n_equal", n_equal), ("n_trials", n_trials)):
-            _require_counts(name, key, values)
-        k, n = np.asarray(n_equal, np.int64).ravel(), np.asarray(n_trials, np.int64).ravel()
-        keys = [_stimuli(name, s1), _stimuli(name, s2), *([] if isi is None else [_intervals(name, isi)])]
-        if k.shape != n.shape or any(key.shape != k.shape for key in keys):
-            raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(keys)])}, n_equal and n_trials must have one common length")
-        if np.any((k < 0) | (k > n)):  # checked before adding up, where two wrongs could cancel
-            raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
-        pairs, k_sum, n_sum = _added_up(keys, k, n)
-        return cls(name, pairs[0], pairs[1], k_sum, n_sum, None if isi is None else pairs[2])
+        keys, k, n = _columns(name, (s1, s2, isi), n_equal, n_trials)
+        rows = np.flatnonzero(n)
+        rows = rows[np.lexsort([key[rows] for key in keys[::-1]])]
+        pairs = [key[rows] for key in keys]
+        starts = run_starts(*pairs)
+        k_sum, n_sum = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (k, n))
+        return cls(name, pairs[0][starts], pairs[1][starts], k_sum, n_sum, None if isi is None else pairs[2][starts])
 
     @classmethod
     def from_trials(
@@ -172,6 +166,54 @@ class Subject:
 
     def __repr__(self) -> str:
         return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_equal:.0%} 'equal'>"
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Rows of one subject that have an answer, in the order in which they were given where rows are trials.
+
+    Parameters
+    ----------
+    keys : array, shape (rows, 2 or 3)
+        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has intervals.
+    n_equal, n_trials : array of int, shape (rows,)
+        Answers 'equal' and answers; a trial is a count of one.
+    block : array of int, shape (rows,), optional
+        Where in `blocks` the name of each row's block stands; None without such a column.
+    blocks : tuple of str
+        Names of the blocks, in their order.
+    trials : bool
+        Whether rows are trials.
+    """
+
+    keys: FloatArray
+    n_equal: IntArray
+    n_trials: IntArray
+    block: IntArray | None
+    blocks: tuple[str, ...]
+    trials: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a file told besides the counts.
+
+    Parameters
+    ----------
+    answers : mapping of str to Answers
+        By subject, where rows are trials or have a block.
+    read : tuple of str
+        Columns that were read, by our names.
+    ignored : tuple of str
+        Columns that were not, by their names in the file.
+    doubts : tuple of str
+        What is probably a mistake in the file: a sentence each, without its full stop.
+    """
+
+    answers: Mapping[str, Answers] = field(default_factory=dict)
+    read: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -241,7 +283,8 @@ class Study:
     @cached_property
     def intervals(self) -> tuple[float, ...]:
         """Distinct inter-stimulus intervals of all subjects, seconds, shortest first; empty where the study has no column isi."""
-        return distinct_intervals(self)
+        known = [subject.isi for subject in self if subject.isi is not None]
+        return tuple(np.unique(np.concatenate(known)).tolist()) if known else ()
 
     def at_isi(self, isi: float) -> Study:
         """The study at one interval (seconds), for everything that knows one interval only; subjects that never met it are left out.
@@ -327,55 +370,6 @@ def require_study(given: object) -> None:
     raise InputError(f"{found} bt.Study(subjects)" if isinstance(given, list | tuple) else f"{found} bt.read_study(path or DataFrame)")
 
 
-def subjects_of_rows(names: Sequence[str], owner: IntArray, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> tuple[Subject, ...]:
-    """What :meth:`Subject.from_counts` makes of the rows of each subject, of 100,000 subjects at once; rows and names are valid already.
-
-    Parameters
-    ----------
-    names : sequence of str
-    owner : array of int, shape (rows,)
-        Whose row it is, a place in `names`, by which subjects are ordered; who has no answer is left out.
-    keys : sequence of array, shape (rows,)
-        s1 and s2 (natural-log intensities), and isi (seconds) where there are intervals.
-    k, n : array of int, shape (rows,)
-        Answers 'equal' and answers.
-
-    Examples
-    --------
-    >>> zero, one = np.zeros(3), np.ones(3, np.int64)
-    >>> [one.total_trials for one in subjects_of_rows(("a", "b"), np.array([1, 0, 1]), (zero, zero), one, one)]
-    [1, 2]
-    """
-    (of, *pairs), k_sum, n_sum = _added_up((owner, *keys), k, n)
-    columns = dict(zip((*_KEYS[: len(keys)], "n_equal", "n_trials"), (*pairs, k_sum, n_sum), strict=True))
-    for values in columns.values():
-        values.setflags(write=False)  # parts of them are read-only, too
-    ends = [*(starts := run_starts(of)).tolist(), len(of)]
-    found = []
-    for code, start, end in zip(of[starts].tolist(), ends[:-1], ends[1:], strict=True):
-        subject = object.__new__(Subject)
-        subject.__dict__.update({key: values[start:end] for key, values in columns.items()}, name=names[code])
-        found.append(subject)
-    return tuple(found)
-
-
-def _added_up(keys: Sequence[npt.NDArray[Any]], k: IntArray, n: IntArray) -> tuple[list[npt.NDArray[Any]], IntArray, IntArray]:
-    """Distinct keys of answered rows, in their order, and the sums of both counts."""
-    answered = n > 0
-    some = [key[answered] for key in keys]
-    order = np.lexsort(some[::-1])
-    ordered = [key[order] for key in some]
-    starts = run_starts(*ordered)
-    k_sum, n_sum = (np.add.reduceat(count[answered][order], starts) for count in (k, n))
-    return [key[starts] for key in ordered], k_sum, n_sum
-
-
-def distinct_intervals(subjects: Iterable[Subject]) -> tuple[float, ...]:
-    """Distinct inter-stimulus intervals of subjects, seconds, shortest first."""
-    known = [subject.isi for subject in subjects if subject.isi is not None]
-    return tuple(np.unique(np.concatenate(known)).tolist()) if known else ()
-
-
 def said_intervals(intervals: Sequence[float]) -> str:
     """Intervals as notes and messages show them.
 
@@ -407,43 +401,23 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
             )
 
 
-def _require_counts(name: str, key: str, values: npt.ArrayLike) -> None:
-    """Counts must be whole numbers before they are stored as such: 2.5 never becomes 2."""
-    array = np.asarray(values)
-    if array.dtype.kind not in "iuf" or np.any(array != np.floor(array)):
-        raise InputError(f"subject {name!r}: {key} must be whole numbers, found {array.ravel()[:3].tolist()}")
-    if np.sum(np.abs(array), dtype=np.float64) > LARGEST_COUNT:
-        raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
-
-
-def _stimuli(name: str, values: npt.ArrayLike) -> FloatArray:
+def _columns(
+    name: str, keys: Sequence[npt.ArrayLike | None], n_equal: npt.ArrayLike, n_trials: npt.ArrayLike
+) -> tuple[list[FloatArray], IntArray, IntArray]:
+    """Stimuli and, where there are some, intervals; counts within what can be counted; all of one length."""
+    counts = {key: np.asarray(values).ravel() for key, values in (("n_equal", n_equal), ("n_trials", n_trials))}
+    for key, values in counts.items():
+        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):  # 2.5 never becomes 2
+            raise InputError(f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}")
+        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
+            raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
     try:
-        return np.asarray(values, np.float64).ravel()
+        columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
     except (TypeError, ValueError) as error:
-        raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
-
-
-def _intervals(name: str, values: npt.ArrayLike) -> FloatArray:
-    """Intervals as an array of positive finite numbers, seconds."""
-    try:
-        intervals = np.asarray(values, np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise InputError(f"subject {name!r}: isi must be numbers ({error})") from error
-    if not (np.isfinite(intervals) & (intervals > 0)).all():
-        raise InputError(f"subject {name!r}: isi must be positive finite numbers of seconds")
-    return intervals
-
-
-def _require_valid(name: str, keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> None:
-    """The promises that every other module builds on."""
-    if k.ndim != 1 or k.shape != n.shape or any(key.shape != k.shape for key in keys):
-        named = ", ".join(_KEYS[: len(keys)])
-        raise InputError(f"subject {name!r}: {named}, n_equal and n_trials must be one-dimensional and of one length")
-    if len(k) == 0:
-        raise InputError(f"subject {name!r}: no answered trial")
-    if not np.isfinite(keys[:2]).all():
-        raise InputError(f"subject {name!r}: s1 and s2 must be finite numbers")
-    if np.any(n < 1) or np.any(k < 0) or np.any(k > n):
-        raise InputError(f"subject {name!r}: every pair needs n_trials >= 1 and n_equal in 0..n_trials")
-    if len(np.unique(np.column_stack(keys), axis=0)) < len(k):
-        raise InputError(f"subject {name!r}: a pair of stimuli is repeated; Subject.from_counts adds repeats up")
+        raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
+    k, n = (values.astype(np.int64) for values in counts.values())
+    if any(len(values) != len(k) for values in (*columns, n)):
+        raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(columns)])}, n_equal and n_trials must be of one length")
+    if np.any((k < 0) | (k > n)):  # before repeated pairs are added up, where two wrongs could cancel
+        raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
+    return columns, k, n

@@ -1,9 +1,15 @@
-"""Tables of results: rows to go through and to look up, as a frame, and in a CSV or Parquet file that is whole or not there."""
+"""Tables of results: rows to go through and to look up, as a frame, and in a CSV or Parquet file that is whole or not there.
+
+And names of files that every system takes: one stem for each subject, whatever the subject is called.
+"""
 
 from __future__ import annotations
 
 import csv
+import hashlib
+import re
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,16 +17,21 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from bayes_toe.data.cells import runs
-from bayes_toe.data.messages import listed, quoted
-from bayes_toe.data.notebook import as_html, named_few
-from bayes_toe.data.parquet import is_parquet, require_parquet, write_parquet
+from bayes_toe.data.messages import as_html, listed, named_few, quoted
 from bayes_toe.data.study import as_name
+from bayes_toe.data.text_table import is_parquet, require_parquet
+from bayes_toe.data.validation import runs
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_LONGEST_STEM = 60
+_HASH_DIGITS = 8
+_PLAIN = re.compile(r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?")  # no dot at either end
+_FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
+_RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
 class OfSubject(Protocol):
@@ -114,8 +125,8 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     overwrite : bool
         Whether an existing file may be replaced.
     spreadsheet_safe : bool
-        Whether an apostrophe is put before texts that a spreadsheet would run (:func:`~bayes_toe.data.cells.runs`); our readers take it
-        off the names of subjects again.
+        Whether an apostrophe is put before texts that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take
+        it off the names of subjects again.
 
     Returns
     -------
@@ -144,9 +155,12 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
         frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:
         if is_parquet(target):
-            write_parquet(frame, temporary)
-            return target
-        frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            pq.write_table(pa.Table.from_pandas(frame, preserve_index=False), temporary, write_page_checksum=True)
+        else:
+            frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
 
 
@@ -172,3 +186,46 @@ def write_cells(
 
 def _inert(value: object) -> object:
     return f"'{value}" if isinstance(value, str) and runs(value) else value
+
+
+def file_stems(names: Sequence[str]) -> dict[str, str]:
+    """A file name without suffix for each subject, safe and distinct on every system.
+
+    ASCII letters, digits, ``-``, ``_`` and ``.`` only, 60 characters at most. A name that had to be changed, or that
+    differs from another one in case only, carries 8 hexadecimal digits of its SHA-256.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Subject identifiers: any text.
+
+    Returns
+    -------
+    dict of str to str
+        The stem of each name.
+
+    Examples
+    --------
+    >>> file_stems(["S01", "../S02"])
+    {'S01': 'S01', '../S02': '_S02-58c1dce7'}
+    """
+    stems = {name: _safe(name) for name in names}
+    while True:
+        seen = Counter(stem.lower() for stem in stems.values())
+        clashing = [name for name, stem in stems.items() if seen[stem.lower()] > 1 and stem == name]
+        if not clashing:
+            return stems
+        stems.update({name: _marked(name, name) for name in clashing})
+
+
+def _safe(name: str) -> str:
+    """The name itself where every system takes it as a file name, otherwise a changed one with its hash."""
+    if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name):
+        return name
+    clean = _FORBIDDEN.sub("_", name).lstrip(".")
+    return _marked(f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean, name)
+
+
+def _marked(stem: str, name: str) -> str:
+    digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
+    return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

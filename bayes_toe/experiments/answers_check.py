@@ -17,10 +17,9 @@ from scipy.special import logit, ndtri
 from scipy.stats import hypergeom
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
-from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import bare, counted, listed
-from bayes_toe.data.read_options import LOOKED_AT, looks_like
-from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.options import LOOKED_AT, looks_like
+from bayes_toe.data.study import Answers, Reading, Study, Subject, require_study
 from bayes_toe.experiments.checks import Finding
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
@@ -46,7 +45,7 @@ LARGEST_LOG = 5.0
 NOTES = frozenset({"columns_ignored"})
 
 _STRETCHES = 10  # of the trials, among which drift is looked for
-_FEWEST_DRAWS, _LARGER = 199, 10  # drawing ends with so many tables, or sooner with so many that deviate more
+_FEWEST_DRAWS, _LARGER = 99, 10  # drawing ends with so many tables, or sooner with so many that deviate more
 _MOST_DRAWN = 10**8  # answers of a subject: beyond them tables cannot be drawn, and no experiment has so many
 _Rule = Iterable[tuple[str, str]]
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.data.cells import runs
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
+from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import Stimuli

@@ -98,7 +98,7 @@ def prior_predictive(
 
     Examples
     --------
-    >>> from bayes_toe.data.example import example_study
+    >>> from bayes_toe.data.read_study import example_study
     >>> found = prior_predictive(example_study(), draws=100)
     >>> found.equal.shape, found.n_trials.shape
     ((100, 13), (16, 13))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.number_table import read_numbers
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import Design, Trials, at_intervals, full_design, paper_population, prior_population, reference_design
 from bayes_toe.model.closed_form import require_natural
@@ -128,5 +128,5 @@ def _numbers(option: str, text: str) -> list[float]:
 
 
 def _require_file(text: str, option: str, words: Iterable[str]) -> None:
-    if not Path(text).is_file():
+    if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
         raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

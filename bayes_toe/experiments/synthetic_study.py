@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.data.example import Truth
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.recipes import design_named, natural_from, population_from

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.example import Truth, example_truth
 from bayes_toe.data.messages import listed
+from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import Entry, entries_of, in_group, outlined, prior_of, quantiles

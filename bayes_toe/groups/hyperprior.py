@@ -145,7 +145,7 @@ class Hyperprior:
 
         Examples
         --------
-        >>> from bayes_toe.data.example import example_study
+        >>> from bayes_toe.data.read_study import example_study
         >>> Hyperprior().for_study(example_study()).scaled(3.0).numbers(["gamma"]).sd_scale.tolist()
         [3.0]
         """

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.data.notebook import as_html
+from bayes_toe.data.messages import as_html
 from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
@@ -262,7 +262,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
 
     Examples
     --------
-    >>> from bayes_toe.data.example import example_study
+    >>> from bayes_toe.data.read_study import example_study
     >>> found = population(example_study().select(["S01", "S02", "S03", "S04", "S05"]), draws=200, seed=1, workers=1)
     >>> found.names, found.converged
     (('mu1', 'gamma', 'width', 'q0'), True)

@@ -108,7 +108,7 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
 
     Examples
     --------
-    >>> from bayes_toe.data.example import example_study
+    >>> from bayes_toe.data.read_study import example_study
     >>> from bayes_toe.groups.population import population
     >>> made = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
     >>> [one.label for one in predictive_check(made, groups=100).statistics[:2]]

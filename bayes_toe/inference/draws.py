@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.messages import listed
-from bayes_toe.data.notebook import MOST_ROWS, as_html, named_few
+from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
 from bayes_toe.data.places import reporting, shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject, as_name

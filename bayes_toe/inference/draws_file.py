@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_toe.data.cells import LARGEST_COUNT
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
+from bayes_toe.data.study import LARGEST_COUNT
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws_layout import BY_PAIR, BY_SUBJECT, MOST_INFLATED, load_small
 from bayes_toe.inference.draws_store import dangers, opened_store, require_library

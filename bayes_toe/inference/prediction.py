@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.study import Subject
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.subject_draws import QUANTILES

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bayes_toe.data.input_bytes import input_bytes
 from bayes_toe.data.messages import bare, quoted, visible
+from bayes_toe.data.text_table import input_bytes
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import STIMULI, PriorField

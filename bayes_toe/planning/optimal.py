@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import log_softmax
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.data.number_table import read_numbers
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.aims import AIMS

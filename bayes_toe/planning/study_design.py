@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.data.number_table import read_numbers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_cells
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, Design, full_design, reference_design
 

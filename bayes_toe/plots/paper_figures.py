@@ -14,7 +14,7 @@ from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
 from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.data.example import Truth
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayes_toe.data.file_names import file_stems
+from bayes_toe.data.tables import file_stems
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 

@@ -11,7 +11,7 @@ import pytest
 from commands import inside
 
 from bayes_toe.data.covariates import read_covariates
-from bayes_toe.data.read_options import ReadOptions
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.tables import write_table
 from bayes_toe.errors import InputError
@@ -100,8 +100,8 @@ def test_a_schema_that_does_not_fit_is_refused(tmp_path):
     ]
     dates = COUNTS.assign(subject=pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]"), s2=[[1.0], [2.0], [3.0]])
     assert problems(parquet(tmp_path, dates)) == [
-        "study.parquet: schema, column subject: found values of type 'timestamp[ns]', allowed: text or numbers",
-        "study.parquet: schema, column s2: found values of type 'list<element: double>', allowed: text or numbers",
+        f"study.parquet: row 1, column {name}: found {found}, allowed: text, numbers or truth values"
+        for name, found in (("subject", "'2024-01-01 00:00:00' of type Timestamp"), ("s2", "'[1.0]' of type list"))
     ]
     assert problems(parquet(tmp_path, COUNTS[:0].astype(str))) == [
         "study.parquet: schema: found no row below it, allowed: at least one row"

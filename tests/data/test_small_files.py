@@ -8,9 +8,9 @@ import pytest
 from commands import call
 
 import bayes_toe as bt
-from bayes_toe.data import cells
 from bayes_toe.data.covariates import read_covariates
-from bayes_toe.data.number_table import read_numbers
+from bayes_toe.data.text_table import read_table
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.recipes import design_from, population_from
 from bayes_toe.experiments.simulate import reference_design
@@ -215,6 +215,6 @@ def test_commands_refuse_with_exit_code_2_and_write_nothing(tmp_path, written, t
 @pytest.mark.parametrize("kind", ["pairs", "covariates"])
 def test_files_without_an_end_are_refused_at_their_beginning(kind, written, monkeypatch):
     assert "a pipe or device, not a file" in problems(REFUSING[kind], "/dev/zero")[0]
-    monkeypatch.setattr(cells.read_header, "__defaults__", (40,))
+    monkeypatch.setattr(read_table, "__defaults__", (40,))
     (problem,) = problems(REFUSING[kind], written(TEXTS[kind]))
     assert f"{len(TEXTS[kind].encode())} bytes, more than 40" in problem

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayes_toe.data.study import Study, Subject, subjects_of_rows
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
@@ -63,16 +63,16 @@ def test_types() -> None:
     [
         ({"name": ""}, "subject name '' must be a non-empty text"),
         ({"name": 7}, "subject name 7 must be a non-empty text"),
-        ({"s1": [0.0]}, "must be one-dimensional and of one length"),
-        ({"n_trials": [8, 10, 1]}, "must be one-dimensional and of one length"),
+        ({"s1": [0.0]}, "must be of one length"),
+        ({"n_trials": [8, 10, 1]}, "must be of one length"),
         ({"s1": [0.3, np.nan]}, "s1 and s2 must be finite"),
         ({"s2": [np.inf, 0.3]}, "s1 and s2 must be finite"),
         ({"n_equal": [2.5, 7]}, r"n_equal must be whole numbers, found \[2.5, 7.0\]"),
         ({"n_equal": [np.nan, 7]}, "n_equal must be whole numbers"),
         ({"n_equal": ["2", "7"]}, "n_equal must be whole numbers"),
         ({"n_trials": [8.5, 10]}, "n_trials must be whole numbers"),
-        ({"n_equal": [-1, 7]}, "n_equal in 0..n_trials"),
-        ({"n_equal": [9, 7]}, "n_equal in 0..n_trials"),
+        ({"n_equal": [-1, 7]}, "every n_equal must lie in 0..n_trials"),
+        ({"n_equal": [9, 7]}, "every n_equal must lie in 0..n_trials"),
         ({"n_equal": [0, 7], "n_trials": [0, 10]}, "n_trials >= 1"),
         ({"s1": [0.0, 0.0], "s2": [0.3, 0.3]}, "a pair of stimuli is repeated"),
         ({"s1": [], "s2": [], "n_equal": [], "n_trials": []}, "no answered trial"),
@@ -101,7 +101,7 @@ def test_counts_are_added_up() -> None:
     [
         (([0, 0], [0, 0], [7, 0], [5, 5]), "every n_equal must lie in 0..n_trials"),
         (([0, 0], [0, 0], [-1, 2], [5, 5]), "every n_equal must lie in 0..n_trials"),
-        (([0], [0, 0], [1, 1], [5, 5]), "must have one common length"),
+        (([0], [0, 0], [1, 1], [5, 5]), "must be of one length"),
         (([0], [0], [1.5], [5]), "n_equal must be whole numbers"),
         (([0, 0], [0, 1], [0, 0], [0, 0]), "no answered trial"),
         (([np.nan], [0], [1], [5]), "finite"),
@@ -196,16 +196,3 @@ def test_counts_beyond_exact_numbers_are_refused() -> None:
 def test_stimuli_that_are_not_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="must be numbers"):
         Subject.from_counts("S01", ["a"], [0.3], [0], [1])
-
-
-@FUZZ
-@given(rows=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 2), st.integers(0, 2), st.integers(0, 3), st.integers(0, 3)), min_size=1))
-def test_subjects_of_many_rows_are_those_of_the_rows_of_each(rows: list[tuple[int, ...]]) -> None:
-    owner, first, second, equal, more = np.array(rows).T
-    counts = first * 0.5, second - 0.25, equal, equal + more
-    names = ("b", "", "a", "0")
-    found = subjects_of_rows(names, owner, counts[:2], *counts[2:])
-    alone = [Subject.from_counts("x", *(part[owner == code] for part in counts)) for code in np.unique(owner[counts[3] > 0])]
-    assert [columns(one) for one in found] == [columns(one) for one in alone]
-    assert [one.name for one in found] == [names[code] for code in np.unique(owner[counts[3] > 0])]
-    assert not any(getattr(one, key).flags.writeable for one in found for key in COLUMNS)

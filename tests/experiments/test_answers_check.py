@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Answers, Reading, Study, Subject
 from bayes_toe.experiments.answers_check import STUDY_LEVEL, check_answers
 from bayes_toe.experiments.simulate import reference_design
 

@@ -82,7 +82,7 @@ def test_the_bundled_study_looks_like_the_papers():
 
 
 def test_the_bundled_files_are_what_simulate_makes():
-    # `bayes_toe.data.example.COMMAND` states the seed: the same numbers come out again, to the last answer.
+    # `bayes_toe.data.read_study.COMMAND` states the seed: the same numbers come out again, to the last answer.
     names, observers = population_from("paper", 16, 2604, reference_design())
     truth = bt.example_truth()
     assert {n: tuple(t.values()) for n, t in truth.items()} == {

@@ -1,14 +1,14 @@
-"""How to read a file whose layout is not the default: intensities, answer codes, column names."""
+"""How to read a file whose layout is not the default: intensities, answer codes, column names; and which of its columns are read."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bayes_toe.data.messages import quoted
+from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.errors import InputError
 
 COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi", "block", "trial")
@@ -70,13 +70,28 @@ class ReadOptions:
         columns = {ours.strip(): theirs.strip() for ours, theirs in self.columns.items()}
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "where", {name.strip(): text.strip() for name, text in self.where.items()})
-        problems = [*_reference_problems(self.intensity), *_code_problems(self), *_name_problems(self.columns.items())]
+        problems = []
+        if self.intensity is not None and not (math.isfinite(self.intensity) and self.intensity > 0):
+            problems.append(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")
+        given = {"--equal-code": self.equal_code, "--different-code": self.different_code}
+        problems += [f"{name}: found '', allowed: a text that is not empty" for name, code in given.items() if code == ""]
+        if self.equal_code and self.equal_code == self.different_code:
+            problems.append(f"--different-code: found {quoted(self.equal_code)} as --equal-code, allowed: two different texts")
+        problems += _name_problems(columns.items())
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
-            problems.append(
-                f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'"
-            )
+            found = quoted(self.subject_from)
+            problems.append(f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'")
         if problems:
             raise InputError(problems)
+
+    def name(self, ours: str) -> str:
+        """What the file calls a column of ours."""
+        return self.columns.get(ours, ours)
+
+    @property
+    def stimuli(self) -> tuple[str, str]:
+        """Our names of the columns of the two stimuli."""
+        return ("s1", "s2") if self.intensity is None else ("i1", "i2")
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -159,21 +174,6 @@ def looks_like(name: str, ours: str) -> bool:
     return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
 
 
-def _reference_problems(reference: float | None) -> list[str]:
-    if reference is None or (math.isfinite(reference) and reference > 0):
-        return []
-    return [f"--intensity: found {reference!r}, allowed: a positive finite number"]
-
-
-def _code_problems(options: ReadOptions) -> list[str]:
-    given = {"--equal-code": options.equal_code, "--different-code": options.different_code}
-    problems = [f"{name}: found '', allowed: a text that is not empty" for name, code in given.items() if code == ""]
-    if options.equal_code is not None and options.equal_code == options.different_code and not problems:
-        found = quoted(options.equal_code)
-        problems.append(f"--different-code: found {found} as --equal-code, allowed: two different texts")
-    return problems
-
-
 def _name_problem(found: str, allowed: str) -> str:
     return f"--columns: found {quoted(found)}, allowed: {allowed} with OURS one of {', '.join(COLUMNS)}"
 
@@ -189,3 +189,71 @@ def _name_problems(pairs: Iterable[tuple[str, str]]) -> list[str]:
         seen_ours.add(ours)
         seen_theirs.add(theirs)
     return problems
+
+
+# --- Which columns are read ---------------------------------------------------------------------------
+
+
+def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool = False) -> tuple[list[str], list[str]]:
+    """Our names of the columns that a table with these names is read from, and what is wrong with the names.
+
+    Examples
+    --------
+    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
+    (['subject', 's1', 's2', 'n_equal', 'n_trials'], [])
+    """
+    needed = _needed(names, options)
+    theirs = [options.name(ours) for ours in needed]
+    counts = [bare(options.name(ours)) for ours in ("n_equal", "n_trials") if ours in needed]
+    lines = []
+    if "response" in needed and counts:
+        response, both = bare(options.name("response")), f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
+        allowed = f"{response} alone (one row per trial) or {both} alone (one row per pair)"
+        lines.append(f"column {response}: found together with {' and '.join(counts)}, allowed: {allowed}")
+    for name in dict.fromkeys(name for name in theirs if theirs.count(name) > 1):
+        roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
+        lines.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
+    found = listed([quoted(name) for name in names])
+    missing = [name for name in options.where if names.count(name) != 1]
+    lines += [f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these" for name in missing]
+    if options.subject_from is not None:
+        needed.remove("subject")
+        if options.name("subject") in names:
+            lines.append(f"column {bare(options.name('subject'))}: found together with --subject-from, allowed: one of them")
+    for ours in COLUMNS:
+        count = names.count(options.name(ours))
+        if count == 0 and (ours in needed or ours in options.columns):
+            hint = "; ".join(_ways_out(names, options, ours, python))
+            lines.append(f"column {bare(options.name(ours))}: missing, found {found}, allowed: a column of this name, or {hint}")
+        elif count > 1 and ours in needed:
+            lines.append(f"column {bare(options.name(ours))}: found {count} columns of this name, allowed: one")
+    return needed, lines
+
+
+def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
+    """Our names of the columns that these names call for, and of those that there may be."""
+    # No inference reads block and trial: twice there, or named as something else, they are left out like any other column.
+    others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    looked_at = [ours for ours in LOOKED_AT if options.name(ours) not in others and names.count(options.name(ours)) == 1]
+    counts = [ours for ours in ("n_equal", "n_trials") if options.name(ours) in names]
+    by_row = ["n_equal", "n_trials"] if counts else ["response"]
+    answers = ["response", *counts] if options.name("response") in names else by_row
+    return ["subject", *options.stimuli, *answers, *(["isi"] if options.name("isi") in names else []), *looked_at]
+
+
+def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: bool) -> Iterable[str]:
+    """What else is allowed in the place of a column that is missing."""
+    taken = [options.name(one) for one in COLUMNS]
+    theirs = next((bare(name) for name in names if name not in taken and looks_like(name, ours)), "NAME")
+    yield f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if python else f"--columns {ours}={theirs}"
+    amplitudes, logs = (("i1", "i2"), ("s1", "s2"))
+    if ours in logs and any(options.name(other) in names for other in amplitudes):
+        how = "ReadOptions(intensity=REF)" if python else "--intensity REF"
+        yield f"the amplitudes {bare(options.name('i1'))}, {bare(options.name('i2'))} need {how}"
+    if ours in amplitudes and any(options.name(other) in names for other in logs):
+        how = "intensity" if python else "--intensity"
+        yield f"the log intensities {bare(options.name('s1'))}, {bare(options.name('s2'))} are read without {how}"
+    if ours == "subject" and theirs == "NAME" and not python:
+        yield "or --subject-from '{}.csv', where the name of the file tells it"
+    if ours == "response":
+        yield f"or counts in {bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"

@@ -1,0 +1,405 @@
+"""Any source of a table as columns of text: CSV files, Parquet, MATLAB, data frames of pandas or polars.
+
+Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA' whatever the source. What the columns mean,
+and what of it is allowed, is for :mod:`bayes_toe.data.validation` and its users to say, once for all sources.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import errno
+import importlib.util
+import io
+import itertools
+import os
+import re
+import stat
+from array import array
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.data.matlab import matlab_columns
+from bayes_toe.data.messages import MOST_SHOWN, bare, counted, quoted, visible
+from bayes_toe.errors import InputError
+
+#: A pandas or polars DataFrame, neither of which is imported to know one.
+Frame: TypeAlias = Any
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
+#: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5 million.
+LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
+
+_ENCODINGS = (
+    (codecs.BOM_UTF8, "utf-8", "UTF-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le", "UTF-16"),
+    (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
+    (b"", "utf-8", "UTF-8"),
+)
+_TEXT_ALLOWED = "text in UTF-8, or in UTF-16 that starts with its byte-order mark"
+# What the csv module says, and what we say.
+_SPLIT_ERRORS = {
+    "end of data": "a quote that is never closed",
+    "expected after": "text after a closing quote",
+    "field larger": "a cell of more than 131072 characters (a quote that is never closed?)",
+}
+_ROWS = 1 << 10  # rows whose texts are told apart at once: memory stays flat
+_LEAST = 8  # bytes of a row of the shortest CSV file; a Parquet file that says that it has more is not believed
+_MISSING = ("NAType", "NaTType")  # pandas' own; they equal nothing, and say so in words that are no truth values
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its name in the source, its distinct texts, and the place of each row's text among them."""
+
+    name: str
+    texts: list[str]
+    codes: IntArray
+
+    @classmethod
+    def of(cls, name: str, texts: Iterable[str], codes: npt.ArrayLike) -> Column:
+        """The column whose texts have space around them, so that some may be the same."""
+        seen: dict[str, int] = {}
+        places = np.array([seen.setdefault(text.strip(), len(seen)) for text in texts], np.int64)
+        return cls(name, list(seen), places[np.asarray(codes, np.int64)])
+
+    def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
+        """One value per row; each distinct text is converted once."""
+        return np.asarray(np.array([convert(text) for text in self.texts], dtype)[self.codes])
+
+    def only(self, rows: BoolArray) -> Column:
+        """The column of these rows, without the texts that only others have."""
+        codes, places = np.unique(self.codes[rows], return_inverse=True)
+        return Column(self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64))
+
+    def text(self, index: int) -> str:
+        """The text of one row."""
+        return self.texts[int(self.codes[index])]
+
+
+class Problems:
+    """What is wrong with a source, to be told at once in the order of its rows."""
+
+    def __init__(self, source: str) -> None:
+        self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
+
+    def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
+        """Rows and what is said of them; the first of `count`."""
+        some = list(lines)
+        self._shown += some
+        self.count += len(some) if count is None else count
+
+    def refuse(self) -> None:
+        """Raise ten of them as one InputError, and how many more there are."""
+        if self.count == 0:
+            return
+        shown = sorted(self._shown, key=itemgetter(0))[:MOST_SHOWN]
+        more = [f"... and {counted(self.count - len(shown), 'more problem')}"] if self.count > len(shown) else []
+        raise InputError([*(f"{self.source}: {text}" for _, text in shown), *more])
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """The columns that were asked for, by their names in the source, and the row that each record starts at there.
+
+    `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head` is the place of the names in messages.
+    """
+
+    form: str
+    delimiter: str
+    head: str
+    names: list[str]
+    columns: dict[str, Column]
+    rows: IntArray
+    problems: Problems
+
+    @property
+    def source(self) -> str:
+        """What messages call the file, or the frame."""
+        return self.problems.source
+
+    @property
+    def python(self) -> bool:
+        """Whether it is a frame, so that messages name arguments and not options of the command line."""
+        return self.head == "columns"
+
+    @property
+    def decimal_comma(self) -> bool:
+        """Whether the delimiter leaves the comma free to be a decimal sign."""
+        return self.delimiter in (";", "\t")
+
+    def require(self, lines: Sequence[str]) -> None:
+        """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""
+        if lines:
+            self.problems.add((0, f"{self.head}, {line}") for line in lines)
+            self.problems.refuse()
+        if not len(self.rows) and self.problems.count == 0:
+            found = "a header only" if self.delimiter else "no row below it"
+            raise InputError(f"{self.source}: {self.head}: found {found}, allowed: at least one row{' below it' if self.delimiter else ''}")
+
+    def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
+        """Note the cells of a column that are bad; `allowed` says what would have been right, of the index of a record where it differs."""
+        wrong = np.flatnonzero(bad)
+        lines = []
+        for index in wrong[:MOST_SHOWN].tolist():
+            right = allowed if isinstance(allowed, str) else allowed(index)
+            row, found = int(self.rows[index]), quoted(column.text(index))
+            lines.append((row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {right}"))
+        self.problems.add(lines, len(wrong))
+
+
+def read_table(source: str | Path | Frame, names: Collection[str], largest: int = LARGEST_SMALL_FILE, *, every: bool = False) -> TextTable:
+    """The columns of these names, or `every` column, of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
+
+    The delimiter of a CSV file, comma, semicolon or tab, is the one under which its first record has most of the names.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its first record
+        cannot be split.
+    """
+    if hasattr(source, "collect") and not hasattr(source, "to_series"):
+        raise InputError(f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives")
+    if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
+        return _of_frame(source, names, every)
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame")
+    path = Path(source)
+    require_parquet(path)
+    name, data = bare(path.name), _bytes(path, largest)
+    if is_parquet(path):
+        return _of_parquet(name, data, largest, names, every)
+    return _of_matlab(name, data, names, every) if path.suffix.lower() == ".mat" else _of_csv(name, data, names, every)
+
+
+def _places(found: Sequence[str], names: Collection[str], every: bool) -> dict[str, int]:
+    """Where the first column of each wanted name is."""
+    return {name: found.index(name) for name in dict.fromkeys(found) if every or name in names}
+
+
+def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
+    """The content of a file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, is larger than `largest`, or is a pipe or a device, which may have no end.
+
+    Examples
+    --------
+    >>> input_bytes("/dev/zero")
+    Traceback (most recent call last):
+        ...
+    OSError: [Errno 22] a pipe or device, not a file
+    """
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+        raise OSError(errno.EINVAL, "a pipe or device, not a file")
+    if status.st_size > largest:
+        raise OSError(errno.EFBIG, f"{status.st_size} bytes, more than {largest}")
+    return Path(path).read_bytes()
+
+
+def _bytes(path: Path, largest: int) -> bytes:
+    try:
+        return input_bytes(path, largest)
+    except OSError as error:
+        reason = error.strerror if error.strerror is not None else str(error)
+    except ValueError as error:  # a NUL character in the path
+        reason = str(error)
+    raise InputError(f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read")
+
+
+# --- CSV --------------------------------------------------------------------------------------------
+
+
+def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
+    mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
+    _require_text(source, data, mark, codec, label)
+    plain = data[len(mark) :]
+    heads = {one: next(_records(plain, codec, one), None) for one in DELIMITERS}
+    cells = {
+        one: [] if head is None or isinstance(head[1], csv.Error) else [cell.strip() for cell in head[1]] for one, head in heads.items()
+    }
+    delimiter = max(cells, key=lambda one: (len(set(names) & set(cells[one])), len(cells[one])))
+    head = heads[delimiter]
+    if head is None:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    if isinstance(head[1], csv.Error):
+        raise InputError(f"{source}: {_broken(*head, 0)[1]}")
+    found, problems = cells[delimiter], Problems(source)
+    places = _places(found, names, every)
+    # Files of experiments are much wider than what is read of them, and most texts are there many times.
+    rows, codes = array("q"), {name: array("q") for name in places}
+    texts: dict[str, dict[str, int]] = {name: defaultdict(itertools.count().__next__) for name in places}
+    records = itertools.islice(_records(plain, codec, delimiter), 1, None)
+    while some := list(itertools.islice(records, _ROWS)):
+        whole = [(row, record) for row, record in some if isinstance(record, list) and len(record) == len(found)]
+        if len(whole) < len(some):
+            broken = [entry for entry in some if not isinstance(entry[1], list) or len(entry[1]) != len(found)]
+            problems.add([_broken(*entry, len(found)) for entry in broken[:MOST_SHOWN]], len(broken))
+        rows.extend(row for row, _ in whole)
+        for name, place in places.items():
+            codes[name].extend(map(texts[name].__getitem__, (record[place] for _, record in whole)))
+    columns = {name: Column.of(name, texts[name], codes[name]) for name in places}
+    return TextTable(label, delimiter, f"row {head[0]}", found, columns, np.array(rows, np.int64), problems)
+
+
+def _require_text(source: str, data: bytes, mark: bytes, codec: str, label: str) -> None:
+    """Refuse what cannot be decoded, and NUL characters."""
+    try:
+        text = data[len(mark) :].decode(codec)
+    except UnicodeDecodeError as error:
+        offset = len(mark) + error.start
+        before = data[len(mark) : offset].decode(codec, errors="ignore")
+        what = f"byte 0x{data[offset]:02x} at offset {offset}, not {label}"
+    else:
+        if "\0" not in text:
+            return
+        before = text.partition("\0")[0]
+        what = f"a NUL character at offset {len(mark) + len(before.encode(codec))}"
+    row = 1 + len(re.findall(r"\r\n|\r|\n", before))
+    raise InputError(f"{source}: row {row}: found {what}, allowed: {_TEXT_ALLOWED}")
+
+
+def _records(data: bytes, codec: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
+    """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
+    # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
+    lines = io.TextIOWrapper(io.BytesIO(data), codec, newline="")
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
+    while True:
+        row = reader.line_num + 1
+        try:
+            cells = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            yield row, error
+            continue
+        if "".join(cells).strip():
+            yield row, cells
+
+
+def _broken(row: int, record: list[str] | csv.Error, width: int) -> tuple[int, str]:
+    """What is said about a row that cannot be split, or not into as many cells as the header has."""
+    if not isinstance(record, csv.Error):
+        return row, f"row {row}: found {counted(len(record), 'cell')}, allowed: {width} cells as in the header"
+    found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
+    return row, f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
+
+
+# --- Frames, MATLAB, Parquet: values --------------------------------------------------------------------
+
+
+def _of_values(form: str, head: str, names: list[str], values: dict[str, list[object]], rows: IntArray, source: str) -> TextTable:
+    columns, problems = {}, Problems(source)
+    for name, some in values.items():
+        texts = [_text(value) for value in some]
+        if None in texts:
+            at = texts.index(None)
+            found = f"found {quoted(str(some[at]))} of type {type(some[at]).__name__}"
+            problems.add([(int(rows[at]), f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values")])
+        places: dict[str, int] = defaultdict(itertools.count().__next__)
+        codes = [places["" if text is None else text] for text in texts]
+        columns[name] = Column.of(name, places, codes)
+    problems.refuse()
+    table = TextTable(form, "", head, names, columns, rows, problems)
+    for column in columns.values():  # a CSV file has been looked at whole
+        table.fault(column, column.map(lambda text: "\0" in text, np.bool_), "text without NUL characters")
+    return table
+
+
+def _of_frame(frame: Any, names: Collection[str], every: bool) -> TextTable:
+    """Rows count from 0, as in `frame.iloc`."""
+    source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
+    found = [str(name).strip() for name in frame.columns]
+    values = {}
+    for name, place in _places(found, names, every).items():
+        column = frame.iloc[:, place] if hasattr(frame, "iloc") else frame.to_series(place)
+        values[name] = column.tolist() if hasattr(column, "tolist") else column.to_list()
+    return _of_values(source, "columns", found, values, np.arange(len(frame)), source)
+
+
+def _of_matlab(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
+    """Row 1 is the first trial; a single value stands in every row."""
+    columns = matlab_columns(source, data)
+    rows = max(map(len, columns.values()))
+    values = {name: columns[name] * (rows // len(columns[name])) for name in _places([*columns], names, every)}
+    return _of_values("MATLAB", "variables", [*columns], values, np.arange(1, rows + 1), source)
+
+
+def _of_parquet(source: str, data: bytes, largest: int, names: Collection[str], every: bool) -> TextTable:
+    """The schema stands for a header. Row 1 is the first record; a missing value is an empty cell."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        rows, size = file.metadata.num_rows, sum(file.metadata.row_group(i).total_byte_size for i in range(file.metadata.num_row_groups))
+        if rows > largest // _LEAST or size > largest:
+            raise InputError(f"{source}: found {rows} rows of {size} bytes, allowed: {largest // _LEAST} rows, {largest} bytes")
+        found = [name.strip() for name in file.schema_arrow.names]
+        called = {name: file.schema_arrow.names[place] for name, place in _places(found, names, every).items()}
+        table = file.read(columns=[*called.values()])
+        values = {}
+        for name, theirs in called.items():
+            column = table[table.schema.get_all_field_indices(theirs)[0]]
+            # In double precision 0.1 of single precision is another number.
+            values[name] = (column.cast(pa.string()) if pa.types.is_float32(column.type) else column).to_pylist()
+    except InputError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
+        said = bare(" ".join(str(error).split())[:200])
+        raise InputError(f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer has finished") from None
+    return _of_values("Parquet", "schema", found, values, np.arange(1, rows + 1), source)
+
+
+def _text(value: object) -> str | None:
+    """What a CSV file would have; None where a value has no text.
+
+    Examples
+    --------
+    >>> [_text(value) for value in (1008.0, 0.1, float("nan"), True, None, "same")]
+    ['1008', '0.1', '', '1', '', 'same']
+    """
+    plain = value.item() if isinstance(value, np.generic) else value
+    if plain is None or type(plain).__name__ in _MISSING or plain != plain:
+        return ""
+    if isinstance(plain, bool):
+        return str(int(plain))
+    if isinstance(plain, float):
+        return str(int(plain)) if plain.is_integer() else repr(plain)
+    return str(plain) if isinstance(plain, str | int | Decimal) else None
+
+
+def is_parquet(path: str | Path) -> bool:
+    """Whether a file is one by its name.
+
+    Examples
+    --------
+    >>> is_parquet("study.Parquet"), is_parquet("study.csv")
+    (True, False)
+    """
+    return Path(path).suffix.lower() == ".parquet"
+
+
+def require_parquet(path: str | Path) -> None:
+    """Refuse a Parquet file, to be read or written, where there is nothing to do that with; any other file passes.
+
+    Raises
+    ------
+    InputError
+        With what to install.
+    """
+    if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
+        found = "found a Parquet file and no pyarrow"
+        raise InputError(f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a CSV file")

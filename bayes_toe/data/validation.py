@@ -1,0 +1,193 @@
+"""What every reader asks of the columns of a table alike: numbers, counts, names; and small tables of numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.study import LARGEST_COUNT
+from bayes_toe.data.text_table import Column, TextTable, read_table
+
+#: What a cell may say, in any case, where there is nothing to say.
+MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
+# Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+# '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it is not read at all.
+_COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
+_RUN = ("=", "+", "-", "@", "\t", "\r")
+
+
+def number(text: str, decimal_comma: bool = False) -> float:
+    """The finite number that a cell holds, NaN if it holds none.
+
+    Examples
+    --------
+    >>> number("2.5e-1"), number("-0,5", True), number("1_0"), number("1e999")
+    (0.25, -0.5, nan, nan)
+    """
+    plain = text.replace(",", ".") if decimal_comma else text
+    value = float(plain) if _NUMBER.fullmatch(plain) is not None else math.nan
+    return value + 0.0 if math.isfinite(value) else math.nan  # + 0.0 turns -0.0 into 0.0
+
+
+def whole_number(text: str, decimal_comma: bool = False) -> int:
+    """The whole number that a cell holds, -1 if it holds none.
+
+    Examples
+    --------
+    >>> whole_number("5.0"), whole_number("5.000"), whole_number("2.5")
+    (5, -1, -1)
+    """
+    match = _COUNT.fullmatch(text.replace(",", ".") if decimal_comma else text)
+    value = -1 if match is None else int(match[1])
+    return value if value <= LARGEST_COUNT else -1
+
+
+def runs(text: str) -> bool:
+    """Whether a spreadsheet takes a cell for a formula; a number is none.
+
+    Examples
+    --------
+    >>> [runs(text) for text in ("=1+1", "@a", "-1", "-a", "a=1")]
+    [True, True, False, True, False]
+    """
+    return text.startswith(_RUN) and _NUMBER.fullmatch(text) is None
+
+
+def bare_names(table: TextTable, column: Column) -> Column:
+    """Names of a CSV file without the apostrophe that keeps a spreadsheet from running them, where that makes no two of them one."""
+    texts = [text[1:] if text[:1] == "'" and runs(text[1:]) else text for text in column.texts]
+    return Column(column.name, texts, column.codes) if table.delimiter and len(set(texts)) == len(texts) else column
+
+
+def numbers(table: TextTable, column: Column) -> FloatArray:
+    """The finite number of every row, NaN where the cell holds none."""
+    return column.map(lambda text: number(text, table.decimal_comma), np.float64)
+
+
+def empty(column: Column) -> BoolArray:
+    """Whether the cell of each row is empty."""
+    return column.map(lambda text: text == "", np.bool_)
+
+
+def require_numbers(table: TextTable, column: Column, bad: BoolArray, kind: str = "a finite number") -> None:
+    """Note cells that hold no number of this kind, with the way out where the comma is to blame."""
+
+    def allowed(index: int) -> str:
+        text = column.text(index)
+        if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
+            return f"{kind}; decimal commas need ';' or tab between cells"
+        return f"{kind}, without thousands separators" if "," in text or text.count(".") > 1 else kind
+
+    table.fault(column, bad, allowed)
+
+
+def require_texts(table: TextTable, column: Column, rows: BoolArray | None = None, *, once: bool = False) -> None:
+    """Note cells, of these rows or of all, that are empty, or that an earlier row has where each may stand `once`."""
+    blank = empty(column)
+    table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
+    if once:
+        first = np.unique(column.codes, return_index=True)[1][column.codes]
+        again = (np.arange(len(first)) > first) & ~blank
+        table.fault(column, again, lambda index: f"each name once, and row {table.rows[first[index]]} has it")
+
+
+# --- Small tables of numbers: a design, a population, pairs to predict, true parameters ---------------
+
+
+def read_numbers(
+    path: str | Path,
+    names: Sequence[str],
+    key: str | None = None,
+    *,
+    optional: Sequence[str] = (),
+    counts: Sequence[str] = (),
+    gaps: bool = False,
+) -> tuple[list[str], dict[str, FloatArray]]:
+    r"""Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
+
+    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN. Comma, semicolon or tab between cells;
+    UTF-8, or UTF-16 with a byte-order mark; or Parquet by its suffix. Other columns are ignored.
+
+    Returns
+    -------
+    texts : list of str
+        Of the column `key`, in the order of the rows; empty without one.
+    columns : dict of str to array, shape (rows,)
+        In the units of the file.
+
+    Raises
+    ------
+    InputError
+        One line per problem of the file, ten at most, with row and column.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pairs = Path(folder, "pairs.csv")
+    ...     _ = pairs.write_text("s1;s2\n0;0,5\n0,25;0\n", encoding="utf-8")
+    ...     read_numbers(pairs, ("s1", "s2"))[1]["s2"].tolist()
+    [0.5, 0.0]
+    """
+    keys = () if key is None else (key,)
+    table = _read(path, (*keys, *names), optional)
+    if not names and len(table.columns) < 2:
+        found = listed([quoted(name) for name in table.names])
+        table.require([f"found {found}, allowed: {', '.join(map(bare, keys))} and some of {', '.join(optional)}"])
+    for name in keys:
+        require_texts(table, table.columns[name], once=True)
+    columns = {name: _numbers(table, name, name in counts, gaps) for name in table.columns if name != key}
+    table.problems.refuse()
+    return [text for name in keys for text in _texts(table, name)], columns
+
+
+def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
+    r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
+
+    Errors as of :func:`read_numbers`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     table = Path(folder, "table.csv")
+    ...     _ = table.write_text("model,value\nsymmetric,0.5\nsymmetric,\n", encoding="utf-8")
+    ...     texts, values = read_rows(table, ["model"], ["value"])
+    >>> texts["model"], values["value"].tolist()
+    (['symmetric', 'symmetric'], [0.5, nan])
+    """
+    table = _read(path, (*texts, *names))
+    values = {name: _numbers(table, name, gaps=True) for name in names}
+    table.problems.refuse()
+    return {name: _texts(table, name) for name in texts}, values
+
+
+def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
+    """The table with columns of these names, each of them once."""
+    table = read_table(path, {*needed, *optional})
+    counts = {name: table.names.count(name) for name in (*needed, *optional)}
+    found = listed([quoted(name) for name in table.names])
+    missing = [f"column {bare(name)}: missing, found {found}, allowed: a column of this name" for name in needed if counts[name] == 0]
+    twice = [f"column {bare(name)}: found {count} columns of this name, allowed: one" for name, count in counts.items() if count > 1]
+    table.require([*missing, *twice])
+    return table
+
+
+def _numbers(table: TextTable, name: str, count: bool = False, gaps: bool = False) -> FloatArray:
+    column = table.columns[name]
+    values = numbers(table, column)
+    bad = ~((values >= 1) & (values == np.floor(values))) if count else np.isnan(values)
+    require_numbers(table, column, bad & ~empty(column) if gaps else bad, "a whole number of at least 1" if count else "a finite number")
+    return values
+
+
+def _texts(table: TextTable, name: str) -> list[str]:
+    column = bare_names(table, table.columns[name]) if name == "subject" else table.columns[name]
+    return [column.texts[code] for code in column.codes.tolist()]
