@@ -6,9 +6,9 @@ from commands import call
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A study of three synthetic subjects, and all that commands make of it."""
+    """A study of two synthetic subjects, and all that commands make of it."""
     place = tmp_path_factory.mktemp("column")
-    assert call("simulate", "-o", "study.csv", "--subjects", 3, "--batches", 20, "--seed", 3, cwd=place).returncode == 0
+    assert call("simulate", "-o", "study.csv", "--subjects", 2, "--batches", 20, "--seed", 3, cwd=place).returncode == 0
     return place
 
 
@@ -19,8 +19,8 @@ def folder(tmp_path_factory):
         (["run", "study.csv", "-o", "results", "--draws", 400], ["results/report.html", "results/evidence.csv", "results/posterior.nc"]),
         (["sample", "study.csv", "-o", "other.nc", "--model", "constant error", "--draws", 400], ["other.nc"]),
         (["evidence", "study.csv", "-o", "evidence.csv"], ["evidence.csv"]),
-        (["compare", "study.csv", "-o", "compare.csv", "--space", "ladder", "--draws", 400], ["compare.csv"]),
-        (["population", "study.csv", "-o", "population.nc", "--draws", 200], ["population.nc", "population.csv"]),
+        (["compare", "study.csv", "-o", "compare.csv", "--model", "update", "--model", "none", "--draws", 400], ["compare.csv"]),
+        (["population", "study.csv", "-o", "population.nc", "--draws", 100], ["population.nc", "population.csv"]),
         (["asymmetry", "study.csv", "-o", "asymmetry.csv"], ["asymmetry.csv"]),
         (["fit", "study.csv", "-o", "fit.csv", "--replicates", 200], ["fit.csv"]),
         (["explore", "results/posterior.nc", "-o", "explorer.html"], ["explorer.html"]),
