@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.inference.newton import ascend
+from bayes_toe.inference.newton import Differenced, ascend
 from bayes_toe.model.target import Target
 
 
@@ -52,30 +52,15 @@ def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     >>> find_maxima(posterior_of(subject)).arrived
     True
     """
-    found = ascend(_LogDensity(target), (target.starts() if starts is None else starts).T)
-    kept = found.arrived if found.arrived.any() else np.ones_like(found.arrived)
+    x = target.starts() if starts is None else starts
+    density = Differenced(target.log_density, lambda x: target.gradient(x)[1], *x.shape)
+    found = ascend(density, x.T)
+    kept = np.flatnonzero(found.arrived if found.arrived.any() else np.ones_like(found.arrived))
+    kept = kept[_distinct(found.x.T[kept], found.value[kept])]
     x, value = found.x.T[kept], found.value[kept]
-    distinct = _distinct(x, value)
-    hopeless = value[distinct] <= value.max() - 30.0
-    chosen = distinct[~hopeless]
-    curvature = -np.moveaxis(found.hessian[:, :, kept], -1, 0)[chosen]
-    return Maxima(x[chosen], value[chosen], curvature, bool(found.arrived.any()), x[distinct[hopeless]])
-
-
-@dataclass(frozen=True, eq=False)
-class _LogDensity:
-    """The log density as the ascent wants it, points on the last axis."""
-
-    target: Target
-
-    def value(self, x: FloatArray, _: IndexArray) -> FloatArray:
-        """Its value, (k, points) -> (points,)."""
-        return self.target.log_density(x.T)
-
-    def derivatives(self, x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient and Hessian; no step leads to where the density is 0."""
-        gradient, hessian = self.target.derivatives(x.T)
-        return gradient.T, np.moveaxis(hessian, 0, -1)
+    hopeless = value <= value[0] - 30.0
+    chosen = kept[~hopeless]
+    return Maxima(x[~hopeless], value[~hopeless], density.curvature(found.x[:, chosen], chosen), bool(found.arrived.any()), x[hopeless])
 
 
 def _distinct(x: FloatArray, value: FloatArray) -> IndexArray:

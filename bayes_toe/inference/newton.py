@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.model.target import Gradient, hessian, one_sided
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
@@ -29,6 +30,38 @@ class Objective(Protocol):
     def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (k, points) and Hessian (k, k, points) at x, where the value is finite."""
         ...
+
+
+class Differenced:
+    """An objective of which value and gradient are known, with Hessians by differences whose steps follow from the last ones.
+
+    Parameters
+    ----------
+    value : callable
+        (points, k) -> (points,).
+    gradient : callable
+        (points, k) -> (points, k).
+    starts, k : int
+        How many starts there will be, and of how many coordinates.
+    """
+
+    def __init__(self, value: Gradient, gradient: Gradient, starts: int, k: int) -> None:
+        self._value, self._gradient, self._bend = value, gradient, np.ones((starts, k))
+
+    def value(self, x: FloatArray, _: IndexArray) -> FloatArray:
+        """Value at x, (k, points) -> (points,)."""
+        return self._value(x.T)
+
+    def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (k, points) and Hessian (k, k, points)."""
+        gradient, bends = one_sided(self._gradient, x.T, self._bend[index])
+        bend = np.abs(np.diagonal(bends, axis1=1, axis2=2))
+        self._bend[index] = np.where(np.isfinite(bend), bend, self._bend[index])
+        return gradient.T, np.moveaxis(bends, 0, -1)
+
+    def curvature(self, x: FloatArray, index: IndexArray) -> FloatArray:
+        """Negative Hessian, (k, points) -> (points, k, k), by central differences, where the ascent ended."""
+        return -hessian(self._gradient, x.T, self._bend[index])
 
 
 class Ascent(NamedTuple):
@@ -116,7 +149,7 @@ def ascend(
         now.arrived[:] = (decrement[0] < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
         damping = _dampings(dampings[-1], 2)[1]
         damping[better] = np.maximum(dampings[chosen][better] / 16.0, 1e-12)
-        going = ~now.arrived & (damping < 1e12)
+        going = ~now.arrived & (damping < 1e12) & np.isfinite(now.hessian).all(axis=(0, 1))  # not beyond where slopes are floats
         if leaders is not None:
             near = better[(proper[chosen] & (decrement[chosen] < _NEAR))[better]]
             going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])

@@ -1,4 +1,4 @@
-"""Families of prior distributions: normalised densities with derivatives, distribution function, quantiles and draws.
+"""Families of prior distributions: normalised densities with their slopes, distribution function, quantiles and draws.
 
 A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`); whatever meets :class:`Distribution` will do.
 """
@@ -32,8 +32,8 @@ class Distribution(Hashable, Protocol):
         """Normalised log density; -inf outside the support, finite or a limit on its edges."""
         ...
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """First and second derivative of the log density, inside the support."""
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """Derivative of the log density, inside the support."""
         ...
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
@@ -80,10 +80,9 @@ class Normal:
         with np.errstate(over="ignore"):  # a square beyond the largest float: the density is 0
             return np.asarray(-0.5 * (LOG_2PI + ((np.asarray(x, np.float64) - self.mean) / self.sd) ** 2) - np.log(self.sd))
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """-(x - mean)/sd^2 and -1/sd^2."""
-        points = np.asarray(x, np.float64)
-        return np.asarray(-(points - self.mean) / self.sd**2), np.full(points.shape, -1.0 / self.sd**2)
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """-(x - mean)/sd^2."""
+        return np.asarray((self.mean - np.asarray(x, np.float64)) / self.sd**2)
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Phi((x - mean)/sd)."""
@@ -130,10 +129,9 @@ class HalfNormal:
             inside = -0.5 * (np.log(np.pi / 2.0) + (points / self.scale) ** 2) - np.log(self.scale)
         return np.where(points < 0.0, -np.inf, inside)
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """-x/scale^2 and -1/scale^2."""
-        points = np.asarray(x, np.float64)
-        return np.asarray(-points / self.scale**2), np.full(points.shape, -1.0 / self.scale**2)
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """-x/scale^2."""
+        return np.asarray(-np.asarray(x, np.float64) / self.scale**2)
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """erf(x / (2^(1/2) scale)), 0 below 0."""
@@ -179,10 +177,9 @@ class Uniform:
         inside = np.where(np.isnan(points), np.nan, -np.log(self.top))
         return np.where((points < 0.0) | (points > self.top), -np.inf, inside)
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Zeros."""
-        shape = np.shape(x)
-        return np.zeros(shape), np.zeros(shape)
+        return np.zeros(np.shape(x))
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """The share x / top, from 0 to 1."""
@@ -234,11 +231,10 @@ class Beta:
         """:meth:`log_density` from ln x and ln(1 - x), where x is too near an edge for a float to tell."""
         return np.asarray((self.a - 1.0) * log_x + (self.b - 1.0) * log_rest - betaln(self.a, self.b))
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """(a - 1)/x - (b - 1)/(1 - x) and -(a - 1)/x^2 - (b - 1)/(1 - x)^2."""
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """(a - 1)/x - (b - 1)/(1 - x)."""
         points = np.asarray(x, np.float64)
-        low, high = (self.a - 1.0) / points, (self.b - 1.0) / (1.0 - points)
-        return np.asarray(low - high), np.asarray(-low / points - high / (1.0 - points))
+        return np.asarray((self.a - 1.0) / points - (self.b - 1.0) / (1.0 - points))
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """I_x(a, b)."""
@@ -302,10 +298,9 @@ class LogNormal:
         z = self._score(x)
         return np.asarray(-z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI)
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """-(1 + z/sd)/x and (1 + z/sd - 1/sd^2)/x^2."""
-        points, steep = np.asarray(x, np.float64), 1.0 + self._score(x) / self.sd
-        return np.asarray(-steep / points), np.asarray((steep - 1.0 / self.sd**2) / np.square(points))
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """-(1 + z/sd)/x."""
+        return np.asarray(-(1.0 + self._score(x) / self.sd) / np.asarray(x, np.float64))
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Phi(z)."""
@@ -350,11 +345,9 @@ def log_density_of_logit(distribution: Distribution, logits: FloatArray, top: fl
     return np.asarray(of_quantity + log_expit(logits) + log_expit(-logits))
 
 
-def slopes_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative of :func:`log_density_of_logit`, each of shape (...)."""
+def slope_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:
+    """Derivative of :func:`log_density_of_logit`, shape (...)."""
     up, down = expit(logits), expit(-logits)
     if isinstance(distribution, Beta) and top == 1.0:
-        return np.asarray(distribution.a * down - distribution.b * up), np.asarray(-(distribution.a + distribution.b) * up * down)
-    slope, bend = distribution.derivatives(top * up)
-    rate, turn = top * up * down, np.tanh(0.5 * logits)
-    return np.asarray(slope * rate - turn), np.asarray(bend * np.square(rate) - slope * rate * turn - 2.0 * up * down)
+        return np.asarray(distribution.a * down - distribution.b * up)
+    return np.asarray(distribution.slope(top * up) * top * up * down - np.tanh(0.5 * logits))

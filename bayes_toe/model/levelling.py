@@ -22,6 +22,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.probits import log_slope, logit_of_probit, probit_of_logit
+from bayes_toe.model.target import hessian
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
 FARTHEST = 37.0
@@ -45,8 +46,8 @@ class Funnel(Protocol):
         """Mean first stimulus, from which the offset counts; natural-log intensity."""
         ...
 
-    def likelihood_derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (points, k) and Hessian (points, k, k) of the log likelihood."""
+    def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood, (points,), and its gradient, (points, k)."""
         ...
 
 
@@ -94,7 +95,7 @@ class Levelling:
         The first coordinates are c, logit(p/max_pull), log w; `logits` has the places of all that are logits. k is 4 for H1.
         """
         believed, best = posterior.prior.distribution(centre), modes[0]
-        precision = -float(posterior.likelihood_derivatives(best[None])[1][0, 0, 0])
+        precision = -float(hessian(lambda x: posterior.likelihood_gradient(x)[1], best[None])[0, 0, 0])
         # Where the likelihood is not concave in c the data say little of it: one width stands in for its spread.
         spread = np.exp(best[2]) if precision <= 0 else precision**-0.5
         # Several modes: the data leave c as open as the modes are apart.

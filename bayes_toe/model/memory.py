@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, log_expit, ndtr
+from scipy.special import expit, exprel, log_expit, ndtr
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.contraction import prior_quantile
-from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, small, softplus_jet
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.parameters import SPREAD, Derivatives, GroupPull, with_offset
+from bayes_toe.model.parameters import SPREAD, GroupPull, Mapped, with_offset
 from bayes_toe.model.predictive_update import Update
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.probits import probit_of_logit
+from bayes_toe.model.propagators import log_lost, log_lost_slope
 from bayes_toe.model.scales import Log, Logit
 from bayes_toe.model.target import Names
 
@@ -59,38 +59,23 @@ class Memory:
         with np.errstate(over="ignore", invalid="ignore"):  # mu1 beyond the largest float: its density is 0
             far = np.where(c == 0.0, 0.0, c * _inverse_share(a))
             of_mu1 = prior.distribution("mu1").log_density(sbar + far)
-        of_pull = _log_lost(a) + log_expit(-a)
+        of_pull = log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
         return np.asarray(of_mu1 + Log().log_density(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
 
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        c, a, b, _ = x.T
-        stretch, stretch_bend = self._stretch_derivatives(x)
-        gradient, hessian = np.zeros((len(x), 4)), np.zeros((len(x), 4, 4))
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_prior`."""
+        c, a, b, v = x.T
         with np.errstate(over="ignore"):  # 1/p beyond the largest float: infinite is right there
-            inverse, fall = _inverse_share(a), expit(-a)
-            far = c * inverse
-            steep = np.stack([inverse, -far * fall], axis=-1)
-            score, curve = prior.distribution("mu1").derivatives(sbar + far)
-            gradient[:, :2] = score[:, None] * steep
-            scaled = np.sqrt(np.abs(curve))[:, None] * steep  # a square of 1/p may be beyond the largest float, this is not
-            hessian[:, :2, :2] = np.sign(curve)[:, None, None] * scaled[:, :, None] * scaled[:, None, :]
-            hessian[:, 0, 1] += -score * fall * inverse
-            hessian[:, 1, 0] = hessian[:, 0, 1]
-            hessian[:, 1, 1] += score * far * fall
+            inverse = _inverse_share(a)
+            far = np.where(c == 0.0, 0.0, c * inverse)
+            of_mu1 = prior.distribution("mu1").slope(sbar + far)
+            of_offset, of_pull = of_mu1 * inverse, -of_mu1 * far * expit(-a)
         # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
-        first, second = Log().slopes(prior.distribution(SPREAD), b - self._log_stretch(x))
-        towards = np.stack([np.zeros_like(b), -stretch[0], np.ones_like(b), -stretch[1]], axis=-1)
-        gradient += first[:, None] * towards
-        hessian += second[:, None, None] * towards[:, :, None] * towards[:, None, :]
-        hessian[:, 1::2, 1::2] -= first[:, None, None] * np.moveaxis(stretch_bend, -1, 0)
-        ratio = np.exp(log_expit(a) - _log_lost(a))  # l_a/l
-        gradient[:, 1] += ratio - expit(a)
-        hessian[:, 1, 1] += ratio * (fall - ratio) - expit(a) * fall
-        gradient[:, 3] -= np.tanh(0.5 * x[:, 3])
-        hessian[:, 3, 3] -= 2.0 * expit(x[:, 3]) * expit(-x[:, 3])
-        return gradient, hessian
+        of_spread = Log().slope(prior.distribution(SPREAD), b - self._log_stretch(x))
+        by_pull, by_split = self._stretch_slopes(a, v)
+        of_pull += log_lost_slope(a) - expit(a) - of_spread * by_pull
+        return np.stack([of_offset, of_pull, of_spread, -of_spread * by_split - np.tanh(0.5 * v)], axis=-1)
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 4)."""
@@ -143,7 +128,7 @@ class Memory:
         """Prior mean, probit of the pull, log width, probit of the split."""
         return np.stack([sbar + x[:, 0] * _inverse_share(x[:, 1]), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])], axis=-1)
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """The inverse, with c = p (mu1 - sbar)."""
         split, turn = Logit().from_group(eta[:, 3])
         first, jacobian = with_offset(eta[:, :3], sbar, self.group_pull(eta[:, 1]))
@@ -165,26 +150,12 @@ class Memory:
         return np.asarray(np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v) - 0.5 * np.log(-np.expm1(-lost * (1.0 + expit(v)))))
 
     @staticmethod
-    def _stretch_derivatives(x: FloatArray) -> Derivatives:
-        """First and second derivatives of the log of w/sigma1 in (logit pull, logit split), (2, points) and (2, 2, points)."""
-        lost, split, fall = softplus_jet(x[:, 1]), expit_jet(x[:, 3]), expit(-x[:, 3])
-        one = Jet(np.ones_like(fall), np.zeros_like(fall), np.zeros_like(fall))
-        twice, mixed = log_lost_growth(lost, one, 2.0), log_lost_growth(lost, split._replace(value=1.0 + split.value), 1.0)
-        first, second = (a - 0.5 * b for a, b in zip(twice, mixed, strict=True))
-        # Where l is small both leave out log l, one of them by half; and log stretch has l expit(-split).
-        ratio = np.where(small(lost), np.exp(log_expit(x[:, 1]) - _log_lost(x[:, 1])), 0.0)
-        first[0] += 0.5 * ratio + lost.first * fall
-        second[0, 0] += 0.5 * ratio * (expit(-x[:, 1]) - ratio) + lost.second * fall
-        first[1] -= lost.value * split.first
-        second[0, 1] -= lost.first * split.first
-        second[1, 0] -= lost.first * split.first
-        second[1, 1] -= lost.value * split.second
-        return first, second
-
-
-def _log_lost(a: FloatArray) -> FloatArray:
-    """log(-log(1 - p)) at a = logit p."""
-    return np.where(a < -30.0, a, np.log(np.logaddexp(0.0, np.maximum(a, -30.0))))
+    def _stretch_slopes(a: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the log of w/sigma1 in the logits of pull and split, with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
+        lost, growth, split = np.logaddexp(0.0, a), log_lost_slope(a), expit(v)
+        twice, mixed = 1.0 / exprel(2.0 * lost), 0.5 / exprel(lost * (1.0 + split))
+        turn = split * expit(-v)
+        return growth * (twice - mixed) + expit(a) * expit(-v), -turn * (lost + mixed / (1.0 + split))
 
 
 def _inverse_share(a: FloatArray) -> FloatArray:

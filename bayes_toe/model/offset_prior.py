@@ -28,7 +28,6 @@ from scipy.special import expit, log_expit, logit, logsumexp, ndtri, ndtri_exp
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import MAX_PULL, pull
 from bayes_toe.model.coordinates import inverse_pull, log_noise_ratio
-from bayes_toe.model.decay import Jet
 from bayes_toe.model.distributions import LOG_2PI, Distribution, Normal
 from bayes_toe.model.prior import Prior, log_density_of_noise_ratio
 
@@ -55,7 +54,7 @@ def offset_prior(prior: Prior, sbar: float) -> OffsetPrior | NormalOffset:
     >>> round(implied.spread, 2), round(float(implied.quantile(0.95)), 2)
     (2.66, 4.48)
     >>> offset_prior(Prior(offset_sd=2.0), 0.0).offset(np.array([1.5]))
-    Jet(value=array([3.]), first=array([2.]), second=array([0.]))
+    (array([3.]), array([2.]))
     """
     if prior.offset_sd is not None:
         return NormalOffset(prior.offset_sd)
@@ -73,9 +72,9 @@ class NormalOffset:
         """Standard deviation."""
         return self.sd
 
-    def offset(self, x: FloatArray) -> Jet:
-        """The offset and its derivatives in x, each of the shape of x."""
-        return Jet(self.sd * x, np.full(np.shape(x), self.sd), np.zeros(np.shape(x)))
+    def offset(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The offset and its derivative in x, each of the shape of x."""
+        return self.sd * x, np.full(np.shape(x), self.sd)
 
     def score(self, c: npt.ArrayLike) -> FloatArray:
         """X from c."""
@@ -127,7 +126,7 @@ class OffsetPrior:
     Examples
     --------
     >>> implied = OffsetPrior(Normal(0.0, 10.0), Prior().distribution("gamma"), 0.2)
-    >>> c = implied.offset(np.array([-1.0, 0.3])).value
+    >>> c = implied.offset(np.array([-1.0, 0.3]))[0]
     >>> implied.score(c).round(12).tolist()
     [-1.0, 0.3]
     """
@@ -140,13 +139,13 @@ class OffsetPrior:
         """Its declaration alone: another process makes its own table, once."""
         return _implied, (self.mu1, self.gamma, self.sbar)
 
-    def offset(self, x: FloatArray) -> Jet:
-        """The offset c = G(x) and its derivatives in x, each of the shape of x."""
+    def offset(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The offset c = G(x) and its derivative in x, each of the shape of x."""
         points = np.asarray(x, np.float64)
         knots, _, terms = self._table
         at = np.searchsorted(knots[1:-1], points.ravel(), side="right")
-        value, first, second = _horner(terms[:, at], points.ravel() - knots[at])
-        return Jet(*(part.reshape(points.shape) for part in (value, first, second)))
+        value, slope = _horner(terms[:, at], points.ravel() - knots[at])
+        return value.reshape(points.shape), slope.reshape(points.shape)
 
     def score(self, c: npt.ArrayLike) -> FloatArray:
         """X = G^-1(c), to rounding."""
@@ -166,13 +165,13 @@ class OffsetPrior:
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        return self.offset(np.asarray(ndtri(p))).value
+        return self.offset(np.asarray(ndtri(p)))[0]
 
     @cached_property
     def spread(self) -> float:
         """Standard deviation."""
         x = np.linspace(-12.0, 12.0, 4801)
-        c, weight = self.offset(x).value, np.exp(-0.5 * x * x)
+        c, weight = self.offset(x)[0], np.exp(-0.5 * x * x)
         mean = np.average(c, weights=weight)
         return float(np.sqrt(np.average(np.square(c - mean), weights=weight)))
 
@@ -207,7 +206,7 @@ class OffsetPrior:
         upper = tail > 0.5
         tail[upper] = self.mu1.sf(mu1[upper]) @ weight
         of_nodes = np.exp(self.mu1.log_density(mu1)) * (weight * nodes.inverse)
-        density, slope = of_nodes.sum(axis=-1), (of_nodes * self.mu1.derivatives(mu1)[0]) @ nodes.inverse
+        density, slope = of_nodes.sum(axis=-1), (of_nodes * self.mu1.slope(mu1)) @ nodes.inverse
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             x = np.where(upper, -1.0, 1.0) * ndtri_exp(np.log(tail))
             first = np.exp(-0.5 * (x * x + LOG_2PI)) / density
@@ -275,14 +274,13 @@ def _quintics(knots: _Knots) -> FloatArray:
     return np.stack([knots.c[:-1], knots.first[:-1], 0.5 * knots.second[:-1], cubic / h**3, quartic / h**4, quintic / h**5])
 
 
-def _horner(terms: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Value, first and second derivative of polynomials, coefficients (6, points), at t, (points,)."""
-    value, first, second = terms[5], np.zeros_like(t), np.zeros_like(t)
+def _horner(terms: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Value and derivative of polynomials, coefficients (6, points), at t, (points,)."""
+    value, slope = terms[5], np.zeros_like(t)
     for term in terms[4::-1]:
-        second = first + t * second
-        first = value + t * first
+        slope = value + t * slope
         value = term + t * value
-    return np.asarray(value), first, 2.0 * second
+    return np.asarray(value), slope
 
 
 def _root(terms: FloatArray, wanted: FloatArray, h: FloatArray) -> FloatArray:
@@ -291,7 +289,7 @@ def _root(terms: FloatArray, wanted: FloatArray, h: FloatArray) -> FloatArray:
     chord = h * (wanted - terms[0]) / (top - terms[0])
     t, low, high = chord, np.minimum(chord, 0.0), np.maximum(chord, h)
     for _ in range(_ROUNDS):
-        value, slope, _second = _horner(terms, t)
+        value, slope = _horner(terms, t)
         t = np.clip(t + (wanted - value) / slope, low, high)
     return np.asarray(t)
 

@@ -19,7 +19,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.scales import Log, Scale
 from bayes_toe.model.target import Names
 
-Derivatives = tuple[FloatArray, FloatArray]
+Mapped = tuple[FloatArray, FloatArray]
 #: The parameter of the prior whose distribution every width-like standard deviation has.
 SPREAD = "sigma_p"
 _STANDARD = Normal(0.0, 1.0)
@@ -59,8 +59,8 @@ class Block(Protocol):
         """Log density with respect to x, (points, k) -> (points,)."""
         ...
 
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient (points, k) and Hessian (points, k, k) of the log density with respect to x."""
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of the log density with respect to x, (points, k)."""
         ...
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
@@ -92,7 +92,7 @@ class Block(Protocol):
         """These on their group scales, (points, k) -> (points, k)."""
         ...
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """The inverse: x, (points, k), and dx/d(eta), (points, k, k), triangular."""
         ...
 
@@ -152,10 +152,9 @@ class Single:
         """Log density with respect to the coordinate."""
         return self.scale.log_density(self.distribution(prior), x[:, 0])
 
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        slope, bend = self.scale.slopes(self.distribution(prior), x[:, 0])
-        return np.asarray(slope)[:, None], np.asarray(bend)[:, None, None]
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_prior`."""
+        return self.scale.slope(self.distribution(prior), x[:, 0])[:, None]
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
@@ -187,7 +186,7 @@ class Single:
         """That of its scale."""
         return self.scale.to_group(x)
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """That of its scale."""
         x, slope = self.scale.from_group(eta)
         return x, slope[:, :, None]
@@ -217,10 +216,9 @@ class Offset:
         """Log density of a standard normal."""
         return _STANDARD.log_density(x[:, 0])
 
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        slope, bend = _STANDARD.derivatives(x[:, 0])
-        return slope[:, None], bend[:, None, None]
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_prior`."""
+        return _STANDARD.slope(x)
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 1)."""
@@ -228,7 +226,7 @@ class Offset:
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The offset."""
-        return {"offset": offset_prior(prior, sbar).offset(x[..., 0]).value}
+        return {"offset": offset_prior(prior, sbar).offset(x[..., 0])[0]}
 
     def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """Where the offset lies in its prior."""
@@ -246,13 +244,13 @@ class Offset:
 
     def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """The offset itself."""
-        return offset_prior(prior, sbar).offset(x).value
+        return offset_prior(prior, sbar).offset(x)[0]
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """Where it lies in its prior."""
         implied = offset_prior(prior, sbar)
         x = implied.score(eta)
-        return x, 1.0 / implied.offset(x).first[:, :, None]
+        return x, 1.0 / implied.offset(x)[1][:, :, None]
 
     group_pull = None
 
@@ -266,7 +264,7 @@ def starting_offsets(scale: float) -> tuple[float, ...]:
     return (-0.93 * scale, 0.07 * scale, 1.01 * scale)
 
 
-def with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Derivatives:
+def with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Mapped:
     """(c, a, log w) of (mu1, probit, log w), shape (points, 3)."""
     far, jacobian = eta[:, 0] - sbar, np.zeros((len(eta), 3, 3))
     jacobian[:, 0, 0], jacobian[:, 0, 1] = pulled.pull, far * pulled.rise

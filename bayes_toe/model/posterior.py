@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Never
 
 import numpy as np
@@ -24,16 +24,6 @@ from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
-from bayes_toe.model.decay import Jet
-from bayes_toe.model.derivatives import (
-    Derivatives,
-    Distance,
-    Pulled,
-    add_growth,
-    add_numerator,
-    likelihood_derivatives,
-    likelihood_gradient,
-)
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.levelling import Levelling, Probits
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
@@ -48,7 +38,7 @@ _PEAK, _SLOPE = "logit_q0", "noise_slope"
 #: The offset itself, where it comes with a pull, or its place in its own prior.
 _OFFSETS = ("offset", "offset_score")
 PRIOR_DRAWS = 100_000
-_ZERO = Jet(*(np.zeros((1, 1)),) * 3)
+_NONE = np.zeros((1, 1))
 
 
 @dataclass(frozen=True)
@@ -213,9 +203,9 @@ class Posterior:
         points, other = require_points(x, len(self.coordinates)), replace(self, prior=prior)
         if "offset_score" not in self._places:
             return other.log_prior(points)
-        here, moved = self._offset(points), points.copy()
-        moved[:, self._offset_place] = other._offset_prior.score(here.value)[:, 0]  # the coordinate itself depends on the prior
-        return np.asarray(other.log_prior(moved) + np.log(here.first / other._offset(moved).first)[:, 0])
+        (here, rise), moved = self._offset(points), points.copy()
+        moved[:, self._offset_place] = other._offset_prior.score(here)[:, 0]  # the coordinate itself depends on the prior
+        return np.asarray(other.log_prior(moved) + np.log(rise / other._offset(moved)[1])[:, 0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
@@ -247,53 +237,52 @@ class Posterior:
         """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
         return self._distance(self._pull(x), self._scales(x), x)
 
-    def derivatives(self, x: npt.ArrayLike) -> Derivatives:
-        """Gradient (points, k) and Hessian (points, k, k) of the log posterior density, exact."""
+    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log posterior density at x, (points,), and its gradient, (points, k)."""
         points = require_points(x, len(self.coordinates))
-        gradient, hessian = self.likelihood_derivatives(points)
-        for block, part in self._parts:
-            slope, bend = block.derivatives(points[:, part], self.prior, self.sbar)
-            gradient[:, part] += slope
-            hessian[:, part, part] += bend
-        return gradient, hessian
+        rows = max(1, BLOCK // self.subject.n_pairs)
+        parts = [self.likelihood_gradient(points[i : i + rows]) for i in range(0, max(1, len(points)), rows)]
+        value, gradient = (np.concatenate(of) for of in zip(*parts, strict=True))
+        return value + self.log_prior(points), gradient + self.prior_gradient(points)
 
-    def likelihood_derivatives(self, x: FloatArray) -> Derivatives:
-        """Gradient (points, k) and Hessian (points, k, k) of the log likelihood alone; see :mod:`bayes_toe.model.derivatives`."""
-        link, spread, distance = self.model.link, self.model.spread, self._moved(x)
-        own = self._own(x, link)
-        answers = partial(link.log_answers, distance.z, *own)
-        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
-            slopes = spread.slopes(self.subject, distance.z, answers, link.slopes(distance.z, *own), *self._own(x, spread))
-        return likelihood_derivatives(distance, slopes, self._own_places, x.shape[1])
+    def prior_gradient(self, x: FloatArray) -> FloatArray:
+        """Gradient of the log prior density, (points, k)."""
+        return np.concatenate([block.gradient(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
 
     def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log likelihood, (points,), and its gradient, (points, k), for a fraction of the work; of the points of a crowd too."""
-        link, spread, distance = self.model.link, self.model.spread, self._moved(x)
+        """Log likelihood, (points,), and its gradient, (points, k); of the points of a crowd too.
+
+        The normalised distance is z = N e^(-L) with the numerator N = step + r (p lever - c) and the log of the width L, so a coordinate i
+        that moves both adds A_z (N_i e^(-L) - z L_i) for the slope A_z of the log likelihood of a pair in z.
+        """
+        link, spread = self.model.link, self.model.spread
         own, of_spread = self._own(x, link), self._own(x, spread)
-        answers = link.log_answers(distance.z, *own)
-        with np.errstate(over="ignore"):
-            rise = spread.rise(self.subject, answers, link.rise(distance.z, answers, *own), *of_spread)
-        value = spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1)
-        return value, likelihood_gradient(distance, rise, self._own_places, x.shape[1])
+        scales, offset, pull = self._scales(x), self._offset(x), self._pull(x)
+        z, lever = self._distance(pull, scales, x), self.subject.s1 - self.sbar
+        answers = link.log_answers(z, *own)
+        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+            slopes = spread.slopes(self.subject, answers, link.slopes(z, answers, *own), *of_spread)
+            steep = -_finished(slopes.z, z)  # what a coordinate of log width adds
 
-    def _moved(self, x: FloatArray) -> Distance:
-        """The distance of every pair, and how it changes with the coordinates."""
-        pulled, scales, width = self._pulled(x), self._scales(x), self._places["log_width"]
-        h = self._per_width(x, scales)
-        distance = Distance(self._distance(pulled.pull.value, scales, x), log_width={width: np.ones((1, 1))})
+        gradient, per = np.zeros(x.shape), scales.pull * self._per_width(x, scales)
+        if self._offset_place is not None:
+            gradient[:, self._offset_place] -= _over_pairs(_finished(slopes.z, offset[1] * per), z)
+        if self.model.pull is not None:
+            place = self._places[self.model.pull.coordinate]
+            rise = self.model.pull.span * expit(x[:, place, None]) * expit(-x[:, place, None])
+            gradient[:, place] += _over_pairs(_finished(slopes.z, rise * lever * per), z)
+        gradient[:, self._places["log_width"]] += _over_pairs(steep, z)
         if _SLOPE in self._places:
-            distance.log_width[self._places[_SLOPE]] = np.atleast_2d(self._middle)
-        add_numerator(distance, pulled, h, scales)
-        propagator = self.model.propagator
-        if self._intervals is not None and propagator is not None:
-            places = tuple(self._places[name] for name in propagator.coordinates)
-            add_growth(distance, pulled, scales.pull * h, self._growth(propagator, x), places)
-        return distance
-
-    @property
-    def _own_places(self) -> list[int | None]:
-        """Places of the coordinates of link and spread, None for one that is fixed."""
-        return [self._places.get(name) for name in (*self.model.link.coordinates, *self.model.spread.coordinates)]
+            gradient[:, self._places[_SLOPE]] += _over_pairs(_finished(steep, np.atleast_2d(self._middle)), z)
+        if self._intervals is not None and self.model.propagator is not None:
+            pulled, growth = per * (pull * lever - offset[0]), self._growth(self.model.propagator, x)
+            for name, of_pull, of_width in zip(self.model.propagator.coordinates, *growth, strict=True):
+                moved = _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width)
+                gradient[:, self._places[name]] += _over_pairs(moved, z)
+        for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
+            if name in self._places:
+                gradient[:, self._places[name]] += _over_pairs(part, z)
+        return spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1), gradient
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -348,7 +337,7 @@ class Posterior:
         """The quantities of :attr:`Model.group` on their group scales, shape (points, k) -> (points, k)."""
         return np.concatenate([block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
 
-    def from_group(self, eta: FloatArray) -> Derivatives:
+    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The inverse: x, shape (points, k), and dx/d(eta), shape (points, k, k)."""
         x, jacobian = np.empty(eta.shape), np.zeros((*eta.shape, eta.shape[1]))
         for block, part in self._parts:
@@ -406,22 +395,12 @@ class Posterior:
         pull = self.model.pull
         return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
 
-    def _pulled(self, x: FloatArray) -> Pulled:
-        """Offset and pull, each with its derivatives."""
-        pull, lever, offset = self.model.pull, self.subject.s1 - self.sbar, self._offset(x)
-        if pull is None:
-            return Pulled(lever, offset, _ZERO, self._offset_place, None)
-        place = self._places[pull.coordinate]
-        a = x[:, place, None]
-        slope = pull.span * expit(a) * expit(-a)
-        return Pulled(lever, offset, Jet(self._pull(x), slope, -slope * np.tanh(0.5 * a)), self._offset_place, place)
-
-    def _offset(self, x: FloatArray) -> Jet:
-        """Offset c with its derivatives in its coordinate, shape (points, 1) each."""
+    def _offset(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Offset c and its derivative in its coordinate, shape (points, 1) each."""
         if self._offset_place is None:
-            return _ZERO
+            return _NONE, _NONE
         c = x[:, self._offset_place, None]
-        return self._offset_prior.offset(c) if "offset_score" in self._places else Jet(c, np.ones((1, 1)), np.zeros((1, 1)))
+        return self._offset_prior.offset(c) if "offset_score" in self._places else (c, np.ones((1, 1)))
 
     @cached_property
     def _offset_prior(self) -> OffsetPrior | NormalOffset:
@@ -435,7 +414,7 @@ class Posterior:
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
         s1, s2 = np.atleast_2d(self.subject.s1).T, np.atleast_2d(self.subject.s2).T  # a column, or of a crowd a column a point
-        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).value.T)
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x)[0].T)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
             h = self._per_width(x, scales).T
             return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
@@ -495,3 +474,15 @@ def prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray
     for block in model.free:
         found |= block.named(block.sample(rng, PRIOR_DRAWS, prior, sbar), prior, sbar)
     return found
+
+
+def _finished(slope: FloatArray, factor: FloatArray) -> FloatArray:
+    """Their product, 0 where the slope is: it falls faster than anything else may grow, so answers have no more to say out there."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a factor beyond the largest float
+        product = np.asarray(slope * factor)
+        return product if np.isfinite(product).all() else np.where(slope == 0.0, 0.0, product)
+
+
+def _over_pairs(values: FloatArray, z: FloatArray) -> FloatArray:
+    """Sum over pairs of an array that broadcasts to the distances, (points, pairs) -> (points,)."""
+    return np.asarray(np.broadcast_to(values, z.shape).sum(axis=1))

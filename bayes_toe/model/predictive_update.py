@@ -13,7 +13,7 @@ from bayes_toe.model.closed_form import MAX_PULL, pull
 from bayes_toe.model.contraction import prior_quantile
 from bayes_toe.model.coordinates import Natural, derived, identified, log_noise_ratio, natural, reach, unconstrained
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.parameters import SPREAD, WIDTH, Derivatives, GroupPull, starting_offsets, with_offset
+from bayes_toe.model.parameters import SPREAD, WIDTH, GroupPull, Mapped, starting_offsets, with_offset
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.probits import log_slope, logit_of_probit
 from bayes_toe.model.target import Names
@@ -40,10 +40,9 @@ class Update:
         """H1's log density without the part of q0."""
         return prior.log_density_of_update(x, sbar)
 
-    def derivatives(self, x: FloatArray, prior: Prior, sbar: float) -> Derivatives:
-        """Gradient and Hessian of :meth:`log_prior`."""
-        gradient, hessian = prior.derivatives(_with_half(x), sbar)
-        return gradient[:, :3], hessian[:, :3, :3]
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_prior`."""
+        return prior.gradient(_with_half(x), sbar)[:, :3]
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 3)."""
@@ -82,7 +81,7 @@ class Update:
         probit = np.where(log_gamma < log_rest, ndtri_exp(log_gamma), -ndtri_exp(log_rest))
         return np.stack([sbar + reach(x), probit, x[:, 2]], axis=-1)
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Derivatives:
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """With c = p (mu1 - sbar)."""
         return with_offset(eta, sbar, self.group_pull(eta[:, 1]))
 

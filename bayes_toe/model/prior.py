@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ from bayes_toe.model.distributions import (
     log_density_of_logit,
     sample_logit,
     share,
+    slope_of_logit,
 )
 from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields
 
@@ -189,17 +190,26 @@ class Prior(PriorFields):
         values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}
         return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()))
 
-    def derivatives(self, x: npt.ArrayLike, sbar: float) -> tuple[FloatArray, FloatArray]:
-        """Gradient (..., 4) and Hessian (..., 4, 4) of :meth:`log_density_unconstrained`."""
+    def gradient(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_density_unconstrained`, shape (..., 4)."""
         points = np.asarray(x, np.float64)
-        gradient, hessian = jacobian_derivatives(points)
-        with np.errstate(over="ignore"):  # 1/p^2 is beyond the largest float where p < 1e-154: infinite is right there
-            for name, bend in _BENDS.items():
-                here = bend(points, sbar)
-                first, second = here.pulled_back(self.distributions[name])
-                gradient[..., here.on] += first
-                hessian[..., here.on, here.on] += second
-        return gradient, hessian
+        found, (a, b, p) = log_jacobian_gradient(points), (points[..., 1], points[..., 2], MAX_PULL * expit(points[..., 1]))
+        down, slope = expit(-a), {name: of.slope for name, of in self.distributions.items()}
+        with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
+            far = reach(points)
+            of_mu1, sigma_p = slope["mu1"](sbar + far), np.exp(b) * (1.0 - p) ** 1.5
+            of_sigma_p = slope["sigma_p"](sigma_p) * sigma_p
+            found[..., 0] += of_mu1 * inverse_pull(a)
+            found[..., 1] += -of_mu1 * far * down - 1.5 * p * down / (1.0 - p) * of_sigma_p
+            found[..., 2] += of_sigma_p
+        # log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
+        gamma, rise = self.distributions["gamma"], (1.0 + p) / (1.0 - p)
+        if isinstance(gamma, Beta):  # near an edge the slope of the density in gamma is huge, those of the logs are not
+            found[..., 1] += rise * ((gamma.a - 1.0) * down - (gamma.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p))
+        else:
+            found[..., 1] += gamma.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p)
+        found[..., 3] = slope_of_logit(self.distributions["q0"], points[..., 3])
+        return found
 
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,).
@@ -225,81 +235,6 @@ class Prior(PriorFields):
         return np.stack(columns, axis=-1)
 
 
-# --- parameters as functions of the unconstrained coordinates (c, a, b, l) -----------------------------------------------------------
-
-
-class _Bend(NamedTuple):
-    """A parameter t near points x: its value (...), and its derivatives (..., k), (..., k, k) in the coordinates it depends on.
-
-    A share of one coordinate has in `logs` the derivatives of log t and of log(1 - t), first and second, (2, 2, ...).
-    """
-
-    on: slice
-    value: FloatArray
-    first: FloatArray
-    second: FloatArray
-    logs: FloatArray | None = None
-
-    def pulled_back(self, distribution: Distribution) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of f(t(x)), f the log density of t: f' t_i and f'' t_i t_j + f' t_ij; t_i^2 may be huge, |f''| t_i^2 is not.
-
-        A beta is linear in log t and log(1 - t): near an edge f' is huge, these are not.
-        """
-        if self.logs is not None and isinstance(distribution, Beta):
-            first, second = np.tensordot([distribution.a - 1.0, distribution.b - 1.0], self.logs, axes=(0, 1))
-            return first[..., None], second[..., None, None]
-        slope, curve = (part[..., None] for part in distribution.derivatives(self.value))
-        steep = np.sqrt(np.abs(curve)) * self.first
-        square = np.sign(curve)[..., None] * steep[..., :, None] * steep[..., None, :]
-        return slope * self.first, square + slope[..., None] * self.second
-
-
-def _mu1_bend(x: FloatArray, sbar: float) -> _Bend:
-    """mu1 = sbar + c/p, with d(1/p)/da = -expit(-a)/p."""
-    fall, inverse, far = expit(-x[..., 1]), inverse_pull(x[..., 1]), reach(x)
-    first = np.stack([inverse, -far * fall], -1)
-    return _Bend(slice(0, 2), sbar + far, first, _symmetric(np.zeros_like(far), -fall * inverse, far * fall))
-
-
-def _sigma_p_bend(x: FloatArray, sbar: float) -> _Bend:
-    """sigma_p = exp(b + 1.5 log(1 - p))."""
-    slope, bend = log_sigma_p_derivatives(x[..., 1])
-    value = np.exp(x[..., 2]) * (1.0 - MAX_PULL * expit(x[..., 1])) ** 1.5
-    first = value[..., None] * np.stack([slope, np.ones_like(slope)], -1)
-    return _Bend(slice(1, 3), value, first, _symmetric(value * (slope**2 + bend), value * slope, value))
-
-
-def _gamma_bend(x: FloatArray, sbar: float) -> _Bend:
-    """Noise ratio p/(1 - p)^2, with d gamma/dp = (1 + p)/(1 - p)^3 and its derivative (4 + 2 p)/(1 - p)^4.
-
-    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
-    """
-    a, (p, p1, p2) = x[..., 1], pull_derivatives(x[..., 1])
-    slope, bend = (1.0 + p) / (1.0 - p) ** 3, (4.0 + 2.0 * p) / (1.0 - p) ** 4
-    up, down, far = expit(a), expit(-a), 1.0 / MAX_PULL - p
-    of_log, of_rest = down * (1.0 + p) / (1.0 - p), -up * (1.0 + p) / ((1.0 - p) * far)
-    log_bend = of_log * up * (2.0 * MAX_PULL * down / (1.0 - p * p) - 1.0)
-    rest_bend = of_rest * down * (1.0 + p * (2.0 / (1.0 - p * p) + 1.0 / far))
-    logs = np.array([[of_log, of_rest], [log_bend, rest_bend]])
-    return _Bend(slice(1, 2), _noise_ratio(a), (slope * p1)[..., None], (bend * p1**2 + slope * p2)[..., None, None], logs)
-
-
-def _q0_bend(x: FloatArray, sbar: float) -> _Bend:
-    """q0 = expit(l)."""
-    q0, rest = expit(x[..., 3]), expit(-x[..., 3])
-    first = q0 * rest
-    logs = np.array([[rest, -q0], [-first, -first]])
-    return _Bend(slice(3, 4), q0, first[..., None], (first * -np.tanh(0.5 * x[..., 3]))[..., None, None], logs)
-
-
-_BENDS: Mapping[str, Callable[[FloatArray, float], _Bend]] = {
-    "mu1": _mu1_bend,
-    "sigma_p": _sigma_p_bend,
-    "gamma": _gamma_bend,
-    "q0": _q0_bend,
-}
-
-
 def _noise_ratio(a: FloatArray) -> FloatArray:
     """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
     p = MAX_PULL * expit(a)
@@ -315,38 +250,8 @@ def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> Flo
     )
 
 
-def _symmetric(first: FloatArray, across: FloatArray, second: FloatArray) -> FloatArray:
-    """The matrices [[first, across], [across, second]], shape (..., 2, 2)."""
-    return np.stack([np.stack([first, across], -1), np.stack([across, second], -1)], -2)
-
-
-def pull_derivatives(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pull p = p_max expit(a) and its first and second derivative with respect to a."""
-    p = MAX_PULL * expit(a)
-    p1 = p * expit(-a)
-    return p, p1, p1 * -np.tanh(0.5 * a)
-
-
-def log_sigma_p_derivatives(a: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative of log sigma_p = b + 1.5 log(1 - p) with respect to a."""
-    p, p1, p2 = pull_derivatives(a)
-    return -1.5 * p1 / (1.0 - p), -1.5 * (p2 / (1.0 - p) + (p1 / (1.0 - p)) ** 2)
-
-
-def jacobian_derivatives(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of :func:`bayes_toe.model.coordinates.log_jacobian`."""
-    a, top = x[..., 1], x[..., 3]
-    p, p1, p2 = pull_derivatives(a)
-    gradient, hessian = _zeros(x)
-    gradient[..., 1] = p1 / (1.0 + p) + 1.5 * p1 / (1.0 - p) - expit(a)
-    gradient[..., 2] = 1.0
-    gradient[..., 3] = -np.tanh(0.5 * top)
-    of_plus = p2 / (1.0 + p) - (p1 / (1.0 + p)) ** 2
-    of_minus = p2 / (1.0 - p) + (p1 / (1.0 - p)) ** 2
-    hessian[..., 1, 1] = of_plus + 1.5 * of_minus - expit(a) * expit(-a)
-    hessian[..., 3, 3] = -2.0 * expit(top) * expit(-top)
-    return gradient, hessian
-
-
-def _zeros(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.zeros(x.shape), np.zeros((*x.shape, x.shape[-1]))
+def log_jacobian_gradient(x: FloatArray) -> FloatArray:
+    """Gradient of :func:`bayes_toe.model.coordinates.log_jacobian`, (..., 4) -> (..., 4)."""
+    p, fall = MAX_PULL * expit(x[..., 1]), expit(-x[..., 1])
+    of_pull = p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(x[..., 1])
+    return np.stack([np.zeros_like(p), of_pull, np.ones_like(p), -np.tanh(0.5 * x[..., 3])], axis=-1)

@@ -37,12 +37,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, exprel
+from scipy.special import expit, exprel, log_expit
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
-from bayes_toe.model.decay import Jet, expit_jet, log_lost_growth, softplus_jet
 
 
 class Scales(NamedTuple):
@@ -153,15 +152,10 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, inter
 
 
 class Growth(NamedTuple):
-    """Logarithmic derivatives of the scales in a propagator's q coordinates.
-
-    `pull` and `width` have shape (q, points, intervals), their second derivatives (q, q, points, intervals).
-    """
+    """Logarithmic derivatives of the scales in a propagator's q coordinates, each of shape (q, points, intervals)."""
 
     pull: FloatArray
-    pull_bend: FloatArray
     width: FloatArray
-    width_bend: FloatArray
 
     def of_pairs(self, which: IndexArray) -> Growth:
         """The derivatives of pairs, given the place of each pair's interval."""
@@ -176,37 +170,38 @@ def _at_pairs(values: FloatArray, which: IndexArray) -> FloatArray:
 def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:
     """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
 
-    With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1), its slope that of p (1 - p)/(1 + p)^3, and
-    du/da = expit(-a) (1 + p_1)/(1 - p_1).
+    With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
     """
-    gamma, fall = noise_ratio_at(logit_pull), expit(-logit_pull[:, None])
+    gamma = noise_ratio_at(logit_pull)
     p1, pt = pull(gamma), pull(gamma / intervals)
-    u1 = fall * (1.0 + p1) / (1.0 - p1)
-    u2 = 2.0 * p1 * np.square(fall / (1.0 - p1)) - (1.0 - fall) * u1
-    steep = pt / (1.0 + pt) - p1 / (1.0 + p1)
-    bent = pt * (1.0 - pt) / (1.0 + pt) ** 3 - p1 * (1.0 - p1) / (1.0 + p1) ** 3
-    slope, bend = (steep * u1)[None], (bent * np.square(u1) + steep * u2)[None, None]
-    return Growth(-2.0 * slope, -2.0 * bend, 1.5 * slope, 1.5 * bend)
+    slope = (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
+    return Growth(-2.0 * slope[None], 1.5 * slope[None])
 
 
 def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Growth:
-    """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split).
-
-    Both are differences, at t less at the reference, of logs of what was lost: see :func:`bayes_toe.model.decay.log_lost_growth`.
-    """
-    lost, split, kept = softplus_jet(logit_pull[:, None]), expit_jet(logit_split[:, None]), expit(-logit_split[:, None])
-
-    def exponent(t: FloatArray, times: float) -> Jet:
-        """1 - s + times s t: m for times = 1, n for times = 2."""
-        per = times * t - 1.0
-        return Jet(kept + split.value * times * t, split.first * per, split.second * per)
+    """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split), with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
+    lost, log_growth = np.logaddexp(0.0, logit_pull[:, None]), log_lost_slope(logit_pull[:, None])
+    kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
 
     def forms(t: FloatArray) -> Growth:
-        m, n = exponent(t, 1.0), exponent(t, 2.0)
-        whole, twice, mixed = (log_lost_growth(lost, *which) for which in ((m, 1.0), (m, 2.0), (n, 1.0)))
-        return Growth(*whole, *(one - 0.5 * other for one, other in zip(twice, mixed, strict=True)))
+        """Of log(1 - g_t) and log f_t, less what log l adds to each."""
+        m, n = kept + decayed * t, kept + 2.0 * decayed * t
+        by_m, by_n = kept * decayed * (t - 1.0) / m, kept * decayed * (2.0 * t - 1.0) / n
+        once, twice, mixed = (1.0 / exprel(lost * part) for part in (m, 2.0 * m, n))
+        of_width = log_growth * (twice - 0.5 * mixed - 0.5), by_m * twice - 0.5 * by_n * mixed
+        return Growth(np.stack([log_growth * (once - 1.0), by_m * once]), np.stack(of_width))
 
     return Growth(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
+
+
+def log_lost_slope(logit_pull: FloatArray) -> FloatArray:
+    """Derivative of log l in the logit of the pull p, l = -log(1 - p)."""
+    return np.asarray(np.exp(log_expit(logit_pull) - log_lost(logit_pull)))
+
+
+def log_lost(logit_pull: FloatArray) -> FloatArray:
+    """log(-log(1 - p)) at the logit of the pull."""
+    return np.where(logit_pull < -30.0, logit_pull, np.log(np.logaddexp(0.0, np.maximum(logit_pull, -30.0))))
 
 
 @dataclass(frozen=True)

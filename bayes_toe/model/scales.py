@@ -9,10 +9,8 @@ import numpy as np
 from scipy.special import expit, logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.distributions import Distribution, Random, log_density_of_logit, sample_logit, slopes_of_logit
+from bayes_toe.model.distributions import Distribution, Random, log_density_of_logit, sample_logit, slope_of_logit
 from bayes_toe.model.probits import log_slope, logit_of_probit, probit_of_logit
-
-Slopes = tuple[FloatArray, FloatArray]
 
 
 class Scale(Protocol):
@@ -39,15 +37,15 @@ class Scale(Protocol):
         """Log density with respect to the coordinate."""
         ...
 
-    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
-        """Its first and second derivative."""
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """Its derivative."""
         ...
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """Coordinates on the scale on which a group's members scatter about their mean: as they are, logarithms, or probits of a share."""
         ...
 
-    def from_group(self, eta: FloatArray) -> Slopes:
+    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The inverse: coordinates, and their derivative."""
         ...
 
@@ -74,15 +72,15 @@ class Plain:
         """That of the quantity."""
         return distribution.log_density(x)
 
-    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
-        """Those of the quantity."""
-        return distribution.derivatives(x)
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """That of the quantity."""
+        return distribution.slope(x)
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The same."""
         return x
 
-    def from_group(self, eta: FloatArray) -> Slopes:
+    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, slope 1."""
         return eta, np.ones_like(eta)
 
@@ -110,18 +108,17 @@ class Log:
         with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
             return np.asarray(distribution.log_density(np.exp(x)) + x)
 
-    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
-        """First t f' + 1, then t^2 f'' + t f'."""
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """T f' + 1."""
         with np.errstate(over="ignore"):
             t = np.exp(x)
-            slope, bend = distribution.derivatives(t)
-            return t * slope + 1.0, np.square(t) * bend + t * slope
+            return np.asarray(t * distribution.slope(t) + 1.0)
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The same."""
         return x
 
-    def from_group(self, eta: FloatArray) -> Slopes:
+    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, slope 1."""
         return eta, np.ones_like(eta)
 
@@ -149,15 +146,15 @@ class Logit:
         """With dt/dx = top expit(x) expit(-x)."""
         return log_density_of_logit(distribution, x, self.top)
 
-    def slopes(self, distribution: Distribution, x: FloatArray) -> Slopes:
-        """By dt/dx and its slope, -dt/dx tanh(x/2)."""
-        return slopes_of_logit(distribution, x, self.top)
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With d(log dt/dx)/dx = -tanh(x/2)."""
+        return slope_of_logit(distribution, x, self.top)
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The probit of the share: uniform is standard normal, so that its edges are far away."""
         return probit_of_logit(x)
 
-    def from_group(self, eta: FloatArray) -> Slopes:
+    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The logit of the share."""
         x = logit_of_probit(eta)
         return x, np.exp(-log_slope(eta))

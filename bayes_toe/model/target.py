@@ -5,7 +5,7 @@ Proposal, sampler and evidence are written against :class:`Target` alone, so eac
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -18,6 +18,10 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.prior import Prior
 
+#: Steps of differences of gradients, in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
+_SHORT, _LONG = 1e-6, 1e-4
+_FLAT, _FINEST = 1e-6, 1e-12  # a curvature that is taken to be no smaller; the smallest step over the coordinate
+Gradient = Callable[[FloatArray], FloatArray]
 #: The order in which tables and figures name quantities.
 ORDER = (
     *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "lapse_rate", "exponent", "icc"),
@@ -116,6 +120,53 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     if never.any():
         np.copyto(product, 0.0, where=never)
     return product
+
+
+def one_sided(gradient: Gradient, x: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradient (points, k) and Hessian (points, k, k) from one call: what a search needs of a gradient's differences.
+
+    `bend`, shape (points, k), has the sizes of the Hessian's diagonal about there, which set the steps.
+    """
+    points, k = x.shape
+    ahead = x[None] + _steps(x, bend, _SHORT)
+    found = gradient(np.concatenate([x[None], ahead]).reshape(-1, k)).reshape(k + 1, points, k)
+    return found[0], _symmetric(found[1:] - found[0], ahead - x)
+
+
+def hessian(gradient: Gradient, x: FloatArray, bend: FloatArray | None = None) -> FloatArray:
+    """Hessian, shape (points, k, k), by central differences of a gradient, (points, k) -> (points, k).
+
+    Parameters
+    ----------
+    gradient : callable
+    x : array, shape (points, k)
+    bend : array, shape (points, k), optional
+        Sizes of the Hessian's diagonal about there; by default found by differences over 1e-4 first.
+
+    Examples
+    --------
+    >>> hessian(lambda x: -x * [1.0, 4.0], np.zeros((1, 2))).round(6).tolist()
+    [[[-1.0, 0.0], [0.0, -4.0]]]
+    """
+    k = x.shape[1]
+    if bend is None:
+        bend = np.abs(np.diagonal(hessian(gradient, x, np.ones(x.shape)), axis1=1, axis2=2))
+    step = _steps(x, bend, _LONG)
+    ahead, behind = x + step, x - step
+    found = gradient(np.concatenate([ahead, behind]).reshape(-1, k)).reshape(2, k, *x.shape)
+    return _symmetric(found[0] - found[1], ahead - behind)
+
+
+def _steps(x: FloatArray, bend: FloatArray, unit: float) -> FloatArray:
+    """Steps in one coordinate after the other, (k, points, k), none so small that it is rounding."""
+    return np.eye(x.shape[1])[:, None] * np.maximum(unit / np.sqrt(np.maximum(bend, _FLAT)), _FINEST * np.abs(x))
+
+
+def _symmetric(change: FloatArray, step: FloatArray) -> FloatArray:
+    """Hessians from what gradients change by, (k, points, k), over steps in one coordinate after the other, of the same shape."""
+    k = len(change)
+    rows = change / step[np.arange(k), :, np.arange(k)][:, :, None]
+    return np.asarray(0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0)))
 
 
 class Levels(Protocol):
@@ -251,8 +302,8 @@ class Conjugate(Answering, Protocol):
 class Target(Answering, Protocol):
     """The posterior of one model of one subject over unconstrained x, shape (points, k), as the engines want it."""
 
-    def derivatives(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Gradient (points, k) and Hessian (points, k, k) of the log density."""
+    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log density, (points,), and its gradient, (points, k)."""
         ...
 
     def starts(self) -> FloatArray:

@@ -62,31 +62,27 @@ def log_drawn(answers: tuple[FloatArray, FloatArray], v: FloatArray, n: IntArray
 
 
 class Rising(NamedTuple):
-    """Of the sum over j < n of log(P + j eps): first derivative in log P, that in log eps, and the second in either."""
+    """Of the sum over j < n of log(P + j eps): the derivatives in log P and in log eps."""
 
     first: FloatArray
     rest: FloatArray
-    bend: FloatArray
 
 
 def rising(u: FloatArray, v: FloatArray, n: IntArray) -> Rising:
     """At u = log P, shape (points, pairs), v = log eps, shape (points, 1), and n, as in :func:`log_drawn`.
 
-    They are sums of t_j = P/(P + j eps), which is 1 for the first answer, of 1 - t_j and of t_j (1 - t_j).
+    They are sums of t_j = P/(P + j eps), which is 1 for the first answer, and of 1 - t_j.
     """
     pairs = _ByCount(n)
     own, step, _ = _parts(pairs.take(u), pairs.take(v))
     first = np.broadcast_to((pairs.counts > 0).astype(np.float64), own.shape).copy()
-    rest, bend = np.zeros(own.shape), np.zeros(own.shape)
+    rest = np.zeros(own.shape)
     for j, at in pairs.going():
         added = j * step[at]
         whole = own[at] + added
-        share = own[at] / whole
-        added /= whole
-        first[at] += share
-        rest[at] += added
-        bend[at] += share * added
-    return Rising(*map(pairs.put, (first, rest, bend)))
+        first[at] += own[at] / whole
+        rest[at] += added / whole
+    return Rising(*map(pairs.put, (first, rest)))
 
 
 def _parts(u: FloatArray, v: FloatArray, least: float = np.inf) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -24,6 +24,7 @@ from bayes_toe.model.crowd import Crowd
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import hessian
 from bayes_toe.planning.aims import AIMS
 from bayes_toe.planning.observers import UPDATE, Observer, natural_of
 from bayes_toe.planning.power_table import CERTAIN
@@ -204,7 +205,7 @@ def _of_one(
     value, gradient = target.likelihood_gradient(np.repeat(x, size, axis=0))
     log_different = target.log_answers(np.repeat(x, size, axis=0))[1][:, 0]
     single = Posterior(Subject.from_counts("prior", [0.0], [0.0], [0], [1]), model, prior, centre, interval)
-    curvature = -(single.derivatives(x)[1] - single.likelihood_derivatives(x)[1])[0]
+    curvature = -hessian(single.prior_gradient, x)[0]
     values, vectors = np.linalg.eigh(curvature)
     bent = (vectors * np.maximum(values, 0.0)) @ vectors.T  # where a prior bends upward it holds nothing
     return gradient * np.exp(0.5 * (value - log_different))[:, None], bent, x[0]

@@ -59,7 +59,7 @@ def test_of_each_what_its_own_posterior_has(model, intervals):
             wanted = own.log_likelihood(x_own)[0]
             assert value[i] == pytest.approx(wanted, rel=1e-13, abs=1e-13)
             if np.isfinite(wanted):
-                steep = own.likelihood_derivatives(x_own)[0][0]
+                steep = own.likelihood_gradient(x_own)[1][0]
                 assert gradient[i] == pytest.approx(steep, rel=1e-12, abs=1e-12 * (1.0 + np.abs(steep).max()))
 
 

@@ -384,7 +384,7 @@ def test_no_maximum_between_walls_is_missed(case):
     class Elsewhere:
         """The same density, sought from other starts."""
 
-        log_density, derivatives = target.log_density, target.derivatives
+        log_density, gradient = target.log_density, target.gradient
 
         @staticmethod
         def starts():

@@ -1,15 +1,10 @@
-"""The log posterior and its derivatives over the whole range of floats, against brute-force arithmetic with hundreds of digits.
+"""The log posterior and its gradient over the whole range of floats, against brute-force arithmetic with hundreds of digits."""
 
-The reference uses no stable form at all: natural parameters, 1 - q by subtraction, derivatives by second-order forward differentiation
-(`jets.py`). It affords that because it carries 750 digits.
-"""
-
-import mpmath
 import numpy as np
 import pytest
+from definitions import assert_agrees
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from jets import Jet
 from scipy.special import logit
 
 from bayes_toe.data.study import Subject
@@ -17,57 +12,6 @@ from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
 from bayes_toe.model.ladder import posterior_of
 
 DIGITS = 650
-
-
-def terms(posterior, x):
-    """Every term of the log posterior at x as a jet: answers of each pair, two normals, the volume of the coordinates."""
-    c, a, b, top = Jet.coordinates([mpmath.mpf(float(v)) for v in x])
-    most = mpmath.mpf(MAX_PULL)
-    p = most / (1 + (-a).exp())
-    gain = 1 - p
-    width, q0 = b.exp(), 1 / (1 + (-top).exp())
-    mu1, sigma_p = c / p + mpmath.mpf(posterior.sbar), width * gain ** mpmath.mpf("1.5")
-    s, ln2 = posterior.subject, mpmath.log(2)
-    for s1, s2, k, n in zip(s.s1, s.s2, s.n_equal, s.n_trials, strict=True):
-        first, second = mpmath.mpf(float(s1)), mpmath.mpf(float(s2))
-        z = (second - (gain * first + p * mu1)) / width
-        log_q = q0.log() - ln2 * z * z
-        if k:
-            yield int(k) * log_q
-        if n > k:
-            yield int(n - k) * (1 - log_q.exp()).log()
-    yield mpmath.mpf(-0.5) * ((mu1 - posterior.prior.mu1_mean) / posterior.prior.mu1_sd) ** 2 - mpmath.log(
-        posterior.prior.mu1_sd * mpmath.sqrt(2 * mpmath.pi)
-    )
-    yield mpmath.mpf(-0.5) * (sigma_p / posterior.prior.sigma_p_scale) ** 2 + mpmath.log(
-        mpmath.sqrt(2 / mpmath.pi) / posterior.prior.sigma_p_scale
-    )
-    yield ((1 + p) / gain ** mpmath.mpf("1.5") * (1 - p / most) * width * q0 * (1 - q0)).log()
-
-
-def reference(posterior, x):
-    """Value, gradient and Hessian, each with the sum of absolute contributions: what rounding any of them may cost is in proportion."""
-    with mpmath.workdps(DIGITS):
-        parts = list(terms(posterior, x))
-        shapes = [lambda j: [j.value], lambda j: list(j.slope), lambda j: list(j.bend)]
-        sums = [[_to_float(mpmath.fsum(v)) for v in zip(*map(get, parts), strict=True)] for get in shapes]
-        sizes = [[_to_float(mpmath.fsum(map(abs, v))) for v in zip(*map(get, parts), strict=True)] for get in shapes]
-    return [(np.array(total), np.array(size)) for total, size in zip(sums, sizes, strict=True)]
-
-
-def _to_float(value):
-    """A float, infinite where the value is beyond the largest one."""
-    return float(value) if abs(value) < mpmath.mpf("1.79e308") else float(np.sign(float(mpmath.sign(value))) * np.inf)
-
-
-def assert_agrees(posterior, x):
-    expected = reference(posterior, x)
-    # Curvatures go as 1/w^2 and 1/p^2: where a term of one is beyond the largest float there is nothing to compare.
-    assume(all((size < 1e300).all() for _, size in expected))
-    gradient, hessian = posterior.derivatives([x])
-    found = [posterior.log_density([x]), gradient[0], hessian[0].ravel()]
-    for value, (truth, size) in zip(found, expected, strict=True):
-        assert (np.abs(value - truth) <= 1e-12 * np.maximum(size, 1e-290)).all(), (value, truth)
 
 
 def point(mu1, gamma, sigma_p, lapse, sbar):
@@ -104,7 +48,7 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
     # Rounding the displacement itself costs what its cancellation costs: only well-conditioned displacements are held to 1e-12.
     if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
         x[0] = x[0] if z else step
-        assert_agrees(posterior, x)
+        assert_agrees(posterior, x, digits=DIGITS)
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
@@ -126,7 +70,7 @@ def test_many_pairs_wherever_the_stimuli_lie(gamma, sigma_p, lapse, mu1, offset,
     x = point(mu1 + posterior.sbar, gamma, sigma_p, lapse, posterior.sbar)
     z = posterior.distance(np.array([x]))[0]
     if np.abs(z).min() > 1e-3:
-        assert_agrees(posterior, x)
+        assert_agrees(posterior, x, digits=DIGITS)
 
 
 def test_ten_thousand_pairs_and_a_thousand_million_trials_each():
@@ -138,12 +82,11 @@ def test_ten_thousand_pairs_and_a_thousand_million_trials_each():
     one_by_one = [posterior_of(Subject("S", s1[i : i + 1], s2[i : i + 1], posterior.subject.n_equal[:1], n[:1])) for i in range(2)]
     assert np.isfinite(posterior.log_density([x])[0])
     assert all(np.isfinite(part.log_density([x])[0]) for part in one_by_one)
-    gradient, hessian = posterior.derivatives([x])
+    _, gradient = posterior.gradient([x])
     h = 1e-6
     for i, unit in enumerate(np.eye(4)):
         difference = (posterior.log_density([x + h * unit]) - posterior.log_density([x - h * unit]))[0] / (2 * h)
         assert gradient[0, i] == pytest.approx(difference, rel=1e-5, abs=1e-2 * 10_000)
-    assert np.isfinite(hessian).all()
 
 
 @pytest.mark.parametrize("a", [-1e4, -745.0, 745.0, 1e4])

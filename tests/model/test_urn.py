@@ -15,7 +15,7 @@ def exact(log_p, v, n, before):
         p, q, eps = mpmath.exp(log_p), -mpmath.expm1(log_p), mpmath.exp(v)
         drawn = mpmath.fsum(mpmath.log((p + j * eps) / (1 + (before + j) * eps)) for j in range(n))
         share = [p / (p + j * eps) for j in range(n)]
-        sums = [mpmath.fsum(share), mpmath.fsum(1 - t for t in share), mpmath.fsum(t * (1 - t) for t in share)]
+        sums = [mpmath.fsum(share), mpmath.fsum(1 - t for t in share)]
         return float(mpmath.log(q)), float(drawn), [float(one) for one in sums]
 
 
