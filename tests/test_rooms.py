@@ -37,6 +37,7 @@ ORDER = (
     "cli",
 )
 OWNERS = {
+    "arviz_stats": {"inference.diagnostics"},
     "emcee": {"inference", "groups"},
     "xarray": {
         *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.data.tables import Table
-from bayes_toe.inference.diagnostics import Quantity
+from bayes_toe.inference.diagnostics import convergence_of, errors_of
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ def member_table(found: Population) -> MemberTable:
 def _rows(found: Population, i: int) -> Iterator[SummaryRow]:
     name = found.study.names[i]
     together, alone = found.quantities(found.chains.eta[:, :, i]), found.quantities(found.alone[:, i])
-    for key in found.posterior(name).names.reported:
-        values = together[key]
-        judged = Quantity(values)
+    reported = {key: together[key] for key in found.posterior(name).names.reported}
+    judged, uncertain = convergence_of(reported), errors_of(reported)
+    for key, values in reported.items():
         own = np.quantile(alone[key], list(ALONE.values())).tolist()
-        yield (name, key, *location(values, judged), *judged.convergence, *judged.errors, *own)
+        yield (name, key, *location(values), *judged[key], *uncertain[key], *own)

@@ -12,7 +12,7 @@ from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
-from bayes_toe.inference.diagnostics import Convergence, Quantity
+from bayes_toe.inference.diagnostics import Convergence, convergence
 from bayes_toe.inference.subject_draws import location
 
 if TYPE_CHECKING:
@@ -127,9 +127,8 @@ def _further(found: Population) -> Iterator[PopulationRow]:
 
 
 def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: Convergence | None = None) -> PopulationRow:
-    judged = Quantity(values)
-    diagnosed = judged.convergence if known is None else known
-    mean, sd, q05, q25, q50, q75, q95 = location(values, judged)
+    diagnosed = convergence(values) if known is None else known
+    mean, sd, q05, q25, q50, q75, q95 = location(values)
     return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *diagnosed)
 
 

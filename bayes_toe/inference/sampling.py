@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Convergence, Quantity
+from bayes_toe.inference.diagnostics import Convergence, convergence_of, tail_error
 from bayes_toe.inference.moves import Stock, moves
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -161,11 +161,10 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
-        diagnosed = {name: Quantity(values) for name, values in posterior.judged(x).items()}
-        diagnostics = {name: one.convergence for name, one in diagnosed.items()}
+        diagnostics = convergence_of(posterior.judged(x))
         reason, last = _shortfall(diagnostics, settings), thin >= settings.max_thin
         if not reason:
-            reason, hopeless = _uncertain_quantile(posterior, x, diagnosed, settings.max_quantile_error)
+            reason, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
             last = last or hopeless
         if not reason or last:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
@@ -250,20 +249,20 @@ def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -
     return "; ".join(problems)
 
 
-def _uncertain_quantile(posterior: Target, x: FloatArray, diagnosed: dict[str, Quantity], limit: float) -> tuple[str, bool]:
+def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
     With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
     """
     if limit == np.inf:
         return "", False
-    names = posterior.names.natural
-    left_out = {} if diagnosed.keys() >= set(names) else posterior.quantities(x)
-    natural = {name: diagnosed[name] if name in diagnosed else Quantity(left_out[name]) for name in names}
-    errors = {name: one.tail_error(one.convergence.ess_tail) for name, one in natural.items()}
+    natural = {name: values for name, values in posterior.quantities(x).items() if name in posterior.names.natural}
+    left_out = {name: values for name, values in natural.items() if name not in diagnostics}
+    known = diagnostics | (convergence_of(left_out) if left_out else {})
+    errors = {name: tail_error(values, known[name].ess_tail) for name, values in natural.items()}
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
-    hopeless = not natural[worst].tail_error(x.shape[0] * x.shape[1]) < limit
+    hopeless = not tail_error(natural[worst], natural[worst].size) < limit
     reason = f"a 5 or 95 % quantile of {worst} uncertain by {errors[worst]:.3f} of their range, below {limit:g} required"
     return reason + ("; more draws are needed" if hopeless else ""), hopeless

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TypeAlias
 
+import numpy as np
+
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Errors, Quantity
+from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of
 from bayes_toe.inference.pointwise import Pointwise
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.inference.subject import SubjectResult
@@ -92,7 +94,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         chains.acceptance,
         _statistics(result, chains),
         result.pointwise,
-        summary_rows(target, quantities) if summarised else (),
+        summary_rows(target, quantities, chains.diagnostics) if summarised else (),
     )
 
 
@@ -103,21 +105,24 @@ def chains_of(result: SubjectResult) -> Chains:
     return result.chains
 
 
-def summary_rows(target: Answering, values: Mapping[str, FloatArray]) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv from values of shape (chains, draws)."""
-    return tuple((target.subject.name, name, *_row(draws, target, name)) for name, draws in values.items())
+def summary_rows(
+    target: Answering, values: Mapping[str, FloatArray], known: Mapping[str, Convergence] | None = None
+) -> tuple[SummaryRow, ...]:
+    """Rows with the columns of summary.csv from values of shape (chains, draws), of some of which convergence is known."""
+    judged = {} if known is None else dict(known)
+    unknown = {name: draws for name, draws in values.items() if name not in judged}
+    judged |= convergence_of(unknown) if unknown else {}
+    uncertain, rows = errors_of(values), list[SummaryRow]()
+    for name, draws in values.items():
+        located = location(draws)
+        narrowed = contraction(target, name, located[2], located[-1])
+        rows.append((target.subject.name, name, *located, *judged[name], narrowed, *uncertain[name]))
+    return tuple(rows)
 
 
-def _row(values: FloatArray, target: Answering, parameter: str) -> tuple[float, ...]:
-    found = Quantity(values)
-    located = location(values, found)
-    narrowed = contraction(target, parameter, located[2], located[-1])
-    return (*located, *found.convergence, narrowed, *found.errors)
-
-
-def location(values: FloatArray, found: Quantity) -> tuple[float, ...]:
-    """Mean, sd and :data:`QUANTILES` of draws, shape (chains, draws), of which the order is known."""
-    return (float(values.mean()), float(values.std(ddof=1)), *found.quantiles(list(QUANTILES.values())).tolist())
+def location(values: FloatArray) -> tuple[float, ...]:
+    """Mean, sd and :data:`QUANTILES` of draws, shape (chains, draws)."""
+    return (float(values.mean()), float(values.std(ddof=1)), *np.quantile(values, list(QUANTILES.values())).tolist())
 
 
 def _unit(name: str, target: Answering) -> str:

@@ -8,8 +8,7 @@ import bayes_toe as bt
 from bayes_toe.groups.alone import alone
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.members import MembersLikelihood
-from bayes_toe.inference.diagnostics import convergence
-from bayes_toe.inference.effective_size import effective_size, series
+from bayes_toe.inference.diagnostics import convergence, errors
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -86,5 +85,4 @@ def test_the_population_replaced_by_their_own_prior_gives_their_own_posteriors(s
 def _score(draws, probability, at):
     """Share of draws below the other program's quantile, as a z score; that one's error is that of 2000 effective draws."""
     below = draws <= at
-    error = probability * (1.0 - probability) * (1.0 / effective_size(series(below.astype(float))) + 1.0 / 2000.0)
-    return (below.mean() - probability) / np.sqrt(error)
+    return (below.mean() - probability) / np.sqrt(errors(below).mean ** 2 + probability * (1.0 - probability) / 2000.0)
