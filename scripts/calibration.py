@@ -8,7 +8,7 @@ import argparse
 import sys
 
 import bayes_toe as bt
-from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines, write_calibration
+from bayes_toe.cli.synthetic import PRODUCTS, verdict_lines, write_calibration
 from bayes_toe.data.whole_folders import require_folder
 
 

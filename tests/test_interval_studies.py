@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
+from bayes_toe.cli.look import read_truth
 from bayes_toe.cli.results_folder import write_results
-from bayes_toe.cli.truth import read_truth
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe

@@ -11,9 +11,10 @@ from typing import Annotated
 
 import typer
 
-from bayes_toe.cli import describe, draw, infer, planning, population, synthetic
-from bayes_toe.cli.command import as_command
+import bayes_toe as bt
+from bayes_toe.cli import compare, describe, infer, look, planning, population, synthetic
 from bayes_toe.cli.stopping import main as main
+from bayes_toe.cli.task import as_command
 
 #: By what they are for, in the order in which help lists them.
 COMMANDS = {
@@ -22,13 +23,13 @@ COMMANDS = {
         infer.run,
         infer.sample,
         infer.evidence,
-        infer.compare,
-        infer.sensitivity,
+        compare.compare,
+        compare.sensitivity,
         population.population,
         describe.asymmetry,
-        infer.fit,
+        describe.fit,
     ),
-    "Look at results, and publish them": (draw.explore, draw.corner, draw.figures, describe.predict, describe.methods),
+    "Look at results, and publish them": (look.explore, look.corner, look.figures, look.predict, look.methods),
     "Plan a study": (planning.power, planning.design, planning.trials),
     "Test the program": (synthetic.simulate, synthetic.calibrate),
 }
@@ -49,7 +50,5 @@ for _purpose, _commands in COMMANDS.items():
 @app.callback(invoke_without_command=True)
 def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
     if version:
-        from bayes_toe.version import __version__
-
-        typer.echo(f"bayes-toe {__version__}")
+        typer.echo(f"bayes-toe {bt.__version__}")
         raise typer.Exit

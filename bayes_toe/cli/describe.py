@@ -1,15 +1,45 @@
-"""Commands that describe a study or saved draws: asymmetry, predict, methods, check."""
+"""Commands that need no posterior: check, asymmetry, fit; and what they say."""
 
 from __future__ import annotations
 
+from math import isnan
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_toe.cli import summaries, terminal
-from bayes_toe.cli.options import OneSubject, SavedDraws, StudyFile, writes
-from bayes_toe.cli.task import PriorTask, TableTask
+import bayes_toe as bt
+from bayes_toe.cli.options import StudyFile, writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import number, safe, say, say_doubts, say_findings, say_note, say_notes, say_prior, say_study, say_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_toe.classical.asymmetry import AsymmetryTable
+    from bayes_toe.classical.covariates import CovariateTable
+    from bayes_toe.classical.fit_table import FitTable
+
+
+def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
+    """What was read, what cannot be learnt from it, and what speaks against pooling its answers, before any sampling.
+
+    [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
+    """
+    from bayes_toe.experiments.answers_check import NOTES
+    from bayes_toe.experiments.checks import described
+
+    read, prior = task.read(study)
+    say_study(task.console, read)
+    say_prior(task.console, prior)
+    rows = [{**row, "fraction_equal": f"{row['fraction_equal']:.3f}"} for row in map(described, read)]
+    say_table(task.console, "subjects", rows)
+    findings = (*bt.check_study(read, prior), *bt.check_answers(read, prior))
+    warnings = [finding for finding in findings if finding.code not in NOTES]
+    say_findings(task.console, warnings)
+    say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
+    if not warnings:
+        say(task.console, "no warnings")
 
 
 def asymmetry(
@@ -20,119 +50,109 @@ def asymmetry(
         Path | None,
         typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
     ] = None,
-    task: TableTask,
+    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
     """Time-order asymmetry of every comparison without a model: size, exact test, direction.
 
     [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
     """
-    from bayes_toe.classical.asymmetry import asymmetry as compute
-    from bayes_toe.classical.covariates import covariate_tests
-    from bayes_toe.data.covariates import read_covariates
     from bayes_toe.data.text_table import is_parquet
 
     beside = output.with_name(f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}")
     files = [output] if covariates is None else [output, beside]
     task.require_files(*files)
-    people = None if covariates is None else read_covariates(covariates)
+    people = None if covariates is None else bt.read_covariates(covariates)
     read = study.read()
-    terminal.say_study(task.console, read)
-    terminal.say_doubts(task.console, read)
-    table = compute(read)
-    tests = None if people is None else covariate_tests(people, table.outcomes())
+    say_study(task.console, read)
+    say_doubts(task.console, read)
+    table = bt.asymmetry(read)
+    tests = None if people is None else bt.covariate_tests(people, table.outcomes())
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
         if tests is not None:
             tests.save(folder / beside.name, **task.saving)
-    summaries.say_asymmetry(task.console, table)
+    say_asymmetry(task.console, table)
     if tests is not None:
-        summaries.say_covariates(task.console, tests)
+        say_covariates(task.console, tests)
     task.say_written("written:", *files)
 
 
-def predict(
+def fit(
     *,
-    posterior: SavedDraws,
-    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
-    output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
-    subject: OneSubject = None,
-    task: TableTask,
+    study: StudyFile,
+    output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
+    replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
+    level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+    """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
 
-    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
+    [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.inference.draws import load
-    from bayes_toe.inference.prediction import predict_pairs
+    from bayes_toe.classical.bootstrap import require_level
 
+    require_level(level)
     task.require_files(output)
-    loaded = load(posterior)
-    table = predict_pairs(loaded, pairs, loaded.names if subject is None else (subject,))
-    write_table(table, output, **task.saving)
-    task.say_written(f"{len(table)} predictions in", output)
-
-
-def methods(
-    *,
-    results: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULTS", help="Folder that run wrote, or draws; population.nc, compare.csv and sensitivity.csv in it are told of."
-        ),
-    ],
-    output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
-    compare: Annotated[
-        Path | None,
-        typer.Option("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
-    ] = None,
-    sensitivity: Annotated[
-        Path | None,
-        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity; NAME_parts.csv beside it is told of."),
-    ] = None,
-    task: TableTask,
-) -> None:
-    """What was done, for a paper: model, priors, sampling and what it reached, versions, citations, tables for a supplement.
-
-    [bold]Example[/bold]: bayes-toe methods results -o methods.md
-    """
-    from bayes_toe.cli.markup import Latex
-    from bayes_toe.cli.methods import markup_for, read_methods, written
-    from bayes_toe.data.tables import write_table
-
-    markup = markup_for(output)
-    told = read_methods(results, compare, sensitivity)
-    tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
-    written_files = [output, output.with_suffix(".bib"), *tables]
-    task.require_files(*written_files)
-    with task.together(*written_files) as folder:
-        text, references = written(told, markup, output.stem)
-        (folder / output.name).write_text(text, encoding="utf-8")
-        (folder / f"{output.stem}.bib").write_text(references, encoding="utf-8")
-        for table in told.tables:
-            beside = folder / f"{output.stem}_{table.name}.csv"
-            write_table(table.frame, beside, spreadsheet_safe=task.spreadsheet_safe)
-            beside.with_suffix(".tex").write_text(table.written(Latex(), output.stem) + "\n", encoding="utf-8")
-    terminal.say_notes(task.console, told.notes)
-    task.say_written("written:", *written_files)
-
-
-def check(*, study: StudyFile, task: PriorTask) -> None:
-    """What was read, what cannot be learnt from it, and what speaks against pooling its answers, before any sampling.
-
-    [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
-    """
-    from bayes_toe.experiments.answers_check import NOTES, check_answers
-    from bayes_toe.experiments.checks import check_study, described
-
     read, prior = task.read(study)
-    terminal.say_study(task.console, read)
-    terminal.say_prior(task.console, prior)
-    rows = [described(subject) for subject in read]
-    terminal.say_table(task.console, "subjects", rows, {"fraction_equal": lambda value: f"{value:.3f}"})
-    findings = (*check_study(read, prior), *check_answers(read, prior))
-    warnings = [finding for finding in findings if finding.code not in NOTES]
-    terminal.say_findings(task.console, warnings)
-    terminal.say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
-    if not warnings:
-        task.console.print("no warnings")
+    say_study(task.console, read)
+    say(task.console, f"  penalty: {prior.describe_penalty()}")
+    say_doubts(task.console, read)
+    with task.progress("fitting", len(read)) as tick:
+        table = bt.fit(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    table.save(output, **task.saving)
+    say_fits(task.console, table)
+    task.say_written("table in", output, seed=table.seed)
+
+
+def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
+    """The largest asymmetry of each subject, and the counts over subjects."""
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
+        one = row.maximal
+        if one is not None:
+            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} ± {one.asymmetry_se:.2f}"
+            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
+            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
+            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
+        rows.append(shown)
+    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
+    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
+    say_table(console, "asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
+    say(console, safe(table.population().describe()))
+    for note in table.notes:
+        say_note(console, note)
+
+
+def say_covariates(console: Console, tests: CovariateTable) -> None:
+    """Tests of covariates."""
+    rows: list[dict[Any, Any]] = [
+        {
+            "covariate": row.covariate,
+            "outcome": row.outcome,
+            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
+            "n": row.n,
+            "difference or r": number(row.difference_or_r, 3),
+            "statistic": number(row.statistic),
+            "df": number(row.df, 1),
+            "p": number(row.p_value, 3),
+        }
+        for row in tests
+    ]
+    say_table(console, "covariates: Welch's t or Pearson's r, not corrected for their number", rows)
+    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
+        say_note(console, note)
+
+
+def say_fits(console: Console, table: FitTable) -> None:
+    """Maximum-likelihood fits with their bootstrap intervals."""
+    rows: list[dict[Any, Any]] = []
+    for one in table:
+        row: dict[Any, Any] = {"subject": one.subject}
+        limits = one.bootstrap.intervals(table.level).tolist()
+        for name, value, (low, high) in zip(("mu1", "sigma_p", "sigma_l", "q0"), one.parameters.tolist(), limits, strict=True):
+            row[name] = number(value) + ("" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})")
+        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
+    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
+    say_table(console, title, rows)
+    say_notes(console, (f"{one.subject}: {note}" for one in table for note in one.notes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.presets import Orders, UnderPresets
@@ -23,6 +23,30 @@ FIT = (
     f"A misfit is a predictive p or a p-value of the deviance below {MISFIT:g}; the three models of the order effect share noise and "
     "lapses with H1, so that their probabilities mean little there"
 )
+
+#: What is said of them all.
+FLAGGED = "misfit, draws not converged, evidence withheld, or an order effect that the prior presets name differently"
+
+
+def flagged(table: EvidenceTable, not_converged: Collection[str] = (), presets: Sequence[UnderPresets] = ()) -> dict[str, tuple[str, ...]]:
+    """Subjects that someone must look at, in the order of the table, with the reasons in a word or two.
+
+    Examples
+    --------
+    >>> flagged(EvidenceTable(()))
+    {}
+    """
+    moved = {one.subject for one in presets if one.differ}
+    found = {
+        row.subject: {
+            "misfit": row.misfit,
+            "not converged": row.subject in not_converged,
+            "evidence withheld": row.log_evidence_orders is None,
+            "prior decides": row.subject in moved,
+        }
+        for row in table
+    }
+    return {name: why for name, said in found.items() if (why := tuple(word for word, true in said.items() if true))}
 
 
 def tally(table: EvidenceTable) -> str:

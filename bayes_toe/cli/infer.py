@@ -1,36 +1,47 @@
-"""Commands that infer: run, sample, evidence, compare, sensitivity, fit."""
+"""Commands that infer, subject by subject: run, sample, evidence; and what they say of draws and of evidence."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_toe.cli import summaries, terminal
-from bayes_toe.cli.options import DrawCount, InTheirPlace, Store, StudyFile, StudyFileOrExample, StudyFileOrSaved, writes
-from bayes_toe.cli.saved import saved_draws
-from bayes_toe.cli.task import KeepingTableTask, KeepingTask, ModelTableTask, SamplingTask, TableTask, leave_unless_whole
-from bayes_toe.errors import ConvergenceWarning, InputError
+import bayes_toe as bt
+from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import (
+    MOST_NAMES,
+    OUTPUT,
+    allowed_in_order,
+    chosen,
+    number,
+    once,
+    safe,
+    say,
+    say_doubts,
+    say_footnote,
+    say_lines,
+    say_notes,
+    say_prior,
+    say_smaller_models,
+    say_study,
+    say_table,
+)
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bayes_toe.analysis import Analysis
-    from bayes_toe.cli.group_section import Group
-    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
-    from bayes_toe.data.study import Study
-    from bayes_toe.model.prior import Prior
+    from bayes_toe.cli.report import Group
+    from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
 
-
-@dataclass(frozen=True, kw_only=True)
-class KeepingSamplingTask(SamplingTask, KeepingTask):
-    """Sampling that goes on where it was."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunningTask(TableTask, KeepingSamplingTask):
-    """The same with tables."""
+_SHOWN_QUANTILES = [0.05, 0.5, 0.95]
+#: What order effects show in: these come first, and have their range beside the median.
+_WITH_RANGE = ("mu1", "offset", "gain")
+_MOST_SHOWN = 7  # of a model with a parameter for each pair
 
 
 def run(
@@ -41,39 +52,36 @@ def run(
     population: Annotated[bool, typer.Option("--population", help="What the subjects have in common, too: the joint posterior.")] = False,
     explore: Annotated[bool, typer.Option("--explore", help="explorer.html, too: posteriors to drag over, in a browser.")] = False,
     store: Store = "nc",
-    task: RunningTask,
+    task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
     """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.analysis import run as analyse
     from bayes_toe.cli.headline import in_short, scale_first
-    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, draws_in, write_results
+    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.comparison.presets import say_presets
-    from bayes_toe.data.read_study import example_truth
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
     if explore:
         require_bokeh()
-    drawn = Drawn(pictures, {} if study.files else example_truth(), explorer=explore)
-    copies = task.copies_for(draws_in(output, store))
+    drawn = Drawn(pictures, {} if study.files else bt.example_truth(), explorer=explore)
+    _require_store(output / f"posterior.{store}")
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
     if population and len(read) < 2:
-        raise InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
+        raise bt.InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
     if explore:
         require_few(len(read), "subjects")
-    task.require_room(output, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore, copies=copies)
-    terminal.say_smaller_models(task.console, read)
+    _require_room(task, output / f"posterior.{store}", read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
+    say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
-        analysis = analyse(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    task.say_taken(keep)
+        analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     first = scale_first(read, prior)
-    summaries.say_evidence(task.console, analysis.evidence, "evidence.csv", first)
-    terminal.say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
-    summaries.say_draws(task.console, analysis.draws, "summary.csv")
+    say_evidence(task.console, analysis.evidence, "evidence.csv", first)
+    say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
+    say_draws(task.console, analysis.draws, "summary.csv")
     group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
@@ -81,25 +89,23 @@ def run(
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
     short = in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)
-    terminal.say(task.console, f"[bold]in short[/bold]: {first}{short}")
+    say(task.console, f"[bold]in short[/bold]: {first}{short}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
-    leave_unless_whole(task, analysis.draws.failed, {**analysis.draws.not_converged, **missed})
+    task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **missed})
 
 
-def _group(analysis: Analysis, task: RunningTask) -> Group:
+def _group(analysis: Analysis, task: Task) -> Group:
     """What the subjects have in common, computed and said."""
-    from bayes_toe.cli.group_section import Group
-    from bayes_toe.cli.population_answer import answer, say_attention
-    from bayes_toe.groups.population import population
+    from bayes_toe.cli.population import answer, say_attention
+    from bayes_toe.cli.report import Group
     from bayes_toe.groups.predictive_check import predictive_check
 
-    study, draws = analysis.study, analysis.draws
-    with task.progress("the group", len(study)) as tick, warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # said below
-        found = population(study, posterior=draws, workers=task.workers, progress=tick)
+    with task.progress("the group", len(analysis.study)) as tick, warnings.catch_warnings():
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
+        found = bt.population(analysis.study, posterior=analysis.draws, workers=task.workers, progress=tick)
     group = Group(found, predictive_check(found))
     for line in answer(found):
-        terminal.say(task.console, line)
+        say(task.console, line)
     say_attention(task.console, found, group.check.warnings)
     return group
 
@@ -108,10 +114,8 @@ def sample(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")] = Path("posterior.nc"),
-    model: Annotated[
-        str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")
-    ] = "predictive update",
-    task: KeepingSamplingTask,
+    model: ModelName = "predictive update",
+    task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
 ) -> None:
     """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
 
@@ -121,176 +125,143 @@ def sample(
     from bayes_toe.model.ladder import model_named
 
     record = model_named(model)
-    copies = task.copies_for(output)
+    _require_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
-    task.require_room(output, read, prior, model, copies=copies)
-    terminal.say_study(task.console, read)
-    terminal.say_prior(task.console, record.describe(prior))
-    terminal.say_doubts(task.console, read, prior)
-    terminal.say_smaller_models(task.console, read)
+    _require_room(task, output, read, prior, model)
+    say_study(task.console, read)
+    say_prior(task.console, record.describe(prior))
+    say_doubts(task.console, read, prior)
+    say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     draws.save(output, overwrite=task.overwrite)
-    task.say_taken(keep)
     task.finish(keep, draws.failed)
-    summaries.say_draws(task.console, draws)
+    say_draws(task.console, draws)
     task.say_written("draws in", output, seed=draws.seed)
-    leave_unless_whole(task, draws.failed, draws.not_converged)
+    task.leave_unless_whole(draws.failed, draws.not_converged)
+
+
+def _require_store(file: Path) -> None:
+    """Refuse a Zarr store that could not be written."""
+    from bayes_toe.data.stores import named_store
+    from bayes_toe.inference.draws_store import require_library
+
+    if named_store(file):
+        require_library()
+
+
+def _require_room(task: Task, file: Path, study: bt.Study, prior: bt.Prior, model: str = "predictive update", *, others: int = 0) -> None:
+    """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
+
+    Two copies, since the draws of each subject are kept until all are in one file; three for a store, which is written from that file.
+    """
+    from bayes_toe.data.places import require_room
+    from bayes_toe.data.stores import named_store
+    from bayes_toe.inference.draws import stored_bytes
+    from bayes_toe.inference.sampling import SamplerSettings
+
+    copies = 3 if named_store(file) else 2
+    require_room(file, copies * stored_bytes(study, prior, SamplerSettings(task.draws), model) + others * (len(study) + 1))
 
 
 def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
-    task: KeepingTableTask,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.analysis import evidence as compute
     from bayes_toe.cli.headline import scale_first
 
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.opened(study)
     with task.progress("evidence", len(read)) as tick:
-        table = compute(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+        table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     table.save(output, **task.saving)
-    task.say_taken(keep)
     task.finish(keep, table.failed)
-    summaries.say_evidence(task.console, table, first=scale_first(read, prior))
+    say_evidence(task.console, table, first=scale_first(read, prior))
     task.say_written("table in", output, seed=table.seed)
-    leave_unless_whole(task, table.failed, {})
+    task.leave_unless_whole(table.failed, {})
 
 
-@dataclass(frozen=True, kw_only=True)
-class ComparingTask(RunningTask):
-    """Sampling, of more models and therefore with fewer draws each."""
+def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
+    """Medians and convergence of every subject; of very many, of those first that did not converge."""
+    import numpy as np
 
-    draws: DrawCount = 1000
+    from bayes_toe.inference.diagnostics import quantile_errors
 
-
-def compare(
-    *,
-    study: StudyFile,
-    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
-    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
-    space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
-    task: ComparingTask,
-) -> None:
-    """Which order effect, noise and lapses, and how sure: probabilities of parts, over a space of models, for every subject and the study.
-
-    Besides, of every model: evidence, leave-one-out, predictive checks, model probabilities, and model frequencies over subjects.
-
-    [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
-    """
-    from bayes_toe.comparison.ladder_table import beside
-    from bayes_toe.comparison.ladder_table import compare as compute
-    from bayes_toe.model.ladder import require_models
-    from bayes_toe.plots.comparison import save_comparison
-    from bayes_toe.plots.figure_files import picture_beside
-
-    asked, picture = model or space, picture_beside(output)
-    models = require_models(asked)
-    task.require_files(output, *beside(output), picture)
-    keep = task.partial(output)
-    read, prior = task.opened(study)
-    with task.progress("comparing", len(read) * len(models)) as tick:
-        table = compute(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
-    with task.together(output, *beside(output), picture) as folder:
-        table.save(folder / output.name, **task.saving)
-        save_comparison(table, folder / picture.name, synthetic=read.synthetic)
-    failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
-    task.say_taken(keep)
-    task.finish(keep, failed)
-    summaries.say_comparison(task.console, table)
-    task.say_written("written:", output, *beside(output), picture, seed=table.seed)
-    leave_unless_whole(task, failed, {})
+    stats, missed = draws.group("sample_stats"), draws.not_converged
+    shown = [key for key in _WITH_RANGE if key in draws.parameters]
+    shown += [key for key in draws.posterior(draws.names[0]).names.natural if key not in shown]
+    rows, places = [], {name: i for i, name in enumerate(draws.names)}
+    for name in chosen(places, missed):
+        row, i = dict[Any, Any](subject=name), places[name]
+        for key in shown[:_MOST_SHOWN]:
+            values = draws.values(name, key)
+            # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
+            errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
+            low, middle, high = allowed_in_order(np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2)
+            row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
+        row |= {"min ESS": f"{float(stats['min_ess'][i]):.0f}", "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}"}
+        rows.append({**row, "converged": "NO" if name in missed else "yes"})
+    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
+    say_notes(console, (f"{name}: {shortfall}" for name, shortfall in missed.items()), "not converged", "red", file=file)
+    if draws.attrs["left_out"]:
+        say(console, safe(draws.attrs["left_out"]))
 
 
-def sensitivity(
-    *,
-    study: StudyFileOrSaved,
-    output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
-    reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
-    steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
-    compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
-    posterior: InTheirPlace = None,
-    task: ModelTableTask,
-) -> None:
-    """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
+def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, first: str = "") -> None:
+    """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
+    from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, flagged, misfit, misfits, tally
+    from bayes_toe.comparison.words import STATED, conclusion
 
-    [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
-    """
-    from bayes_toe.comparison.prior_sensitivity import require_range
-    from bayes_toe.comparison.prior_sensitivity import sensitivity as compute
-    from bayes_toe.plots.figure_files import picture_beside
-    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
-    from bayes_toe.plots.sensitivity import save_sensitivity
-
-    picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
-    files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
-    require_range(reach, steps)
-    task.require_files(*files)
-    read, prior, seed = _study_and_prior(study, posterior, task)
-    with task.progress("re-weighting", len(read)) as tick:
-        table = compute(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
-    summaries.say_sensitivity(task.console, table)
-    of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
-    with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving)
-        save_sensitivity(table, folder / picture.name, synthetic=read.synthetic)
-        if of_parts is not None:
-            of_parts.save(folder / parts.name, **task.saving)
-            save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
-    task.say_written("written:", *files, seed=table.seed)
+    of_subject, of_all = {row.subject: row for row in table}, partial(say_table, console, total=len(table), file=file)
+    shown = [of_subject[name] for name in chosen(of_subject, flagged(table))]
+    of_all("order effect, and fit of the model", [_headline(row) for row in shown])
+    say(console, f"[bold]order effect[/bold]: {tally(table)}")
+    if found := misfits(table):
+        say(console, f"[bold]fit[/bold]: {found}")
+        wrong = (f"{row.subject}: {misfit(row.fit)}" for row in table if row.fit is not None and row.misfit)
+        say_notes(console, wrong, "misfit", "red", file=file)
+        say(console, first + NEXT, "red")
+    say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
+    rows: list[dict[Any, Any]] = [
+        {
+            "subject": row.subject,
+            "log evidence H1": number(row.log_evidence_h1),
+            "s.e.": number(row.log_evidence_h1_se, 4),
+            "log evidence H0": number(row.log_evidence_h0),
+            "log Bayes factor": number(row.log_bayes_factor),
+            "evidence": conclusion(row.log_bayes_factor),
+            "k-hat": number(row.pareto_k),
+            "Laplace": number(row.log_bayes_factor_laplace),
+        }
+        for row in shown
+    ]
+    of_all("Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
+    say_footnote(console, f"{APPENDIX_C}.")
+    say_notes(console, once((row.subject, note) for row in table for note in row.notes))
+    for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
+        say_footnote(console, line)
 
 
-def _study_and_prior(study: StudyFileOrSaved, posterior: Path | None, task: ModelTableTask) -> tuple[Study, Prior, int | None]:
-    """What is asked about, and the seed; those of saved draws where there are some."""
-    if posterior is not None:
-        draws = saved_draws(posterior, study, task)
-        return draws.study, draws.prior, draws.seed
-    return (*task.opened(study), task.seed)
+def _headline(row: SubjectEvidence) -> dict[Any, Any]:
+    from bayes_toe.cli.headline import deviance, p_value
+    from bayes_toe.comparison.words import order_effect_and_probability
 
-
-def _parts_sensitivity(study: Study, prior: Prior, reach: float, seed: int, task: ModelTableTask) -> PartsSensitivity:
-    """How the probabilities of parts move with the prior, in five steps, and a line a subject."""
-    from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
-
-    factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
-    with task.progress("re-weighting every model", len(study)) as tick:
-        table = parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
-    summaries.say_parts_sensitivity(task.console, table)
-    return table
-
-
-def fit(
-    *,
-    study: StudyFile,
-    output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
-    replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
-    level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
-    task: ModelTableTask,
-) -> None:
-    """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
-
-    [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
-    """
-    from bayes_toe.classical.bootstrap import require_level
-    from bayes_toe.classical.fit_table import fit as compute
-
-    require_level(level)
-    task.require_files(output)
-    read, prior = task.read(study)
-    terminal.say_study(task.console, read)
-    terminal.say_penalty(task.console, prior)
-    terminal.say_doubts(task.console, read)
-    with task.progress("fitting", len(read)) as tick:
-        table = compute(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    table.save(output, **task.saving)
-    summaries.say_fits(task.console, table)
-    task.say_written("table in", output, seed=table.seed)
+    return {
+        "subject": row.subject,
+        "order effect": order_effect_and_probability(row.log_evidence_orders),
+        "none": number(row.p_none),
+        "constant error": number(row.p_constant_error),
+        "update": number(row.p_update),
+        "fit": "MISFIT" if row.misfit else "no misfit" if row.fit else "-",
+        "predictive p": p_value(row.fit.p_overall) if row.fit else "-",
+        "deviance (d.f.)": deviance(row.fit) if row.fit else "-",
+    }

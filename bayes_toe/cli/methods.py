@@ -12,17 +12,17 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.markup import Done, Latex, Markdown, Markup
+from markupsafe import Markup
+
 from bayes_toe.cli.methods_of_models import compared_facts, other_priors, varied_facts
-from bayes_toe.cli.results_folder import draws_in
-from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit
+from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit, templates
 from bayes_toe.comparison.comparison_file import ComparisonFile, read_comparison
 from bayes_toe.comparison.evidence_file import read_evidence
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 from bayes_toe.comparison.sensitivity_file import read_parts_sensitivity, read_sensitivity
-from bayes_toe.data.messages import counted, listed, quoted
+from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import is_store
 from bayes_toe.errors import InputError
@@ -36,22 +36,7 @@ from bayes_toe.model.posterior import Posterior
 if TYPE_CHECKING:
     import pandas as pd
 
-#: How a document may end, and what it is written in.
-MARKUPS: Mapping[str, type[Markup]] = {".md": Markdown, ".tex": Latex}
 _MOST_NAMED = 10
-
-
-def markup_for(output: Path) -> Markup:
-    """The markup of a document, by how its name ends.
-
-    Raises
-    ------
-    InputError
-        If it ends otherwise.
-    """
-    if output.suffix not in MARKUPS:
-        raise InputError(f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: {', '.join(MARKUPS)}")
-    return MARKUPS[output.suffix]()
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +143,7 @@ def _posterior(results: Path) -> Path:
     """The draws themselves, or those of a folder."""
     if not os.path.isdir(results) or is_store(results):  # a Path refuses names that are too long with an error of its own
         return results
-    there = [path for path in (draws_in(results, "nc"), draws_in(results, "zarr")) if path.exists()]
+    there = [path for path in (results / "posterior.nc", results / "posterior.zarr") if path.exists()]
     if len(there) != 1:
         found = "posterior.nc and posterior.zarr" if there else "no posterior.nc and no posterior.zarr"
         raise InputError(f"{shown(results)}: found {found}, allowed: a folder that bayes-toe run wrote, or a file of draws")
@@ -178,30 +163,26 @@ def _group(path: Path, draws: Draws) -> Population | None:
 # --- In words ---------------------------------------------------------------------------------------
 
 
-def written(told: Methods, markup: Markup, stem: str) -> tuple[str, str]:
+def written(told: Methods, language: str, stem: str) -> tuple[str, str]:
     """The document, and its citations as BibTeX.
 
     Parameters
     ----------
     told : Methods
-    markup : Markup
+    language : str
+        "md" or "tex".
     stem : str
         Of the names of all files: the document names them.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("bayes_toe", "cli"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=markup.escape,
-        autoescape=False,  # by finalize, in the way of the markup
-    )
-    facts = _facts(told) | {"m": markup, "stem": Done(stem), "latex": isinstance(markup, Latex)}
-    parts = environment.get_template("methods.txt").render(facts).split("\n\n")
-    wrapped = [fill(part, 110, break_long_words=False, break_on_hyphens=False) if part.startswith(markup.leads) else part for part in parts]
-    return "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n", _references(markup.cited, told.draws)
+    facts = _facts(told) | {"stem": Markup(stem), "latex": language == "tex"}
+    parts = templates(language).get_template("methods.txt").render(facts).split("\n\n")
+    leads = "**" if language == "md" else r"\paragraph"
+    wrapped = [fill(part, 110, break_long_words=False, break_on_hyphens=False) if part.startswith(leads) else part for part in parts]
+    text = "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n"
+    every = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
+    entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
+    cited = [entry for key, entry in entries.items() if f"[@{key}]" in text or rf"\citep{{{key}}}" in text]
+    return text, "\n\n".join(cited).replace("VERSION", _versions(told.draws)["bayes_toe"]) + "\n"
 
 
 def _facts(told: Methods) -> dict[str, Any]:
@@ -279,7 +260,7 @@ def _weighed(table: EvidenceTable, draws: Draws) -> dict[str, Any]:
 def _group_facts(found: Population) -> dict[str, Any]:
     from rich.text import Text
 
-    from bayes_toe.cli.population_answer import answer
+    from bayes_toe.cli.population import answer
 
     rows = found.table.rows
     return {
@@ -292,11 +273,3 @@ def _group_facts(found: Population) -> dict[str, Any]:
         "problems": found.problems,
         "answer": [Text.from_markup(line).plain for line in answer(found)],
     }
-
-
-def _references(cited: set[str], draws: Draws) -> str:
-    """The entries that are cited, in the order of the file."""
-    every = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
-    entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
-    assert cited <= entries.keys(), cited - entries.keys()
-    return "\n\n".join(entries[key] for key in entries if key in cited).replace("VERSION", _versions(draws)["bayes_toe"]) + "\n"

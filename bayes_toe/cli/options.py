@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, field
 from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -15,14 +15,6 @@ from bayes_toe.model.prior_fields import PriorFields
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
-
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
-DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
-Processes = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
-]
-Engine = Annotated[str, typer.Option("--engine", metavar="local|dask", help="Processes of this machine, or the workers of a Dask cluster.")]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
 
 
 def prior_help(kind: type[PriorFields] = PriorFields) -> str:
@@ -37,18 +29,22 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
     return f"paper (default), stimuli (their location and scales), or a file of any of {names}; see check --prior."
 
 
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
+DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
+Processes = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
+]
+Engine = Annotated[Literal["local", "dask"], typer.Option("--engine", help="Processes of this machine, or the workers of a Dask cluster.")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
 PriorFile = Annotated[str | None, typer.Option("--prior", metavar="paper|stimuli|prior.toml", help=prior_help())]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 SpreadsheetSafe = Annotated[
     bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-#: In this order help lists the shared options, after those that a command has for itself.
-LAST_IN_HELP = ("seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet")
-
-Store = Annotated[str, typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
+Store = Annotated[Literal["nc", "zarr"], typer.Option("--store", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
 InTheirPlace = Annotated[
     Path | None,
@@ -58,7 +54,7 @@ InTheirPlace = Annotated[
         help="Draws that run or sample wrote: their study, prior and seed, and no chain is run again. STUDY.csv may be left out.",
     ),
 ]
-OneSubject = Annotated[str | None, typer.Option("--subject", help="Only this subject.")]
+ModelName = Annotated[str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")]
 
 
 def writes(metavar: str, help_text: str) -> Any:
@@ -106,13 +102,9 @@ class StudyFileOrExample:
             where=parse_where(self.where or ()),
             subject_from=self.subject_from,
         )
-        return read_study([path for one in self.files for path in _matching(one)], options)
-
-
-def _matching(path: Path) -> list[Path]:
-    """The files of a name with *, where the shell has left that to us; otherwise the name itself."""
-    found = sorted(map(Path, glob(str(path)))) if "*" in str(path) and not os.path.exists(path) else []
-    return found or [path]
+        # Some shells leave a name with * to us.
+        found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]
+        return read_study([path for paths in found for path in paths], options)
 
 
 @dataclass(frozen=True, kw_only=True)

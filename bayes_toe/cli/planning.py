@@ -9,20 +9,15 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from bayes_toe.cli import terminal
-from bayes_toe.cli.options import Seed, writes
-from bayes_toe.cli.task import KeepingTableTask, ModelTask, TableTask, WritingTask, leave_unless_whole
-from bayes_toe.data.messages import quoted
-from bayes_toe.errors import InputError
+import bayes_toe as bt
+from bayes_toe.cli.options import writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import safe, say
+from bayes_toe.data.messages import counted, quoted
 from bayes_toe.planning.aims import AIMS
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
-    from bayes_toe.planning.power_of_populations import PopulationPower
-    from bayes_toe.planning.power_of_studies import StudyPower
-    from bayes_toe.planning.power_table import PowerTable
-    from bayes_toe.planning.stopping import StoppingTable
-    from bayes_toe.planning.study_design import StudyDesign
 
 _POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
 _STOPPING, _POPULATION = "power_stopping.csv", "power_population.csv"
@@ -31,20 +26,6 @@ Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanningTask(KeepingTableTask):
-    """Simulation for assumed observers."""
-
-    observers: Observers = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class DesignTask(TableTask, ModelTask):
-    """Search and simulation for assumed observers."""
-
-    observers: Observers = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,10 +49,10 @@ class LevelOptions:
 
         if self.levels is not None:
             if self.lowest is not None or self.highest is not None:
-                raise InputError("--levels and --lowest, --highest: allowed is one of the two ways to say what can be shown")
+                raise bt.InputError("--levels and --lowest, --highest: allowed is one of the two ways to say what can be shown")
             return read_levels(self.levels, self.intensity)
         if self.lowest is None or self.highest is None or self.intensity is not None:
-            raise InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
+            raise bt.InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
         return grid(self.lowest, self.highest, self.step)
 
     def intervals(self) -> tuple[float, ...]:
@@ -81,31 +62,11 @@ class LevelOptions:
         except ValueError:
             found = (0.0,)
         if any(not 0.0 < one < float("inf") for one in found):
-            raise InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
+            raise bt.InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
         return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroupOptions:
-    """Whole studies by the analysis of groups."""
-
-    population: Annotated[
-        bool,
-        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
-    ] = False
-    studies: Annotated[
-        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
-    ] = 20
-
-
-@dataclass(frozen=True, kw_only=True)
-class ListingTask(WritingTask):
-    """A random order."""
-
-    seed: Seed = None
-
-
-def power(
+def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
     *,
     design: Annotated[
         list[Path] | None,
@@ -121,70 +82,61 @@ def power(
     look: Annotated[
         int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
     ] = 50,
-    groups: GroupOptions,
-    task: PlanningTask,
+    population: Annotated[
+        bool,
+        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
+    ] = False,
+    studies: Annotated[
+        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
+    ] = 20,
+    observers: Observers = None,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_folders import whole_folder
     from bayes_toe.model.prior_file import preset_or_file
     from bayes_toe.planning.observers import observers_from, shares_from
-    from bayes_toe.planning.power import power as simulate
-    from bayes_toe.planning.power_of_populations import power_of_populations
     from bayes_toe.planning.power_of_studies import power_of_studies
-    from bayes_toe.planning.stopping import StoppingRule, stopping
 
     task.require_folder(output, (*_POWER, _STOPPING, _POPULATION))
     keep = task.partial(output)
     prior = preset_or_file(task.prior)
     designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
-    rule = None if stop is None else StoppingRule(stop, numbers[-1], look)
-    kinds = len({one.kind for one in observers_from(task.observers, 1, 0)})  # refuses a bad file before any work
+    rule = None if stop is None else bt.StoppingRule(stop, numbers[-1], look)
+    kinds = len({one.kind for one in observers_from(observers, 1, 0)})  # refuses a bad file before any work
 
     def simulated(what: str, total: int, work: Callable[..., Found], *asked: object, **more: object) -> Found:
         with task.progress(what, total) as tick:
-            return work(*asked, task.observers, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
+            return work(*asked, observers, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
 
     total = len(designs) * len(numbers) * kinds * data_sets
-    table = simulated("simulating and analysing", total, simulate, designs, numbers, data_sets=data_sets, seed=task.seed)
-    shares = shares_from(task.observers)
+    table = simulated("simulating and analysing", total, bt.power, designs, numbers, data_sets=data_sets, seed=task.seed)
+    shares = shares_from(observers)
     of_studies, stopped, grouped = power_of_studies(table, sizes, shares), None, None
     if rule is not None:
         total = len(designs) * kinds * data_sets
-        stopped = simulated("simulating sessions", total, stopping, designs, rule, data_sets=data_sets, seed=table.seed)
-    if groups.population:
+        stopped = simulated("simulating sessions", total, bt.stopping, designs, rule, data_sets=data_sets, seed=table.seed)
+    if population:
         longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
-        total = len(designs) * (kinds + bool(shares)) * sum(size > 1 for size in sizes) * groups.studies
-        grouped = simulated("simulating studies", total, power_of_populations, longest, sizes, studies=groups.studies, seed=table.seed)
-    _write_power(table, of_studies, stopped, grouped, output, task)
-    task.say_taken(keep)
-    done = [one for one in (table, stopped, grouped) if one is not None]
-    failed = {name: reason for one in done for name, reason in one.failed.items()}
-    task.finish(keep, failed)
-    for line in (line for one in (table, of_studies, *done[1:]) for line in one.sentences()):
-        terminal.say(task.console, terminal.safe(line))
-    task.say_written("tables and figure in", output, seed=table.seed)
-    leave_unless_whole(task, failed, {})
-
-
-def _write_power(
-    table: PowerTable, studies: StudyPower, stopped: StoppingTable | None, grouped: PopulationPower | None, output: Path, task: PlanningTask
-) -> None:
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_folders import whole_folder
-    from bayes_toe.plots.figure_files import save_figure
-    from bayes_toe.plots.power import power_figure
-
+        total = len(designs) * (kinds + bool(shares)) * sum(size > 1 for size in sizes) * studies
+        grouped = simulated("simulating studies", total, bt.power_of_populations, longest, sizes, studies=studies, seed=table.seed)
     asked = {name: one for name, one in ((_STOPPING, stopped), (_POPULATION, grouped)) if one is not None}
     with whole_folder(output, (*_POWER, _STOPPING, _POPULATION), required=(*_POWER, *asked), overwrite=task.overwrite) as target:
-        counted, data_sets, of_studies, *figures = (target / name for name in _POWER)
-        table.save(counted, spreadsheet_safe=task.spreadsheet_safe)
-        write_table(table.data_sets_frame(), data_sets, spreadsheet_safe=task.spreadsheet_safe)
-        for path, one in {of_studies: studies, **{target / name: one for name, one in asked.items()}}.items():
-            one.save(path, spreadsheet_safe=task.spreadsheet_safe)
-        for path in figures:
-            save_figure(power_figure(table, grouped), path)
+        write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
+        for name, one in {_POWER[0]: table, _POWER[2]: of_studies, **asked}.items():
+            one.save(target / name, spreadsheet_safe=task.spreadsheet_safe)
+        for name in _POWER[3:]:
+            bt.plots.save_figure(bt.plots.power_figure(table, grouped), target / name)
+    failed = {name: reason for one in (table, *asked.values()) for name, reason in one.failed.items()}
+    task.finish(keep, failed)
+    for line in (line for one in (table, of_studies, *asked.values()) for line in one.sentences()):
+        say(task.console, safe(line))
+    task.say_written("tables and figure in", output, seed=table.seed)
+    task.leave_unless_whole(failed, {})
 
 
 def design(
@@ -195,35 +147,34 @@ def design(
     aim: Annotated[str, typer.Option("--for", metavar="|".join(AIMS), help="Name the update, or know a quantity, or all.")] = "update",
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
-    task: DesignTask,
+    observers: Observers = None,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
     """The pairs that tell most of what is asked, among those that can be shown, beside the paper's, all, and random ones.
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
     """
     from bayes_toe.model.prior_file import preset_or_file
-    from bayes_toe.planning.optimal import DesignGoal, optimal_design
-    from bayes_toe.planning.study_design import read_study_design
-    from bayes_toe.plots.design import design_figure
-    from bayes_toe.plots.figure_files import save_figure
 
-    files = _beside(output)
+    if output.suffix != ".csv":
+        raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
+    files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(*files)
     prior, levels = preset_or_file(task.prior), space.levels_in_log()
-    goal = DesignGoal(aim, space.max_pairs, None if keep is None else read_study_design(keep), space.intervals())
+    goal = bt.DesignGoal(aim, space.max_pairs, None if keep is None else bt.read_study_design(keep), space.intervals())
     with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
-        found = optimal_design(
-            levels, trials, goal, task.observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
+        found = bt.optimal_design(
+            levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
         )
     with task.together(*files) as folder:
         found.design.save(folder / files[0].name)
         found.power.save(folder / files[1].name, spreadsheet_safe=task.spreadsheet_safe)
         (folder / files[2].name).write_text(found.text(), encoding="utf-8")
-        save_figure(design_figure(found), folder / files[3].name)
+        bt.plots.save_figure(bt.plots.design_figure(found), folder / files[3].name)
     for line in found.said():
-        terminal.say(task.console, terminal.safe(line))
+        say(task.console, safe(line))
     task.say_written("written:", *files, seed=found.seed)
-    leave_unless_whole(task, found.power.failed, {})
+    task.leave_unless_whole(found.power.failed, {})
 
 
 def trials(
@@ -237,49 +188,39 @@ def trials(
     intensity: Annotated[
         float | None, typer.Option("--intensity", metavar="REF", help="Columns i1,i2 with raw amplitudes, i = REF e^s, beside s1,s2.")
     ] = None,
-    task: ListingTask,
+    task: Annotated[Task, Takes("seed", "overwrite")],
 ) -> None:
     """A randomised, counterbalanced list of trials, which run reads once the answers are filled in.
 
     [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
     """
     from bayes_toe.experiments.recipes import subject_names
-    from bayes_toe.planning.study_design import read_study_design
-    from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials, trial_list
+    from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials
     from bayes_toe.seeds import root_seed
 
     task.require_files(output)
     if intensity is not None and not 0.0 < intensity < float("inf"):
-        raise InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
-    seed, read = root_seed(task.seed), read_study_design(design)
-    lists = [trial_list(read, blocks=blocks, subject=name, seed=seed) for name in subject_names(subjects)]
+        raise bt.InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
+    seed, read = root_seed(task.seed), bt.read_study_design(design)
+    lists = [bt.trial_list(read, blocks=blocks, subject=name, seed=seed) for name in subject_names(subjects)]
     save_trials(lists, output, reference=intensity, overwrite=task.overwrite)
-    who = f"{subjects} subject{'' if subjects == 1 else 's'}, {read.total} trials each in {blocks} blocks"
-    terminal.say(task.console, f"{who}: both orders of two stimuli equally often in a block where the design has them so, at most "
-                 f"{MOST_EQUAL} equal pairs in a row")  # fmt: skip
+    who = f"{counted(subjects, 'subject')}, {read.total} trials each in {blocks} blocks"
+    both = "both orders of two stimuli equally often in a block where the design has them so"
+    say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
     task.say_written("trials in", output, seed=seed)
 
 
-def _beside(output: Path) -> tuple[Path, ...]:
-    """The design, what it was compared with, why it is so, the figure."""
-    if output.suffix != ".csv":
-        raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
-    compared = output.with_name(f"{output.stem}_compared.csv")
-    return output, compared, output.with_suffix(".md"), output.with_suffix(".png")
-
-
-def _designs(files: list[Path] | None) -> Mapping[str, StudyDesign]:
+def _designs(files: list[Path] | None) -> Mapping[str, bt.StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
     from bayes_toe.planning.power import named_designs
-    from bayes_toe.planning.study_design import read_study_design
 
     if not files or len(files) == 1:
-        return named_designs(read_study_design(files[0]) if files else None)
+        return named_designs(bt.read_study_design(files[0]) if files else None)
     names = [file.stem for file in files]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
-        raise InputError(f"designs: found {quoted(repeated[0])} twice, allowed: files with different names")
-    return {name: read_study_design(file) for name, file in zip(names, files, strict=True)}
+        raise bt.InputError(f"designs: found {quoted(repeated[0])} twice, allowed: files with different names")
+    return {name: bt.read_study_design(file) for name, file in zip(names, files, strict=True)}
 
 
 def _numbers(option: str, text: str) -> list[int]:
@@ -288,5 +229,5 @@ def _numbers(option: str, text: str) -> list[int]:
     except ValueError:
         numbers = [0]
     if min(numbers) < 1:
-        raise InputError(f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
+        raise bt.InputError(f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
     return sorted(set(numbers))

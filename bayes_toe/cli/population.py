@@ -1,39 +1,49 @@
-"""The command that infers a group: population."""
+"""The command that infers a group, population, and what is said of it: first whether it has an order effect, then what covariates do."""
 
 from __future__ import annotations
 
+import math
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_toe.cli import terminal
-from bayes_toe.cli.options import DrawCount, StudyFileOrSaved, writes
-from bayes_toe.cli.saved import belonging_draws
-from bayes_toe.cli.task import KeepingTableTask, leave_unless_whole
-from bayes_toe.errors import ConvergenceWarning, InputError
+import bayes_toe as bt
+from bayes_toe.cli.options import StudyFileOrSaved, writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import (
+    allowed,
+    safe,
+    say,
+    say_doubts,
+    say_footnote,
+    say_notes,
+    say_smaller_models,
+    say_study,
+    say_table,
+)
+from bayes_toe.comparison.words import STATED, compared, conclusion
+from bayes_toe.data.messages import counted
 from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
-    from bayes_toe.data.study import Study
+    from rich.console import Console
+
     from bayes_toe.groups.population import Population
-    from bayes_toe.groups.predictive_check import PredictiveCheck
-    from bayes_toe.inference.draws import Draws
-    from bayes_toe.model.prior import Prior
+    from bayes_toe.groups.population_table import PopulationRow
 
 _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
     f"and [{CORRELATIONS}] of {LKJ.name}; see docs/population.md."
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PopulationTask(KeepingTableTask):
-    """Sampling, of the group and of every subject."""
-
-    draws: DrawCount = 2000
+).replace("[", r"\[")  # no markup
+_DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
+BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
+CORRELATED = "correlations between subjects, mean (5 %, 95 %)"
+_SIDES = ("a difference", "no difference")
+_PULLING = ("pull", "gain", "offset")
 
 
 def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
@@ -71,74 +81,162 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         ),
     ] = None,
     hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
-    task: PopulationTask,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=2000)],
 ) -> None:
     """What the subjects of a study have in common, how far they differ, what covariates do, and each subject in the light of the others.
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
     """
-    from bayes_toe.cli.population_answer import say_population
-    from bayes_toe.data.covariates import read_covariates
-    from bayes_toe.groups.hyperprior import read_hyperprior
-    from bayes_toe.groups.population import population as infer
+    from bayes_toe.groups.member_table import member_table
     from bayes_toe.groups.predictive_check import predictive_check
 
     files = _beside(output)
     task.require_files(*files)
     keep = task.partial(output) if posterior is None else None
-    given = None if hyperprior is None else read_hyperprior(hyperprior)
-    people = None if covariates is None else read_covariates(covariates)
+    given = None if hyperprior is None else bt.read_hyperprior(hyperprior)
+    people = None if covariates is None else bt.read_covariates(covariates)
     if people is None and categorical:
-        raise InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
-    read, prior, stored = _study_and_prior(study, posterior, model, task)
-    terminal.say_smaller_models(task.console, read)
+        raise bt.InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
+    if posterior is not None and task.resume:
+        raise bt.InputError("--resume: allowed without --posterior, where subjects are sampled alone")
+    stored = None if posterior is None else task.saved(posterior, study, model)
+    read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
+    say_study(task.console, read)
+    say_doubts(task.console, read)
+    say_smaller_models(task.console, read)
     what = "subjects alone, then the group" if stored is None else "the group"
     with task.progress(what, len(read)) as tick, warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # said below
-        found = infer(
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
+        found = bt.population(
             read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
             posterior=stored, hyperprior=given, scatter=scatter, method=method, correlations=correlations, workers=task.workers,
             progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
-    _write(found, check, files, task)
-    failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
-    if keep is not None:
-        task.say_taken(keep)
-        task.finish(keep, failed)
-    say_population(task.console, found, check.warnings)
-    task.say_written("written:", *files, seed=found.settings.seed)
-    leave_unless_whole(task, failed, {} if found.converged else {"group": found.chains.reason})
-
-
-def _study_and_prior(
-    study: StudyFileOrSaved, posterior: Path | None, model: str, task: PopulationTask
-) -> tuple[Study, Prior, Draws | None]:
-    """What is asked about, said, with the draws that are there already."""
-    if posterior is not None and task.resume:
-        raise InputError("--resume: allowed without --posterior, where subjects are sampled alone")
-    stored = None if posterior is None else belonging_draws(posterior, study, task, model)
-    read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
-    terminal.say_study(task.console, read)
-    terminal.say_doubts(task.console, read)
-    return read, prior, stored
-
-
-def _write(found: Population, check: PredictiveCheck, files: tuple[Path, ...], task: PopulationTask) -> None:
-    from bayes_toe.groups.member_table import member_table
-    from bayes_toe.plots.figure_files import save_figure
-    from bayes_toe.plots.population import population_figure
-
     with task.together(*files) as folder:
         draws, table, members, figure = (folder / path.name for path in files)
         found.save(draws, overwrite=task.overwrite)
         found.table.save(table, **task.saving)
         member_table(found).save(members, **task.saving)
-        save_figure(population_figure(found, check), figure)
+        bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
+    failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
+    if keep is not None:
+        task.finish(keep, failed)
+    say_population(task.console, found, check.warnings)
+    task.say_written("written:", *files, seed=found.settings.seed)
+    task.leave_unless_whole(failed, {} if found.converged else {"group": found.chains.reason})
 
 
 def _beside(output: Path) -> tuple[Path, ...]:
     """The draws, the table of the population, that of its subjects, the figure."""
     if output.suffix != ".nc":
-        raise InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
+        raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
     return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv"), output.with_suffix(".png")
+
+
+def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
+    """The answer, tables, what each prior was, and what to know before any of it is believed."""
+    for line in answer(found):
+        say(console, line)
+    if effects := [effect(row) for row in found.table.some("effect")]:
+        about = "; ".join(column.about for column in found.regressors.columns)
+        say_table(console, f"effects of covariates, mean (5 %, 95 %): {safe(about)}", effects)
+        say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
+    say_table(console, f"{found.settings.model}: {len(found.study)} subjects, mean (5 %, 95 %)", scales(found))
+    if together := correlations(found):
+        say_table(console, CORRELATED, together)
+    say_table(console, f"medians (5 %, 95 %){reference(found)}", naturals(found))
+    for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
+        say_footnote(console, f"hyperprior: {line}")
+    say_notes(console, found.regressors.notes)
+    say_attention(console, found, contradicted)
+
+
+def say_attention(console: Console, found: Population, contradicted: Sequence[str]) -> None:
+    """What to know before any of it is believed: what was not reached, and what contradicts a population of this form."""
+    say_notes(console, (*found.shortfalls, *contradicted), "attention", "red")
+
+
+def answer(found: Population) -> list[str]:
+    """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
+    from bayes_toe.groups.asymmetries import OVERALL
+
+    begin, pairs = "[bold]order effect of the population[/bold]:", found.asymmetries
+    if pairs is None:
+        lines = [f"{begin} no pair of different stimuli was presented in both orders; see pull and gain"]
+    else:
+        row, (further,) = found.table.some("asymmetry", OVERALL)[0], found.table.some("new_subject", OVERALL)
+        p, likelier = row.p_direction or 0.0, f"likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
+        decided = f"'equal' is {likelier} (P {compared(p)})", f"direction undecided ('equal' {likelier}: P {compared(p)})"
+        many = counted(len(pairs.comparisons) - 1, "comparison")
+        size = f"asymmetry, P(equal) stronger first less weaker first, {_interval(row)} on average over {many} and all subjects"
+        lines = [f"{begin} {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"]
+    means = {row.parameter: _median(row) for row in found.table.some("mean")}
+    if said := ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means):
+        lines.append(f"[bold]a subject at the mean[/bold]{reference(found)}: {said}")
+    contrasts = () if pairs is None else compress(found.table.some("asymmetry", OVERALL), pairs.differences)
+    return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
+
+
+def effect(row: PopulationRow) -> dict[Any, Any]:
+    """One effect of a covariate, as a table shows it."""
+    bound = row.bf_no_difference is None
+    found = row.bf_below if bound else row.bf_no_difference
+    factor, words = "-", conclusion(None)
+    if found is not None and not (bound and found >= 1.0):  # a bound that says nothing
+        nats = -math.log(found) if found > 0.0 else math.inf  # for a difference; a factor may be below the smallest float
+        factor, words = f"{'< ' * bound}{found:.2g}", f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
+    said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": _sign(row)}
+    return {**said, "BF no difference": factor, "evidence": words}
+
+
+def scales(found: Population) -> list[dict[Any, Any]]:
+    """Mean and scatter of every parameter on its scale."""
+    what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
+    rows = []
+    for sd in found.table.some("sd"):
+        (mean,) = found.table.some("mean", sd.parameter)
+        ess, r_hat = min(one for row in (mean, sd) for one in (row.ess_bulk, row.ess_tail)), max(mean.r_hat, sd.r_hat)
+        row = {"scale": sd.parameter, "mean": _interval(mean), what: _interval(sd)}
+        rows.append({**row, "min ESS": f"{ess:.0f}", "max R-hat": f"{r_hat:.3f}"})
+    return rows
+
+
+def correlations(found: Population) -> list[dict[Any, Any]]:
+    """How parameters go together over subjects, those first of which the sign is most certain; none where these were not asked for."""
+    rows = sorted(found.table.some("correlation"), key=lambda row: -(row.p_direction or 0.0))
+    return [{"scales": row.parameter, "correlation": _interval(row), "P(sign)": _sign(row)} for row in rows]
+
+
+def naturals(found: Population) -> list[dict[Any, Any]]:
+    """Every quantity of a subject at the mean and of a further one."""
+    means = {row.parameter: _median(row) for row in found.table.some("mean")}
+    further = {row.parameter: _median(row) for row in found.table.some("new_subject")}
+    shown = [name for name in further if name in means]
+    return [{"quantity": name, "subject at the mean": means[name], "further subject": further[name]} for name in shown]
+
+
+def reference(found: Population) -> str:
+    """Who is meant where there are covariates."""
+    of = {column.covariate: column.reference or "mean" for column in found.regressors.columns}
+    return safe(f" ({', '.join(f'{name} {level}' for name, level in of.items())})") if of else ""
+
+
+def _sign(row: PopulationRow) -> str:
+    return compared(row.p_direction or 0.0)
+
+
+def _interval(row: PopulationRow) -> str:
+    return f"{_shown(row.mean, row)} ({_ends(row, ', ')})"
+
+
+def _median(row: PopulationRow) -> str:
+    return f"{_shown(row.q50, row)} ({_ends(row, ', ')})"
+
+
+def _ends(row: PopulationRow, between: str = " to ") -> str:
+    return between.join(_shown(value, row) for value in (row.q05, row.q95))
+
+
+def _shown(value: float, row: PopulationRow) -> str:
+    return allowed(value, row.sd / math.sqrt(min(row.ess_bulk, row.ess_tail)), 3)

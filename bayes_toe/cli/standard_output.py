@@ -24,7 +24,7 @@ def guarded_streams() -> Iterator[None]:
         code = ended.code
     problem = _problem()
     if problem:
-        from bayes_toe.cli.command import BAD_INPUT
+        from bayes_toe.cli.task import BAD_INPUT
 
         code = code or BAD_INPUT
         sys.stderr.write(f"error: {problem}\n")

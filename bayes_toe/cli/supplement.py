@@ -1,21 +1,28 @@
-"""Tables for a supplement: of subjects their parameters, order effect, fit and evidence, of the group what is said of it; CSV and LaTeX."""
+"""Tables for a supplement: of subjects their parameters, order effect, fit and evidence, of the group what is said of it; CSV and LaTeX.
+
+And the two languages in which these and the text of :mod:`bayes_toe.cli.methods` are written.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
-from bayes_toe.cli.digits import allowed_quantiles
 from bayes_toe.cli.headline import p_value
-from bayes_toe.cli.markup import Markup
+from bayes_toe.cli.terminal import allowed_quantiles
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.words import compared, order_effect
+from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.contraction import DOMINATED
+from bayes_toe.plots.corner_content import LABELS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,6 +31,42 @@ if TYPE_CHECKING:
 
 _RANGE = {"median": "q50", "q05": "q05", "q95": "q95"}
 _NOTHING = "--"
+#: What letters of a text from outside become.
+_LETTERS = {
+    "md": str.maketrans({one: f"\\{one}" for one in "\\`*_[]<>|#~$"}),
+    "tex": str.maketrans(
+        {one: f"\\{one}" for one in "&%$#_{}"} | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
+        | {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}
+    ),
+}  # fmt: skip
+
+
+def templates(language: str) -> Environment:
+    """Where documents are made in a language, "md" or "tex": texts come out as letters, its macros (markup.md, markup.tex) are `m`."""
+
+    def letters(value: object) -> Markup:
+        return value if isinstance(value, Markup) else Markup(visible(str(value)).translate(_LETTERS[language]))
+
+    def symbol(name: str) -> Markup:
+        """A parameter as the paper has it, where it has it."""
+        return Markup(LABELS.get(name, letters(name)).replace("\n", " "))
+
+    def distributed(text: str) -> Markup:
+        """A prior with symbols, and a sign for 'is distributed as'."""
+        words = re.split(r"(\w+) ~ ", text)
+        return Markup("".join(rf"{symbol(word)} $\sim$ " if i % 2 else letters(word) for i, word in enumerate(words)))
+
+    made = Environment(
+        loader=PackageLoader("bayes_toe", "cli"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=letters,
+    )
+    made.filters.update(symbol=symbol, distributed=distributed)
+    made.globals["m"] = made.get_template(f"markup.{language}").module
+    return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +92,11 @@ class SupplementTable:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
-    def written(self, markup: Markup, stem: str) -> str:
-        """For people, in a markup; columns that are parameters have their symbols."""
+    def written(self, markup: Any, stem: str) -> Markup:
+        """For people, with the macros of a language; columns that are parameters have their symbols."""
         parameters = {name.removesuffix("_median") for name in self.frame.columns if name.endswith("_median")}
-        head = [markup.symbol(one) if one in parameters else markup.escape(one) for one in self.head]
-        rows = [[markup.escape(cell) for cell in row] for row in self.rows]
-        return markup.table(head, rows, markup.escape(self.caption), f"{stem}_{self.name}")
+        head = [markup.symbol(one) if one in parameters else one for one in self.head]
+        return Markup(markup.table(head, self.rows, self.caption, Markup(f"{stem}_{self.name}")).strip())
 
 
 def shown_parameters(draws: Draws) -> tuple[str, ...]:

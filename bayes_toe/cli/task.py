@@ -1,13 +1,14 @@
-"""A command at work: what every command does besides its own subject, with the shared options that this takes."""
+"""A command at work: how a function becomes a command, the shared options that it takes, and what every command does with them."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -25,23 +26,90 @@ from bayes_toe.cli.options import (
     SpreadsheetSafe,
     StudyFileOrExample,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.data.messages import visible
+from bayes_toe.data.unfinished import said_kept, under_way
+from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.data.study import Study
+    from bayes_toe.inference.draws import Draws
     from bayes_toe.model.prior import Prior
     from bayes_toe.workers import Workers
 
-INCOMPLETE = 3
+BAD_INPUT, INCOMPLETE = 2, 3
+#: The shared options of commands that share their work among processes and write, and of those that compute with a model besides.
+WORKERS = ("processes", "engine", "scheduler", "overwrite")
+MODEL = ("seed", "prior", *WORKERS)
+
+
+class Takes:
+    """Which fields of :class:`Task` are options of a command, besides quiet; by name those with a default of their own."""
+
+    def __init__(self, *names: str, **defaults: Any) -> None:
+        self.names, self.defaults = {*names, *defaults, "quiet"}, defaults
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A command that prints."""
+    """The shared options, in the order in which help lists them, after those that a command has for itself.
 
+    Attributes
+    ----------
+    inputs : tuple of Path
+        No option: the files that the command was given to read.
+    """
+
+    seed: Seed = None
+    draws: DrawCount = 4000
+    processes: Processes = None
+    engine: Engine = "local"
+    scheduler: Scheduler = None
+    prior: PriorFile = None
+    spreadsheet_safe: SpreadsheetSafe = False
+    resume: Resume = False
+    overwrite: Overwrite = False
     quiet: Quiet = False
+    inputs: tuple[Path, ...] = ()
+
+    # --- what is read -------------------------------------------------------------------------------
+
+    def read(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
+        """The study and the prior; the prior is read first, because it is the shorter file."""
+        from bayes_toe.model.prior_file import preset_or_file
+        from bayes_toe.model.study_prior import prior_for
+
+        prior, read = preset_or_file(self.prior), study.read()
+        return read, prior_for(read, prior)
+
+    def opened(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
+        """The study and the prior, read and said."""
+        read, prior = self.read(study)
+        terminal.introduce(self.console, read, prior)
+        return read, prior
+
+    def saved(self, posterior: Path, study: StudyFileOrExample, model: str = "predictive update", seed: int | None = None) -> Draws:
+        """Saved draws of a model in the place of sampling; of the study, the prior and the seed, where these are given.
+
+        Raises
+        ------
+        InputError
+            In one line, where they are of others.
+        """
+        from bayes_toe.data.places import shown
+        from bayes_toe.inference.belonging import require_belonging
+        from bayes_toe.inference.draws import load
+        from bayes_toe.model.prior_file import preset_or_file
+        from bayes_toe.model.study_prior import prior_for
+
+        given = None if self.prior is None else preset_or_file(self.prior)
+        draws, read = load(posterior), study.read() if study.files else None
+        prior = None if given is None else prior_for(draws.study, given)
+        require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)
+        return draws
+
+    # --- the work -----------------------------------------------------------------------------------
 
     @cached_property
     def console(self) -> Console:
@@ -52,13 +120,50 @@ class Task:
         """A progress bar; call what it gives once for each part that is done."""
         return terminal.progress_bar(self.console, what, total)
 
+    @cached_property
+    def workers(self) -> Workers:
+        """Processes of this machine, or those of a cluster, which is connected to here and said."""
+        if (self.engine == "dask") != (self.scheduler is not None):
+            raise InputError("--engine dask and --scheduler tcp://HOST:PORT go together")
+        if self.scheduler is None:
+            return self.processes
+        if self.processes is not None:
+            raise InputError(f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has")
+        from bayes_toe.cluster import connect
 
-@dataclass(frozen=True, kw_only=True)
-class WritingTask(Task):
-    """A command that writes files or a folder."""
+        client = connect(self.scheduler)
+        self.console.print(f"  workers: {len(client.nthreads())} at {terminal.safe(self.scheduler)}", highlight=False)
+        return client
 
-    overwrite: Overwrite = False
-    inputs: tuple[Path, ...] = ()  # no option: the files that the command reads, see command.py
+    def partial(self, output: Path) -> Path:
+        """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
+        from bayes_toe.data.places import shown
+        from bayes_toe.errors import OutputError
+        from bayes_toe.kept import discard, kept_in
+
+        named = output if output.name not in ("", "..") else output.resolve()
+        folder = named.with_name(f"{named.name}.partial")
+        found = 0 if self.resume else kept_in(folder)
+        if found and not self.overwrite:
+            raise OutputError(
+                f"{shown(folder)}: found {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
+            )
+        if found:
+            discard(folder)
+        return folder
+
+    def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
+        """Say what was not computed again, and remove what was kept; not where work was lost, which may be tried again."""
+        from bayes_toe.kept import discard
+
+        standing = under_way.get(folder)
+        if self.resume and standing is not None:
+            taken = f"{standing.taken} of {standing.jobs} {standing.what} taken from"
+            self.console.print(f"{taken} [bold]{terminal.safe(folder)}[/bold]", highlight=False)
+        if not failed:
+            discard(folder)
+
+    # --- what is written ----------------------------------------------------------------------------
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
@@ -71,12 +176,6 @@ class WritingTask(Task):
             require_parquet(file)
             put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
-
-    def together(self, *files: Path) -> AbstractContextManager[Path]:
-        """A folder to write files to under their names, which appear all together or not at all."""
-        from bayes_toe.data.whole_folders import whole_together
-
-        return whole_together(*files, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:
         """The same for a folder and what it will hold."""
@@ -91,172 +190,77 @@ class WritingTask(Task):
             if file.resolve() in read:
                 raise InputError(f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is")
 
-    def say_written(self, what: str, *files: Path, seed: int | None = None, ending: str = "") -> None:
-        """The seed and what was written."""
-        names = ", ".join(map(terminal.safe, files))
-        beginning = "" if seed is None else f"seed {seed}; "
-        self.console.print(f"{beginning}{what} [bold]{names}[/bold]{ending}", highlight=False)
+    def together(self, *files: Path) -> AbstractContextManager[Path]:
+        """A folder to write files to under their names, which appear all together or not at all."""
+        from bayes_toe.data.whole_folders import whole_together
 
-
-@dataclass(frozen=True, kw_only=True)
-class TableTask(WritingTask):
-    """A command that writes tables."""
-
-    spreadsheet_safe: SpreadsheetSafe = False
+        return whole_together(*files, overwrite=self.overwrite)
 
     @property
     def saving(self) -> dict[str, bool]:
         """How tables are written."""
         return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
 
+    def say_written(self, what: str, *files: Path, seed: int | None = None, ending: str = "") -> None:
+        """The seed and what was written."""
+        beginning = "" if seed is None else f"seed {seed}; "
+        self.console.print(f"{beginning}{what} [bold]{', '.join(map(terminal.safe, files))}[/bold]{ending}", highlight=False)
 
-@dataclass(frozen=True, kw_only=True)
-class PriorTask(Task):
-    """A command that reads a study and a prior."""
-
-    prior: PriorFile = None
-
-    def read(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
-        """The study and the prior; the prior is read first, because it is the shorter file."""
-        from bayes_toe.model.prior_file import preset_or_file
-        from bayes_toe.model.study_prior import prior_for
-
-        prior, read = preset_or_file(self.prior), study.read()
-        return read, prior_for(read, prior)
-
-    def opened(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
-        """The study and the prior, read and said."""
-        read, prior = self.read(study)
-        self.introduce(read, prior)
-        return read, prior
-
-    def introduce(self, study: Study, prior: Prior) -> None:
-        """Say what everything below is about."""
-        terminal.say_study(self.console, study)
-        terminal.say_prior(self.console, prior)
-        terminal.say_doubts(self.console, study, prior)
+    def leave_unless_whole(self, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
+        """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
+        terminal.say_notes(self.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
+        if failed or missed:
+            raise typer.Exit(INCOMPLETE)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SharedTask(WritingTask):
-    """A command that shares its work among workers."""
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """The function as the command line calls it.
 
-    processes: Processes = None
-    engine: Engine = "local"
-    scheduler: Scheduler = None
+    A parameter that is a record becomes one option for each of its fields (of :class:`Task` those that it :class:`Takes`), and the function
+    receives the record of them. Our errors become lines on standard error and exit code 2; anything else is a bug and shows its traceback.
+    """
+    signature = inspect.signature(function, eval_str=True)
+    records = {name: found for name, one in signature.parameters.items() if (found := _record(one.annotation)) is not None}
+    options = {name: _options(*records[name]) if name in records else [parameter] for name, parameter in signature.parameters.items()}
 
-    @cached_property
-    def workers(self) -> Workers:
-        """Processes of this machine, or those of a cluster, which is connected to here and said."""
-        self._require_one_engine()
-        if self.scheduler is None:
-            return self.processes
-        from bayes_toe.cluster import connect
+    @wraps(function)
+    def command(**given: Any) -> None:
+        values = (value if isinstance(value, list) else [value] for name, value in given.items() if not name.endswith("output"))
+        inputs = tuple(one for some in values for one in some if isinstance(one, Path))
+        for name, (kind, _) in records.items():
+            told = {"inputs": inputs} if kind is Task else {}
+            given[name] = kind(**{one.name: given.pop(one.name) for one in options[name]}, **told)
+        under_way.clear()  # what an earlier call in this process has kept is not this command's
+        try:
+            function(**given)
+        except BayesToeError as error:
+            kept = said_kept()
+            for line in f"{error}; {kept}".split("\n") if kept else str(error).split("\n"):
+                typer.echo(f"error: {visible(line)}", err=True)
+            raise typer.Exit(BAD_INPUT) from error
 
-        client = connect(self.scheduler)
-        terminal.say(self.console, f"  workers: {len(client.nthreads())} at {terminal.safe(self.scheduler)}")
-        return client
-
-    def _require_one_engine(self) -> None:
-        if self.engine not in ("local", "dask"):
-            raise InputError(f"--engine {self.engine}: allowed: local, dask")
-        if (self.engine == "dask") != (self.scheduler is not None):
-            raise InputError("--engine dask and --scheduler tcp://HOST:PORT go together")
-        if self.scheduler is not None and self.processes is not None:
-            raise InputError(f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelTask(SharedTask, PriorTask):
-    """A command that computes with a model of every subject."""
-
-    seed: Seed = None
+    parameters = [one for some in options.values() for one in some]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    return command
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeepingTask(ModelTask):
-    """One that keeps what is finished until all is."""
-
-    resume: Resume = False
-
-    def partial(self, output: Path) -> Path:
-        """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
-        from bayes_toe.data.places import shown
-        from bayes_toe.errors import OutputError
-        from bayes_toe.kept import discard, kept_in
-
-        named = output if output.name not in ("", "..") else output.resolve()
-        folder = named.with_name(f"{named.name}.partial")
-        found = 0 if self.resume else kept_in(folder)
-        if found and not self.overwrite:
-            raise OutputError(
-                f"{shown(folder)}: holds {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
-            )
-        if found:
-            discard(folder)
-        return folder
-
-    def say_taken(self, folder: Path) -> None:
-        """What was not computed again."""
-        from bayes_toe.data.unfinished import under_way
-
-        standing = under_way.get(folder)
-        if self.resume and standing is not None:
-            self.console.print(
-                f"{standing.taken} of {standing.jobs} {standing.what} taken from [bold]{terminal.safe(folder)}[/bold]", highlight=False
-            )
-
-    def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
-        """Remove what was kept; not where work was lost, which may be tried again."""
-        from bayes_toe.kept import discard
-
-        if not failed:
-            discard(folder)
+def _record(annotation: Any) -> tuple[Any, Takes | None] | None:
+    """The record that a parameter is, and which fields of it are taken, all where that is not said; None where it is none."""
+    kind, takes = get_args(annotation)[:2] if get_origin(annotation) is Annotated else (annotation, None)
+    return (kind, takes) if is_dataclass(kind) else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeepingTableTask(TableTask, KeepingTask):
-    """The same with tables."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelTableTask(TableTask, ModelTask):
-    """The same with tables."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SamplingTask(ModelTask):
-    """A command that samples."""
-
-    draws: DrawCount = 4000
-
-    def copies_for(self, file: Path) -> int:
-        """How often the draws will be on the disk, see :meth:`require_room`; a store that could not be written is refused."""
-        from bayes_toe.data.stores import named_store
-        from bayes_toe.inference.draws_store import require_library
-
-        if not named_store(file):
-            return 2
-        require_library()
-        return 3
-
-    def require_room(
-        self, place: Path, study: Study, prior: Prior, model: str = "predictive update", *, others: int = 0, copies: int = 2
-    ) -> None:
-        """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
-
-        Two copies, since the draws of each subject are kept until all are in one file; three for a store, which is written from that file.
-        """
-        from bayes_toe.data.places import require_room
-        from bayes_toe.inference.draws import stored_bytes
-        from bayes_toe.inference.sampling import SamplerSettings
-
-        draws = stored_bytes(study, prior, SamplerSettings(self.draws), model)
-        require_room(place, copies * draws + others * (len(study) + 1))
-
-
-def leave_unless_whole(task: Task, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
-    """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
-    terminal.say_notes(task.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
-    if failed or missed:
-        raise typer.Exit(INCOMPLETE)
+def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
+    """A parameter for each field of a record, in its order."""
+    hints, own = get_type_hints(kind, include_extras=True), {} if takes is None else takes.defaults
+    return [
+        inspect.Parameter(
+            one.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=own.get(one.name, inspect.Parameter.empty if one.default is MISSING else one.default),
+            annotation=hints[one.name],
+        )
+        for one in fields(kind)
+        if takes is None or one.name in takes.names
+    ]

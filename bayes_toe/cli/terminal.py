@@ -1,11 +1,12 @@
-"""How the command line prints: lines, notes, tables, a progress bar; what was read. On a terminal and, plainer, in a log."""
+"""How the command line prints: lines, notes, tables, a progress bar, numbers; what was read. On a terminal and, plainer, in a log."""
 
 from __future__ import annotations
 
+import itertools
+import math
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.data.messages import listed, visible
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
     from bayes_toe.experiments.checks import Finding
     from bayes_toe.model.prior import Prior
 
-
 #: Rows of a table, and lines of one kind, that are printed; names or notes likewise.
 MOST_ROWS, MOST_NAMES = 50, 20
 #: Where the others are, if nothing better is known.
 OUTPUT = "the output"
-NO_FORMATS: Mapping[str, Callable[[Any], str]] = MappingProxyType({})
+
+
+# --- lines and tables ---------------------------------------------------------------------------------
 
 
 def new_console(quiet: bool) -> Console:
@@ -33,13 +35,6 @@ def new_console(quiet: bool) -> Console:
     return Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
 
 
-def safe(text: object) -> str:
-    """Text from outside, kept from being read as markup or obeyed by the terminal."""
-    from rich.markup import escape
-
-    return escape(visible(str(text)))
-
-
 @contextmanager
 def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[[str], None]]:
     """A progress bar on a terminal, nothing elsewhere."""
@@ -47,22 +42,32 @@ def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[[
 
     with Progress(console=console, disable=not console.is_terminal or console.quiet, transient=True) as bar:
         task = bar.add_task(what, total=total)
-
-        def tick(_: str) -> None:
-            bar.advance(task)
-
-        yield tick
+        yield lambda _: bar.advance(task)
 
 
-def say_table(
-    console: Console,
-    title: str,
-    rows: list[dict[Any, Any]],
-    formats: Mapping[str, Callable[[Any], str]] = NO_FORMATS,
-    *,
-    total: int | None = None,
-    file: str = OUTPUT,
-) -> None:
+def safe(text: object) -> str:
+    """Text from outside, kept from being read as markup or obeyed by the terminal."""
+    from rich.markup import escape
+
+    return escape(visible(str(text)))
+
+
+def say(console: Console, line: str, style: str | None = None) -> None:
+    """One line of any length, with its markup."""
+    console.print(line, highlight=False, soft_wrap=True, style=style)
+
+
+def say_note(console: Console, text: str, word: str = "note", colour: str = "yellow") -> None:
+    """One line that begins with a coloured word; the text is escaped."""
+    say(console, f"[{colour}]{word}[/{colour}] {safe(text)}")
+
+
+def say_footnote(console: Console, text: str) -> None:
+    """One dim line, for what a reader may pass over; the text is escaped."""
+    say(console, safe(text), "dim")
+
+
+def say_table(console: Console, title: str, rows: list[dict[Any, Any]], *, total: int | None = None, file: str = OUTPUT) -> None:
     """A table of rows with the same keys, which name its columns; texts are escaped.
 
     It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are some
@@ -75,7 +80,7 @@ def say_table(
     for index, key in enumerate(rows[0]):
         table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
     for row in shown:
-        table.add_row(*(formats.get(key, safe)(value) for key, value in row.items()))
+        table.add_row(*map(safe, row.values()))
     console.print(table)
     _say_more(console, (len(rows) if total is None else total) - len(shown), file)
 
@@ -114,21 +119,6 @@ def _say_more(console: Console, left: int, file: str) -> None:
         say(console, f"... and {left:,} more in {safe(file)}")
 
 
-def say(console: Console, line: str, style: str | None = None) -> None:
-    """One line of any length, with its markup."""
-    console.print(line, highlight=False, soft_wrap=True, style=style)
-
-
-def say_note(console: Console, text: str, word: str = "note", colour: str = "yellow") -> None:
-    """One line that begins with a coloured word; the text is escaped."""
-    say(console, f"[{colour}]{word}[/{colour}] {safe(text)}")
-
-
-def say_footnote(console: Console, text: str) -> None:
-    """One dim line, for what a reader may pass over; the text is escaped."""
-    say(console, safe(text), "dim")
-
-
 def once(notes: Iterable[tuple[str, str]]) -> list[str]:
     """Notes, each a subject and a text: each text once, with the subjects that it is about, the first of them if many; '' is no subject.
 
@@ -143,17 +133,21 @@ def once(notes: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{listed(subjects, MOST_NAMES)}: {text}" if subjects else text for text, subjects in about.items()]
 
 
-def say_once(console: Console, notes: Iterable[tuple[str, str]], word: str = "note") -> None:
-    """Notes as :func:`once` has them, a line each."""
-    say_notes(console, once(notes), word)
+# --- what was read ------------------------------------------------------------------------------------
+
+
+def introduce(console: Console, study: Study, prior: Prior) -> None:
+    """What everything below is about."""
+    say_study(console, study)
+    say_prior(console, prior)
+    say_doubts(console, study, prior)
 
 
 def say_study(console: Console, study: Study) -> None:
     """What was read, and what there is to say of it."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
     trials = sum(subject.total_trials for subject in study)
-    plural = "" if len(study) == 1 else "s"
-    console.print(f"[bold]{safe(study.source)}[/bold]{label}: {len(study)} subject{plural}, {trials} trials", highlight=False)
+    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {len(study)} subject{'' if len(study) == 1 else 's'}, {trials} trials")
     for note in study.notes:
         say(console, f"  {safe(note)}")
 
@@ -163,14 +157,9 @@ def say_prior(console: Console, prior: Prior | str) -> None:
     say(console, f"  prior: {safe(prior if isinstance(prior, str) else prior.describe_orders())}")
 
 
-def say_penalty(console: Console, prior: Prior) -> None:
-    """The part of the prior that a maximum-likelihood fit uses."""
-    say(console, f"  penalty: {prior.describe_penalty()}")
-
-
 def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
     """Each message once, with the subjects that it is about."""
-    say_once(console, ((finding.subject, finding.message) for finding in findings), word)
+    say_notes(console, once((finding.subject, finding.message) for finding in findings), word)
 
 
 def say_doubts(console: Console, study: Study, prior: Prior | None = None) -> None:
@@ -185,3 +174,59 @@ def say_smaller_models(console: Console, study: Study) -> None:
     from bayes_toe.experiments.checks import check_study
 
     say_findings(console, (finding for finding in check_study(study) if finding.code == "design_rank"), "note")
+
+
+# --- numbers, with no more digits than their Monte Carlo errors allow -----------------------------------
+
+
+def number(value: float | None, digits: int = 2, missing: str = "-") -> str:
+    """A number of a table; a dash where there is none."""
+    return missing if value is None or value != value else f"{value:.{digits}f}"
+
+
+def allowed(value: float, error: float, most: int) -> str:
+    """A number down to the decimal in which its standard error begins, and to no more than `most` decimals.
+
+    Where the error is larger than 1, tens or hundreds are what is left. An error of 0 or NaN allows all.
+
+    Examples
+    --------
+    >>> allowed(0.123456, 0.004, 5), allowed(0.123456, 0.04, 5), allowed(1234.5, 30.0, 2), allowed(0.123456, float("nan"), 2)
+    ('0.123', '0.12', '1230', '0.12')
+    """
+    return _rounded(value, min(most, _decimals(error))) if 0.0 < error < math.inf else f"{value:.{most}f}"
+
+
+def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int) -> list[str]:
+    """Numbers that ascend, such as a median between its limits, each as :func:`allowed` has it; the order is still there to be seen.
+
+    Where each by itself would hide it, because errors differ by orders of magnitude as they do before sampling has converged, all end where
+    the largest error begins or, where they would be alike there, with the first decimal in which they differ.
+
+    Examples
+    --------
+    >>> allowed_in_order([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2), allowed_in_order([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
+    (['0', '40000', '90000'], ['0.12', '0.51', '2.3'])
+    """
+    shown = [allowed(value, error, most) for value, error in zip(values, errors, strict=True)]
+    if all(float(low) < float(high) for low, high in itertools.pairwise(shown)):
+        return shown
+    decimals = min([most, *(_decimals(error) for error in errors if 0.0 < error < math.inf)])
+    while decimals < most and len({round(value, decimals) for value in values}) < len(set(values)):
+        decimals += 1
+    return [_rounded(value, decimals) for value in values]
+
+
+def allowed_quantiles(row: Mapping[Any, Any], most: int) -> list[str]:
+    """The 5 % quantile, median and 95 % quantile of a row of a summary as :func:`allowed_in_order` has them."""
+    keys = ("q05", "q50", "q95")
+    return allowed_in_order([row[key] for key in keys], [row[f"mcse_{key}"] for key in keys], most)
+
+
+def _decimals(error: float) -> int:
+    # As it is printed with one digit: 0.0096 is 0.01 and begins in the second decimal.
+    return -int(f"{error:.0e}".partition("e")[2])
+
+
+def _rounded(value: float, decimals: int) -> str:
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"  # - 0.0 becomes 0

@@ -1,24 +1,28 @@
-"""Functions become commands: records of options become options, in one order; errors become lines and exit codes."""
+"""Functions become commands: records become options, in one order; errors become lines and exit codes; help loses nothing."""
 
 import inspect
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pytest
-import typer
+import typer.main
+from commands import inside
+from rich.text import Text
 from typer.testing import CliRunner
 
-from bayes_toe.cli.app import COMMANDS
-from bayes_toe.cli.command import as_command
-from bayes_toe.cli.options import LAST_IN_HELP, Quiet, Seed, StudyFile
+from bayes_toe.cli.app import COMMANDS, app
+from bayes_toe.cli.options import StudyFile
+from bayes_toe.cli.task import Takes, Task, as_command
 from bayes_toe.errors import InputError
+
+SHARED = ["seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    quiet: Quiet = False
     sugar: Annotated[int, typer.Option("--sugar")] = 3
-    seed: Seed = None
+    bowl: Annotated[Path | None, typer.Option("--bowl")] = None
 
 
 def program(function):
@@ -31,42 +35,55 @@ def names(function):
     return list(inspect.signature(as_command(function)).parameters)
 
 
-def test_a_record_becomes_its_fields_shared_options_last_and_comes_back_whole():
+def test_a_record_becomes_its_fields_a_task_those_that_are_taken_and_both_come_back_whole():
     received = []
 
-    def bake(*, flour: Annotated[int, typer.Option("--flour")] = 1, recipe: Recipe):
-        received.append((flour, recipe))
+    def bake(*, flour: Annotated[int, typer.Option("--flour")] = 1, recipe: Recipe, task: Annotated[Task, Takes("seed", draws=7)]):
+        received.append((flour, recipe, task))
 
-    assert names(bake) == ["flour", "sugar", "seed", "quiet"]
-    assert program(bake)("--flour", 2, "--sugar", 5, "-q").exit_code == 0
-    assert received == [(2, Recipe(quiet=True, sugar=5, seed=None))]
-
-
-def test_a_field_without_a_default_is_required():
-    def read(*, study: StudyFile):
-        raise AssertionError
-
-    assert "Missing argument" in program(read)().output
+    assert names(bake) == ["flour", "sugar", "bowl", "seed", "draws", "quiet"]
+    assert program(bake)("--flour", 2, "--sugar", 5, "--bowl", "here", "-q").exit_code == 0
+    assert received == [(2, Recipe(sugar=5, bowl=Path("here")), Task(quiet=True, draws=7, inputs=(Path("here"),)))]
 
 
-def test_problems_are_lines_and_a_code():
-    def fail(*, recipe: Recipe):
-        raise InputError("row 2\nrow 5")
+def test_the_files_that_are_read_are_told():
+    received = []
+
+    def read(*, study: StudyFile, output: Annotated[Path, typer.Option("-o")], task: Annotated[Task, Takes()]):
+        received.append(task.inputs)
+
+    assert program(read)("a.csv", "b.csv", "-o", "c.csv").exit_code == 0
+    assert received == [(Path("a.csv"), Path("b.csv"))]
+    assert "Missing argument" in program(read)("-o", "c.csv").output  # a field without a default is required
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"), [(InputError("row 2\nrow 5"), 2, "error: row 2\nerror: row 5\n"), (ZeroDivisionError(), 1, "")]
+)
+def test_problems_are_lines_and_a_code_and_a_bug_shows_itself(error, code, said):
+    def fail(*, task: Annotated[Task, Takes()]):
+        raise error
 
     done = program(fail)()
-    assert (done.exit_code, done.stderr) == (2, "error: row 2\nerror: row 5\n")
-
-
-def test_a_bug_shows_itself():
-    def fail(*, recipe: Recipe):
-        raise ZeroDivisionError
-
-    assert isinstance(program(fail)().exception, ZeroDivisionError)
+    assert (done.exit_code, done.stderr) == (code, said)
+    assert said or done.exception is error
 
 
 @pytest.mark.parametrize("function", [one for commands in COMMANDS.values() for one in commands], ids=lambda function: function.__name__)
-def test_every_command_lists_shared_options_in_one_order_and_has_an_example(function):
-    shared = [name for name in names(function) if name in LAST_IN_HELP]
-    assert shared == sorted(shared, key=LAST_IN_HELP.index)
+def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_every_word(function):
+    found = names(function)
+    shared = [name for name in SHARED if name in found]
+    assert found[-len(shared) :] == shared
     assert shared[-1] == "quiet"
-    assert f"[bold]Example[/bold]: bayes-toe {function.__name__}" in inspect.getdoc(function)
+    done = inside(function.__name__, "--help")
+    assert done.returncode == 0
+    said = "".join(done.stdout.replace("│", " ").split())
+    assert f"Example:bayes-toe{function.__name__}" in said
+    for one in typer.main.get_command(app).commands[function.__name__].params:
+        assert "".join(Text.from_markup(one.help).plain.split()) in said, one.name
+        assert not Text.from_markup(one.help).spans, one.name  # a bracket is a bracket
+
+
+def test_the_sections_of_a_hyperprior_are_named_by_help():
+    said = " ".join(inside("population", "--help").stdout.replace("│", " ").split())
+    assert all(f"[{name}]" in said for name in ("mu1", "gamma", "q0", "correlations"))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_toe.cli.digits import allowed, allowed_in_order
+from bayes_toe.cli.terminal import allowed, allowed_in_order
 
 
 @pytest.mark.parametrize(

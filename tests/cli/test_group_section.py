@@ -6,8 +6,8 @@ from commands import inside
 from conftest import few_pairs, grouped_csv
 from populations import made_population, ordinary
 
-from bayes_toe.cli.group_section import GROUP_PRODUCTS, Group
-from bayes_toe.cli.results_folder import Drawn, write_results
+from bayes_toe.cli.report import Group
+from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, write_results
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
 

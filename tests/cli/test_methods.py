@@ -14,8 +14,8 @@ from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.cli.headline import in_short
-from bayes_toe.cli.markup import Latex, Markdown
 from bayes_toe.cli.methods_of_models import compared_facts
+from bayes_toe.cli.supplement import templates
 from bayes_toe.comparison.comparison_file import ComparisonFile
 from bayes_toe.comparison.words import compared
 from bayes_toe.comparison.words import order_effect as evidence_words
@@ -318,7 +318,7 @@ def text_changed(folder, old, new):
 
 def test_no_name_is_read_as_markup():
     name = r"a_b & 5%$#{}~^\|<i>[x](y)*"
-    latex, markdown = Latex().escape(name), Markdown().escape(name)
+    latex, markdown = (templates(language).from_string("{{ name }}").render(name=name) for language in ("tex", "md"))
     left = re.sub(r"\\(text\w+\{\}|[&%$#_{}])", "", latex)
     assert not re.search(r"[&%$#_{}~^\\|<>]", left)
     assert re.sub(r"\\(.)", r"\1", markdown) == name
@@ -326,7 +326,7 @@ def test_no_name_is_read_as_markup():
 
 
 def test_a_row_that_begins_with_a_bracket_is_none_of_the_line_break_before_it():
-    table = Latex().table(["subject", "x"], [["a", "1"], ["[b", "2"], ["*c", "3"]], "caption", "t")
+    table = templates("tex").globals["m"].table(["subject", "x"], [["a", "1"], ["[b", "2"], ["*c", "3"]], "caption", "t")
     assert not re.search(r"\\\\\s*[\[*]", table)
     assert table.count("{") == table.count("}")
 

@@ -10,7 +10,7 @@ from conftest import few_pairs, grouped_csv, known_observers
 from populations import made_up
 
 import bayes_toe as bt
-from bayes_toe.cli.population_answer import say_population
+from bayes_toe.cli.population import say_population
 from bayes_toe.cli.terminal import new_console
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.groups.chains import GroupChains

@@ -1,18 +1,16 @@
 """The results folder of a study: whose pictures are drawn, one report or an index with pages, jobs that carry keys."""
 
-import pickle
 import re
 from dataclasses import replace
 
 import pandas as pd
 import pytest
+from bayes_toe.cli.headline import flagged
 from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
-from bayes_toe.cli.attention import flagged
-from bayes_toe.cli.corner_folder import draw_corners
-from bayes_toe.cli.results_folder import Drawing, Drawn, write_results
+from bayes_toe.cli.results_folder import Drawn, opened, write_results
 from bayes_toe.errors import InputError
 
 
@@ -98,22 +96,17 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marke
     assert not (out / "corner").exists()
 
 
-def test_a_drawing_job_carries_a_key_and_a_process_opens_the_file_once(analysis, tmp_path, monkeypatch):
-    file = analysis.draws.save(tmp_path / "posterior.nc")
-    loads, load = [], results_folder.load
-    monkeypatch.setattr(results_folder, "load", lambda path: loads.append(path) or load(path))
-    results_folder._opened.cache_clear()
-    draw_corners(file, {("A",): "a", ("B",): "b"}, tmp_path, workers=1)
+def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(analysis, tmp_path, monkeypatch):
+    file, loads = analysis.draws.save(tmp_path / "posterior.nc"), []
+    monkeypatch.setattr(results_folder, "load", lambda path: loads.append(path) or bt.load(path))
+    opened.cache_clear()
+    done = inside("corner", file, "-o", tmp_path / "out", "--subject", "A", "--workers", 1)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert opened(file, file.stat().st_mtime_ns).names == ("A", "B", "C")
     assert loads == [file]
-    assert (tmp_path / "a.png").read_bytes() == results_folder.png(bt.plots.corner(analysis.draws, "A"), dpi=110)
-    assert len(pickle.dumps(Drawing(file, 1, "A"))) < 500
-    assert Drawing(file, 1, "A").draws.names == ("A", "B", "C")
-    assert len(loads) == 2  # the file may be another one: its time is
-    held = Drawing(file, 1, "A", analysis.draws)
-    assert held.draws is analysis.draws
-    assert len(pickle.dumps(held)) < 500
-    assert pickle.loads(pickle.dumps(held)).held is None
-    results_folder._opened.cache_clear()
+    opened(file, 1)
+    assert loads == [file, file]
+    opened.cache_clear()
 
 
 def test_what_a_page_lists_ends_with_a_count():

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.cli.describe import say_fits
 from bayes_toe.cli.headline import scale_first
-from bayes_toe.cli.summaries import say_draws, say_evidence, say_fits
+from bayes_toe.cli.infer import say_draws, say_evidence
 from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, new_console, once, say_lines, say_table
 from bayes_toe.model.study_prior import prior_for
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
-from bayes_toe.cli.summaries import say_comparison
+from bayes_toe.cli.compare import say_comparison
 from bayes_toe.cli.terminal import new_console
 from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
 from bayes_toe.comparison.leave_one_out import leave_one_out

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.cli.calibration_folder import PRODUCTS, verdict_lines, write_calibration
+from bayes_toe.cli.synthetic import PRODUCTS, verdict_lines, write_calibration
 from bayes_toe.errors import InputError
 from bayes_toe.experiments import calibration
 from bayes_toe.experiments.calibration import (
@@ -143,7 +143,7 @@ def test_an_empty_plan_is_refused():
 def test_the_command(table, tmp_path, monkeypatch):
     from typer.testing import CliRunner
 
-    from bayes_toe.cli import calibration_folder
+    from bayes_toe.cli import synthetic
     from bayes_toe.cli.app import app
     from bayes_toe.experiments import calibration_table
 
@@ -156,7 +156,7 @@ def test_the_command(table, tmp_path, monkeypatch):
     monkeypatch.setattr(calibration_table.CalibrationTable, "failures", ("made to fail",))
     monkeypatch.setattr(calibration, "simulate_and_analyse", lambda *_, **__: table.outcome)  # no need to do the work again
     written = []
-    monkeypatch.setattr(calibration_folder, "write_calibration", lambda *_, overwrite: written.append(overwrite))  # nor to draw it again
+    monkeypatch.setattr(synthetic, "write_calibration", lambda *_, overwrite: written.append(overwrite))  # nor to draw it again
     again = ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1", "--overwrite"]
     failed = CliRunner().invoke(app, again)
     assert failed.exit_code == 3

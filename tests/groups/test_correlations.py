@@ -6,7 +6,7 @@ from populations import CENTRE, SIZE, made_up
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.cli.population_answer import correlations
+from bayes_toe.cli.population import correlations
 from bayes_toe.groups.correlations import Root, log_lkj
 from bayes_toe.groups.no_difference import no_difference
 from bayes_toe.groups.predictive_check import predictive_check

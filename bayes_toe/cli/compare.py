@@ -1,0 +1,217 @@
+"""Commands that ask how conclusions depend on the model and on the prior: compare, sensitivity; and what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import bayes_toe as bt
+from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, say, say_footnote, say_lines, say_note, say_table
+from bayes_toe.data.messages import listed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_toe.comparison.ladder_table import ModelComparison
+    from bayes_toe.comparison.model_row import ModelRow
+    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
+    from bayes_toe.comparison.prior_sensitivity import SensitivityTable
+
+_MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
+
+
+def compare(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
+    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
+    space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
+) -> None:
+    """Which order effect, noise and lapses, and how sure: probabilities of parts, over a space of models, for every subject and the study.
+
+    Besides, of every model: evidence, leave-one-out, predictive checks, model probabilities, and model frequencies over subjects.
+
+    [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
+    """
+    from bayes_toe.comparison.ladder_table import beside
+    from bayes_toe.model.ladder import require_models
+    from bayes_toe.plots.comparison import save_comparison
+    from bayes_toe.plots.figure_files import picture_beside
+
+    asked, files = model or space, (output, *beside(output), picture_beside(output))
+    models = require_models(asked)
+    task.require_files(*files)
+    keep = task.partial(output)
+    read, prior = task.opened(study)
+    with task.progress("comparing", len(read) * len(models)) as tick:
+        table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
+    with task.together(*files) as folder:
+        table.save(folder / output.name, **task.saving)
+        save_comparison(table, folder / files[-1].name, synthetic=read.synthetic)
+    failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
+    task.finish(keep, failed)
+    say_comparison(task.console, table)
+    task.say_written("written:", *files, seed=table.seed)
+    task.leave_unless_whole(failed, {})
+
+
+def sensitivity(
+    *,
+    study: StudyFileOrSaved,
+    output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
+    reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
+    steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
+    posterior: InTheirPlace = None,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+) -> None:
+    """At which prior a conclusion would turn: evidence and posteriors over a range of prior scales.
+
+    [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
+    """
+    from bayes_toe.comparison.prior_sensitivity import require_range
+    from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
+    from bayes_toe.plots.sensitivity import save_sensitivity
+
+    picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
+    files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
+    require_range(reach, steps)
+    task.require_files(*files)
+    if posterior is None:
+        read, prior, seed = (*task.opened(study), task.seed)
+    else:
+        draws = task.saved(posterior, study, seed=task.seed)
+        read, prior, seed = draws.study, draws.prior, draws.seed
+        introduce(task.console, read, prior)
+    with task.progress("re-weighting", len(read)) as tick:
+        table = bt.sensitivity(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
+    say_sensitivity(task.console, table)
+    of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
+    with task.together(*files) as folder:
+        table.save(folder / output.name, **task.saving)
+        save_sensitivity(table, folder / picture.name, synthetic=read.synthetic)
+        if of_parts is not None:
+            of_parts.save(folder / parts.name, **task.saving)
+            save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
+    task.say_written("written:", *files, seed=table.seed)
+
+
+def _parts_sensitivity(study: bt.Study, prior: bt.Prior, reach: float, seed: int, task: Task) -> PartsSensitivity:
+    """How the probabilities of parts move with the prior, in five steps; a line a subject on the order effect, marked where it turns."""
+    factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
+    with task.progress("re-weighting every model", len(study)) as tick:
+        table = bt.parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
+    lines = zip(table.subjects, table.summary(), strict=True)
+    say_lines(task.console, ((line, "yellow" if table.turns(subject) else None) for subject, line in lines))
+    return table
+
+
+def say_sensitivity(console: Console, table: SensitivityTable) -> None:
+    """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
+    from bayes_toe.comparison.reweighting import RESAMPLED
+    from bayes_toe.comparison.words import STATED
+
+    turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
+    say_lines(console, ((line, "yellow" if name in turning else None) for name, line in zip(table.names, table.summary(), strict=True)))
+    anew = sum(row.method == RESAMPLED for row in table)
+    tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
+    say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+    say_footnote(console, f"{STATED}.")
+
+
+def say_comparison(console: Console, table: ModelComparison) -> None:
+    """First the parts of models, then log evidence below the best model, then the models over the study, and each note once."""
+    from bayes_toe.inference.predictive_checks import MISFIT
+
+    # Those first whose best composition does not describe the answers, or who lack an evidence.
+    fits = {name: found.checks.p_predictive for name, (found, _) in table.best_compositions().items()}
+    evidence = dict(zip(table.subjects, table.log_evidence, strict=True))
+    noted = {name for name, values in evidence.items() if any(map(isnan, values)) or ((p := fits.get(name)) is not None and p < MISFIT)}
+    shown = chosen(table.subjects, noted)
+    _say_parts(console, table, shown)
+    if len(table.models) <= _MOST_COLUMNS:
+        rows: list[dict[Any, Any]] = []
+        for name in shown:
+            best = max((value for value in evidence[name] if not isnan(value)), default=0.0)
+            rows.append(
+                {"subject": name, **{model: number(value - best, 1) for model, value in zip(table.models, evidence[name], strict=True)}}
+            )
+        say_table(console, "log evidence below the subject's best model, nats", rows, total=len(table.subjects))
+    _say_models(console, table)
+    about: dict[str, list[ModelRow]] = {}
+    for one in table:
+        for note in one.notes:
+            # Which pair fails differs from row to row: the file says it, here one line for all.
+            kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
+    for note, found in about.items():
+        say_note(console, f"{_whose(found, table.subjects)}: {note}")
+
+
+def _say_parts(console: Console, table: ModelComparison, shown: Sequence[str]) -> None:
+    """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
+    from bayes_toe.comparison.parts_table import STUDY
+    from bayes_toe.inference.predictive_checks import MISFIT
+
+    best, rows, places = table.best_compositions(), list[dict[Any, Any]](), {name: i for i, name in enumerate(table.subjects)}
+    for name in shown:
+        shares = {" / ".join(part.levels): _shares(part.probability[places[name]]) for part in table.parts}
+        found, against = best.get(name, (None, None))
+        fit = None if found is None else found.checks.p_predictive
+        said = {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
+        rows.append(
+            {"subject": name, **shares, **said, "fit p": "-" if fit is None else f"{fit:.2g}" + (" misfit" if fit < MISFIT else "")}
+        )
+    if of_study := {" / ".join(part.levels): _shares(part.study) for part in table.parts if part.study is not None}:
+        rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
+    title = "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit"
+    say_table(console, title, rows, total=len(places) + bool(of_study))
+    if of_study:
+        say(console, f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(places)} subjects")
+
+
+def _shares(probability: Any) -> str:
+    return " / ".join(map(number, probability))
+
+
+def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
+    """Subjects with their models; once for all subjects where all have the same models."""
+    models = dict.fromkeys(row.model for row in rows)
+    if len({(row.subject, row.model) for row in rows}) < len(models) * len(subjects):
+        return listed([f"{row.subject} ({row.model})" for row in rows], MOST_NAMES)
+    return f"{subjects[0] if len(subjects) == 1 else 'every subject'} ({', '.join(models)})"
+
+
+def _say_models(console: Console, table: ModelComparison) -> None:
+    """The models over the study, with their frequencies over more than one subject: how often a model is found means nothing for one."""
+    everyone = len(table.subjects)
+    many, frame = everyone > 1, table.study_frame()
+    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
+    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
+    lines = [
+        {
+            "model": row["model"],
+            "best for": row["best"],
+            **{shown: number(row[key], 3) for key, shown in columns.items()},
+            **{shown: number(row[key], 1) for key, shown in sums.items()},
+        }
+        for row in frame.to_dict("records")
+    ]
+    first, found = frame.iloc[0].to_dict(), table.frequencies() if many else None
+    how = "" if found is None else ", random effects (sampled)"
+    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
+    if how:
+        risk, error = number(first["omnibus_risk"], 3), first["omnibus_risk_exact_se"]
+        say(console, f"all models equally frequent with probability {risk} ± {error:.1g} ({first['exact_how']})")
+    for unit in ("trial", "pair"):
+        if (counted := int(first[f"elpd_loo_{unit}_subjects"])) < everyone:
+            over = f"sums over {counted} of {everyone} subjects, those with" if counted else "no sum, no subject has"
+            say_note(console, f"LOO by {unit}: {over} a value under every model")

@@ -1,0 +1,277 @@
+"""Commands that look at saved draws, and publish them: explore, corner, figures, predict, methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import bayes_toe as bt
+from bayes_toe.cli.infer import say_draws
+from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, writes
+from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
+from bayes_toe.cli.terminal import introduce, say_notes
+from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.data.places import shown
+
+if TYPE_CHECKING:
+    from bayes_toe.analysis import Analysis
+    from bayes_toe.data.read_study import Truth
+
+
+def explore(
+    *,
+    posteriors: Annotated[
+        list[Path], typer.Argument(metavar="posterior.nc...", help="Draws written by run or sample; of several models, several files.")
+    ],
+    output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
+    subject: Annotated[list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="True parameters of synthetic subjects, as simulate writes them.")
+    ] = None,
+    population: Annotated[
+        Path | None, typer.Option("--population", metavar="population.nc", help="The group's posterior, to stand behind its subjects.")
+    ] = None,
+    task: Annotated[Task, Takes("overwrite")],
+) -> None:
+    """One page to explore posteriors in a browser: drag over points, and draws, curves and quantiles follow.
+
+    A file for itself: no server, no network. Two subjects, or two models of one, stand against each other.
+
+    [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
+    """
+    from bayes_toe.explorer.page import entries, page, require_bokeh
+
+    require_bokeh()
+    task.require_files(output)
+    loaded = [bt.load(path) for path in posteriors]
+    known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
+    group = None if population is None else bt.load_population(population)
+    found = entries(loaded, subjects=subject, truths=known, population=group)
+    with task.progress("packing", len(found)) as tick:
+        made = page(found, group, tick)
+    made.save(output, overwrite=task.overwrite)
+    task.say_written("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")
+
+
+def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
+    """True values by subject, to draw marks at: a column subject, and one for each quantity that is known, empty where it is not.
+
+    With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and over the draws' reference interval here.
+
+    Raises
+    ------
+    InputError
+        One line per problem; also where no model of these draws has such a quantity, or there is no true value of any of these subjects.
+    """
+    from bayes_toe.data.validation import read_numbers
+
+    quantities = list(dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all))
+    names, columns = read_numbers(path, (), "subject", optional=quantities, gaps=True)
+    interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
+    if interval is not None and "sigma_p" in columns:
+        columns["sigma_p"] = columns["sigma_p"] * interval**0.5
+    values = {key: column.tolist() for key, column in columns.items()}
+    found = {name: {key: cells[row] for key, cells in values.items() if cells[row] == cells[row]} for row, name in enumerate(names)}
+    if not any(found.get(name) for name in subjects):
+        raise bt.InputError(f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, allowed: a row of each")
+    return found
+
+
+def corner(
+    *,
+    posterior: SavedDraws,
+    output: Annotated[Path, writes("DIR", "Folder for the pictures, one a subject.")] = Path("corner"),
+    subject: Annotated[
+        list[str] | None, typer.Option("--subject", help="Only this subject; repeated, two to four subjects in one picture.")
+    ] = None,
+    parameters: Annotated[
+        str | None, typer.Option("--parameters", metavar="gain,mu1", help="Any quantities of the model, natural or identified.")
+    ] = None,
+    coordinates: Annotated[str | None, typer.Option("--coordinates", help="natural (default) or identified.")] = None,
+    show_prior: Annotated[bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")] = False,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="Known values: columns subject and mu1, gain, ..., marked.")
+    ] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png.")] = None,
+    task: Annotated[Task, Takes(*WORKERS)],
+) -> None:
+    """Corner plots of saved draws, one a subject, or several subjects in one.
+
+    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
+    """
+    from bayes_toe.cli.results_folder import corner_files, opened
+    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.plots.figure_files import require_formats
+    from bayes_toe.workers import of_this_machine, run_in_order
+
+    endings, draws = require_formats(["png"] if formats is None else formats), bt.load(posterior)
+    chosen = draws.names if subject is None else tuple(subject)
+    for name in chosen:
+        draws.subject(name)  # refuses who is not there
+    known = {} if truth is None else read_truth(truth, [draws], chosen)
+    look = {"coordinates": _quantities(coordinates, parameters, draws), "prior": draws.prior if show_prior else None}
+    stems = {name: Path(file).stem for name, file in corner_files(draws, chosen).items()}
+    together = subject is not None and len(chosen) > 1
+    pictures = {chosen: "+".join(stems.values())} if together else {(name,): stem for name, stem in stems.items()}
+    files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
+    task.require_folder(output, files)
+    made = whole_folder(output, files, required=files, overwrite=task.overwrite)
+    with made as target, task.progress("drawing", len(pictures)) as tick:
+        here = partial(_draw_corner, partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns), endings=endings, look=look)
+        jobs = [partial(here, {name: known.get(name) for name in names}, target.absolute() / stem) for names, stem in pictures.items()]
+        run_in_order(jobs, of_this_machine(task.workers), tick, [(names[0],) for names in pictures])
+    task.say_written(f"{counted(len(pictures), 'corner plot')} in", output)
+
+
+def _quantities(coordinates: str | None, parameters: str | None, draws: bt.Draws) -> str | tuple[str, ...]:
+    """Which quantities are drawn, from --coordinates or --parameters."""
+    if parameters is None:
+        return "natural" if coordinates is None else coordinates
+    if coordinates is not None:
+        raise bt.InputError(f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of them")
+    names, allowed = tuple(name.strip() for name in parameters.split(",")), draws.posterior(draws.names[0]).names.all
+    wrong = [name for name in names if name not in allowed or names.count(name) > 1]
+    if wrong:
+        raise bt.InputError(f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of {', '.join(allowed)}")
+    return names
+
+
+def _draw_corner(draws: Any, truths: Mapping[str, Any], stem: Path, *, endings: Sequence[str], look: Mapping[str, Any]) -> None:
+    """One picture of one subject or of several, in every format; `draws` opens them where this is run."""
+    from bayes_toe.plots.figure_files import picture, png
+
+    names, known = tuple(truths), {name: true for name, true in truths.items() if true is not None}
+    one = len(names) == 1
+    figure = bt.plots.corner(draws(), names[0] if one else names, truths=known.get(names[0]) if one else known, **look)
+    for ending in endings:
+        stem.with_name(f"{stem.name}.{ending}").write_bytes(png(figure, dpi=110) if ending == "png" else picture(figure, ending))
+
+
+def figures(
+    *,
+    study: StudyFileOrExample,
+    output: Annotated[Path, writes("DIR", "Folder for the figures.")] = Path("figures"),
+    subject: Annotated[
+        list[str] | None,
+        typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
+    ] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
+    mass: Annotated[float, typer.Option("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="truth.csv", help="True values, columns subject, mu1, sigma_p: squares in the map.")
+    ] = None,
+    posterior: InTheirPlace = None,
+    task: Annotated[Task, Takes(*MODEL, "draws")],
+) -> None:
+    """The paper's figures of a study, with captions: 1C, 2 to 6 and Appendix C's.
+
+    [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
+    """
+    from bayes_toe.classical.ellipse import require_mass
+    from bayes_toe.plots.paper_figures import FIGURES, products
+
+    require_mass(mass)
+    endings = ["pdf", "png"] if formats is None else formats
+    task.require_folder(output, products(endings))
+    found: Analysis | bt.Draws
+    if posterior is None:
+        found = _analysed(study, subject, task)
+        draws = found.draws
+    else:
+        found = draws = task.saved(posterior, study, seed=task.seed)
+        introduce(task.console, draws.study, draws.prior)
+    known = None if truth is None else read_truth(truth, [draws], draws.names)
+    say_draws(task.console, draws)
+    with task.progress("drawing", len(FIGURES)) as tick:
+        bt.plots.write_figures(
+            found, output, subjects=subject, formats=endings, mass=mass, truth=known, overwrite=task.overwrite, workers=task.processes,
+            progress=tick,
+        )  # fmt: skip
+    task.say_written("figures and captions in", output, seed=draws.seed)
+    task.leave_unless_whole(draws.failed, draws.not_converged)
+
+
+def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task) -> Analysis:
+    """The study, analysed; refused before the sampling where the figures could not be drawn."""
+    from bayes_toe.data.study import refuse_intervals
+    from bayes_toe.plots.paper_figures import require_subjects
+
+    read, prior = task.read(study)
+    refuse_intervals(read, "the paper's figures")
+    if subjects is not None:
+        require_subjects(subjects, read.names)
+    introduce(task.console, read, prior)
+    with task.progress("sampling", len(read)) as tick:
+        return bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+
+
+def predict(
+    *,
+    posterior: SavedDraws,
+    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
+    output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
+    subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
+    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
+) -> None:
+    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+
+    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
+    """
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.inference.prediction import predict_pairs
+
+    task.require_files(output)
+    draws = bt.load(posterior)
+    table = predict_pairs(draws, pairs, draws.names if subject is None else (subject,))
+    write_table(table, output, **task.saving)
+    task.say_written(f"{len(table)} predictions in", output)
+
+
+def methods(
+    *,
+    results: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULTS", help="Folder that run wrote, or draws; population.nc, compare.csv and sensitivity.csv in it are told of."
+        ),
+    ],
+    output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
+    ] = None,
+    sensitivity: Annotated[
+        Path | None,
+        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity; NAME_parts.csv beside it is told of."),
+    ] = None,
+    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
+) -> None:
+    """What was done, for a paper: model, priors, sampling and what it reached, versions, citations, tables for a supplement.
+
+    [bold]Example[/bold]: bayes-toe methods results -o methods.md
+    """
+    from bayes_toe.cli.methods import read_methods, written
+    from bayes_toe.cli.supplement import templates
+    from bayes_toe.data.tables import write_table
+
+    if output.suffix not in (".md", ".tex"):
+        raise bt.InputError(f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex")
+    told = read_methods(results, compare, sensitivity)
+    tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
+    files = [output, output.with_suffix(".bib"), *tables]
+    task.require_files(*files)
+    latex = templates("tex").globals["m"]
+    with task.together(*files) as folder:
+        text, references = written(told, output.suffix[1:], output.stem)
+        (folder / output.name).write_text(text, encoding="utf-8")
+        (folder / f"{output.stem}.bib").write_text(references, encoding="utf-8")
+        for table in told.tables:
+            beside = folder / f"{output.stem}_{table.name}.csv"
+            write_table(table.frame, beside, spreadsheet_safe=task.spreadsheet_safe)
+            beside.with_suffix(".tex").write_text(table.written(latex, output.stem) + "\n", encoding="utf-8")
+    say_notes(task.console, told.notes)
+    task.say_written("written:", *files)
