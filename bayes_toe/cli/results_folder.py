@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import Any
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
@@ -36,9 +36,7 @@ from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+Figure = Any  # of matplotlib, which is of another room
 #: What of a group is in a results folder.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.

@@ -64,7 +64,7 @@ def templates(language: str) -> Environment:
         lstrip_blocks=True,
         finalize=letters,
     )
-    made.filters.update(symbol=symbol, distributed=distributed)
+    made.filters.update(letters=letters, symbol=symbol, distributed=distributed)
     made.globals["m"] = made.get_template(f"markup.{language}").module
     return made
 

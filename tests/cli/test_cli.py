@@ -469,11 +469,6 @@ def test_help_and_check_load_no_sampler():
     assert loaded_by(run, "scipy.stats", "scipy.optimize", "pandas", "arviz", "emcee", "matplotlib") == "[]"
 
 
-def test_evidence_loads_no_sampler_and_no_statistics():
-    run = "import bayes_toe as bt; bt.evidence(bt.example_study().select(['S01']), seed=1, workers=1)"
-    assert loaded_by(run, "scipy.stats", "scipy.optimize", "pandas", "xarray", "arviz", "emcee", "matplotlib") == "[]"
-
-
 def test_a_prior_file_is_used_shown_and_stored(folder, small_study):
     grouped_csv(folder / "one.csv", small_study.select(["B"]))
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")

@@ -62,8 +62,8 @@ def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_di
         asked.update(options, names=study.names)
         return made_population(ordinary(3), reason="few draws")
 
-    monkeypatch.setattr("bayes_toe.groups.population.population", population)
-    monkeypatch.setattr("bayes_toe.analysis.run", lambda *_, **__: analysis)
+    monkeypatch.setattr("bayes_toe.population", population)
+    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: analysis)
     file = grouped_csv(tmp_path / "study.csv", analysis.study)
     done = inside("run", file, "-o", tmp_path / "out", "--population", "--pictures", "none", "--seed", 5, "--workers", 1)
     assert (done.returncode, asked["names"]) == (3, analysis.study.names)

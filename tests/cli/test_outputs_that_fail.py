@@ -97,7 +97,7 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
 
     def lost(*given):
         draw(*given)
-        given[3].unlink()
+        given[-2].unlink()
 
     monkeypatch.setattr(results_folder, "_draw_subject", lost)
     assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from bayes_toe.cli.headline import flagged
 from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
+from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.results_folder import Drawn, opened, write_results
 from bayes_toe.errors import InputError
 
