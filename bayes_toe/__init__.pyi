@@ -49,10 +49,10 @@ from .planning.optimal import DesignGoal as DesignGoal
 from .planning.optimal import OptimalDesign as OptimalDesign
 from .planning.optimal import optimal_design as optimal_design
 from .planning.power import power as power
-from .planning.power_of_populations import power_of_populations as power_of_populations
+from .planning.power_of_studies import power_of_populations as power_of_populations
 from .planning.stopping import StoppingRule as StoppingRule
 from .planning.stopping import stopping as stopping
 from .planning.study_design import StudyDesign as StudyDesign
 from .planning.study_design import read_study_design as read_study_design
-from .planning.trial_list import trial_list as trial_list
+from .planning.study_design import trial_list as trial_list
 from .version import __version__ as __version__

@@ -28,9 +28,8 @@ from bayes_toe.groups.member_table import COLUMNS as MEMBER_COLUMNS
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import PopulationRow
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
-from bayes_toe.planning.power_of_populations import POPULATION_COLUMNS
-from bayes_toe.planning.power_of_studies import STUDY_COLUMNS
-from bayes_toe.planning.power_table import DATA_SET_COLUMNS, POWER_COLUMNS
+from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
+from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
 from bayes_toe.planning.stopping import STOPPING_COLUMNS
 from bayes_toe.planning.study_design import DESIGN_COLUMNS
 

@@ -14,7 +14,7 @@ from bayes_toe.cli.options import writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
 from bayes_toe.data.messages import counted, quoted
-from bayes_toe.planning.aims import AIMS
+from bayes_toe.planning.information import AIMS
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -195,7 +195,7 @@ def trials(
     [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
     """
     from bayes_toe.experiments.recipes import subject_names
-    from bayes_toe.planning.trial_list import MOST_EQUAL, save_trials
+    from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
     from bayes_toe.seeds import root_seed
 
     task.require_files(output)

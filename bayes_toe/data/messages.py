@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 10
 _LONGEST_SHOWN = 40
+#: Why repeated trials matter.
+TWICE = "trials that are there twice make everything look surer than it is"
 #: Rows that a notebook shows; the rest is counted.
 MOST_ROWS = 20
 

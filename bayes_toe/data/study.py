@@ -172,18 +172,9 @@ class Subject:
 class Answers:
     """Rows of one subject that have an answer, in the order in which they were given where rows are trials.
 
-    Parameters
-    ----------
-    keys : array, shape (rows, 2 or 3)
-        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has intervals.
-    n_equal, n_trials : array of int, shape (rows,)
-        Answers 'equal' and answers; a trial is a count of one.
-    block : array of int, shape (rows,), optional
-        Where in `blocks` the name of each row's block stands; None without such a column.
-    blocks : tuple of str
-        Names of the blocks, in their order.
-    trials : bool
-        Whether rows are trials.
+    `keys`, shape (rows, 2 or 3), are the pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has
+    intervals; `n_equal` and `n_trials`, shape (rows,), the answers 'equal' and all answers, of which a trial is one; `block` is where in
+    `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are trials.
     """
 
     keys: FloatArray
@@ -198,16 +189,8 @@ class Answers:
 class Reading:
     """What a file told besides the counts.
 
-    Parameters
-    ----------
-    answers : mapping of str to Answers
-        By subject, where rows are trials or have a block.
-    read : tuple of str
-        Columns that were read, by our names.
-    ignored : tuple of str
-        Columns that were not, by their names in the file.
-    doubts : tuple of str
-        What is probably a mistake in the file: a sentence each, without its full stop.
+    `answers` are by subject, where rows are trials or have a block; `read` are the columns that were, by our names, `ignored` those that
+    were not, by their names in the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full stop.
     """
 
     answers: Mapping[str, Answers] = field(default_factory=dict)

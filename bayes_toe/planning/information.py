@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 from scipy.special import expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
@@ -25,10 +25,14 @@ from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian
-from bayes_toe.planning.aims import AIMS
 from bayes_toe.planning.observers import UPDATE, Observer, natural_of
-from bayes_toe.planning.power_table import CERTAIN
+from bayes_toe.planning.power import CERTAIN
 from bayes_toe.planning.study_design import Pairs
+
+"""What a design may be made for."""
+
+AIMS = ("update", "gain", "mu1", "width", "parameters")
+
 
 #: The model under which information counts, and the lapse rate of observers who have none by assumption.
 MODEL = "update + sloped + both ways"
@@ -52,23 +56,10 @@ class _Change:
 class Information:
     """Information of one trial of each pair about each observer, and what of it is wanted.
 
-    Attributes
-    ----------
-    aim : str
-        One of :data:`bayes_toe.planning.aims.AIMS`.
-    rows : array, shape (observers, pairs, k)
-        The information of a trial is the outer product of a row with itself.
-    prior : array, shape (observers, k, k)
-        Curvature of the prior.
-    direction : array, shape (observers, k)
-        Gradient of the wanted quantity; of the pull where the aim is to name the update.
-    pull : array, shape (observers,)
-        Those who do not update, of whom only the aim to name the update takes account, have next to none.
-    updates : array of bool, shape (observers,)
-    prior_variance : float
-        Of the pull.
-    interest : array of int
-        Places of the paper's four parameters among the k coordinates.
+    `aim` is one of :data:`AIMS`. `rows` has the shape (observers, pairs, k): the information of a trial is the outer product of a row with
+    itself; `prior` (observers, k, k) is the curvature of the prior, `direction` (observers, k) the gradient of the wanted quantity, of the
+    pull where the aim is to name the update. Those who do not update, of whom only that aim takes account, have next to no `pull`.
+    `interest` has the places of the paper's four parameters among the k coordinates.
     """
 
     aim: str
@@ -223,3 +214,85 @@ def _direction(aim: str, x: FloatArray, pull: FloatArray, places: dict[str, int]
     else:
         found[:, places["logit_pull"]] = 1.0
     return found
+
+
+#: Portions in which trials move, for each pair that a design may have.
+_PORTIONS = 2
+_SWEEPS, _GAIN = 30, 1e-7  # at most so often through all portions; by how much a move has to raise the score
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is exchanged: trials to distribute beside those that are `fixed`, by pair, and how many different pairs there may be in all."""
+
+    information: Information
+    trials: int
+    most: int
+    fixed: IntArray
+
+    @property
+    def portion(self) -> int:
+        """Trials that move together."""
+        return max(1, self.trials // (_PORTIONS * self.most))
+
+    @property
+    def portions(self) -> int:
+        """Of which there are so many; a few trials may be left over."""
+        return self.trials // self.portion
+
+
+def built(task: Task) -> IntArray:
+    """Portions by pair, one after the other put where it tells most, shape (pairs,)."""
+    counts = np.zeros_like(task.fixed)
+    for _ in range(task.portions):
+        _put(task, counts)
+    return counts
+
+
+def scattered(task: Task, rng: np.random.Generator) -> IntArray:
+    """Portions on pairs at random, of those among which the information is large more often."""
+    worth = task.information.worth(task.information.total(np.full(len(task.fixed), task.trials / len(task.fixed))))
+    size = min(task.most - int((task.fixed > 0).sum()), len(worth))
+    some = worth - worth.min() + np.ptp(worth) / len(worth) + 1e-12  # no pair is excluded
+    places = rng.choice(len(worth), size, replace=False, p=some / some.sum())
+    return np.bincount(np.resize(places, task.portions), minlength=len(worth))
+
+
+def exchanged(task: Task, counts: IntArray) -> IntArray:
+    """Portions by pair after moves that each raise the score, until none does; never worse than before."""
+    found = counts.copy()
+    value = task.information.score(task.information.total((found * task.portion + task.fixed).astype(np.float64)))
+    for _ in range(_SWEEPS):
+        before = value
+        for place in np.flatnonzero(found):
+            for _ in range(int(found[place])):
+                found[place] -= 1
+                at, moved = _put(task, found)
+                if moved < value + _GAIN:
+                    found[at] -= 1
+                    found[place] += 1
+                    break  # those that are left there are alike
+                value = moved
+        if value <= before + _GAIN:
+            break
+    return found
+
+
+def trials_of(task: Task, counts: IntArray) -> IntArray:
+    """Trials of every pair: portions, those that stay, and what is left over one by one where it tells most."""
+    found = counts * task.portion + task.fixed
+    for _ in range(task.trials - int(counts.sum()) * task.portion):
+        gains = task.information.with_more(task.information.total(found.astype(np.float64)), 1.0)
+        found[int(np.where(found > 0, gains, -np.inf).argmax())] += 1
+    return found
+
+
+def _put(task: Task, counts: IntArray) -> tuple[int, float]:
+    """Put one portion where it tells most: the place, and the score then."""
+    trials = (counts * task.portion + task.fixed).astype(np.float64)
+    gains = task.information.with_more(task.information.total(trials), float(task.portion))
+    if np.count_nonzero(trials) >= task.most:
+        gains = np.where(trials > 0, gains, -np.inf)
+    at = int(gains.argmax())
+    counts[at] += 1
+    return at, float(gains[at])

@@ -1,14 +1,15 @@
 """Assumed observers: whom a study is planned for. From ranges in a file, from draws of an earlier study, or from the prior.
 
 Offsets, and slopes of the noise, count from an intensity that is the observer's own. What is not stated is assumed in relation to the
-stimuli that are to be shown (:mod:`bayes_toe.planning.assumed`), and is the same in all designs that are compared.
+stimuli that are to be shown, and is the same in all designs that are compared. So nothing here knows zero: with a constant added to every
+stimulus observers move along, and a study of ln(rate / 1 Hz) near 3.4 is planned as one of amplitudes near its reference is.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,15 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.words import KINDS
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.stores import named_store
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import real, shown, toml_table
-from bayes_toe.planning.study_design import StudyDesign, paper_study_design
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.planning.study_design import Pairs, StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
 
 #: Kinds of observers by the word for them in files, in the order of the three plain models, and what these are.
@@ -61,22 +63,10 @@ _LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME 
 
 @dataclass(frozen=True)
 class Observer:
-    """One assumed observer.
+    """One assumed observer, of the kind "none", "constant error" or "update"; random streams are keyed by the name, which is unique.
 
-    Attributes
-    ----------
-    name : str
-        Unique; random streams are keyed by it.
-    kind : str
-        "none", "constant error" or "update".
-    model : str
-        By whose rules answers are given; it may have more parts than the plain model of the kind.
-    quantities : mapping of str to float
-        What this model needs, by name.
-    centre : float
-        Intensity from which offset and slope of the noise count, natural-log units.
-    interval : float, optional
-        Reference interval of the quantities, seconds, used where a design has intervals.
+    Answers are given by the rules of the model, which may have more parts than the plain one of the kind, with these quantities. Offset and
+    slope of the noise count from the centre (natural-log intensity); the interval (seconds) is that of the quantities.
     """
 
     name: str
@@ -180,7 +170,9 @@ def read_ranges(path: str | Path, middle: float = MIDDLE) -> tuple[dict[str, dic
         problems.append(f"found no kind of observers, allowed: {_LINES}")
     for kind, ranges in found.items():
         problems += _kind_problems(kind, ranges)
-    problems += [] if problems else _share_problems(found)
+    shares = [] if problems else [ranges[_SHARE] for ranges in found.values() if _SHARE in ranges]
+    if shares and (len(shares) < len(found) or any(isinstance(one, list) for one in shares) or shares.count(max(shares)) > 1):
+        problems.append("share: allowed: a number in every section, one of which is the largest, or in none")
     if problems:
         raise InputError([f"{path}: {line}" for line in problems])
     return {kind: {name: _range(value) for name, value in ranges.items()} for kind, ranges in found.items()}, at
@@ -203,12 +195,6 @@ def _kind_problems(kind: str, ranges: object) -> Iterator[str]:
         least, most, said = _RANGES[name]
         if not (least < low <= high < most):
             yield f"[{kind}]: {name}: found {shown(value)}, allowed: a number {said}, or [LOWEST, HIGHEST] of such"
-
-
-def _share_problems(found: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    shares = [ranges[_SHARE] for ranges in found.values() if _SHARE in ranges]
-    if shares and (len(shares) < len(found) or any(isinstance(one, list) for one in shares) or shares.count(max(shares)) > 1):
-        yield "share: allowed: a number in every section, one of which is the largest, or in none"
 
 
 def shares_from(source: str | Path | None) -> dict[str, float]:
@@ -257,12 +243,8 @@ def _in_ranges(
             name = f"{kind} {number + 1}"
             rng = generator(seed, name, "observer")
             values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
-            yield Observer(name, kind, _composition(kind, values), natural_of(values, at), at, interval)
-
-
-def _composition(kind: str, values: Mapping[str, float]) -> str:
-    """The plain model of a kind with the parts that values ask for."""
-    return " + ".join([kind, *(part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values)])
+            parts = [part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values]
+            yield Observer(name, kind, " + ".join([kind, *parts]), natural_of(values, at), at, interval)
 
 
 def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
@@ -321,3 +303,82 @@ def _needed(target: Posterior, x: FloatArray, of: Posterior) -> dict[str, float]
 def of_kind(observers: Sequence[Observer], kind: str) -> list[Observer]:
     """Those of one kind."""
     return [one for one in observers if one.kind == kind]
+
+
+_NEVER = 0.01  # P(equal) below which an answer is practically certain
+_NO_LAPSES = 1e-12
+#: What helps where nobody ever says 'equal': with observers who are stated, and with those who are assumed amid all designs.
+_STATED = "observers stated for such stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
+_AMID_ALL = "designs of neighbouring stimuli, amid which these observers are assumed; each of the others by itself"
+
+
+def assumed(
+    given: str | Path | Sequence[Observer] | None, designs: Mapping[str, StudyDesign], size: int, seed: int, prior: Prior | str | None
+) -> Sequence[Observer]:
+    """The observers given, or so many of each kind of a source, the same ones for all designs.
+
+    Raises
+    ------
+    InputError
+        If the source is not allowed, or all observers of a kind would practically never say 'equal' in a design.
+    """
+    if size < 1:
+        raise InputError(f"data_sets={size}: allowed is at least 1")
+    people: Sequence[Observer]
+    if given is None or isinstance(given, str | Path):
+        shown = list(designs.values())
+        people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown))
+    else:
+        people = given
+    if given != PRIOR:  # of whom some are so
+        for name, one in designs.items():
+            _require_answers(people, name, one, _AMID_ALL if given is None else _STATED)
+    return people
+
+
+def middle_of(shown: Iterable[StudyDesign | Pairs]) -> float:
+    """From where default offsets count: the middle of all stimuli, or that of the paper's where it lies in the middle half of them.
+
+    So the paper's own numbers stand, and those of wider ranges about it.
+
+    Examples
+    --------
+    >>> middle_of([StudyDesign([0.0], [0.51], [1])]), middle_of([StudyDesign([4.0], [4.5], [1]), StudyDesign([3.5], [3.5], [1])])
+    (0.25, 4.0)
+    """
+    stimuli = np.concatenate([values for one in shown for values in (one.s1, one.s2)])
+    lowest, highest = float(stimuli.min()), float(stimuli.max())
+    middle = 0.5 * (lowest + highest)
+    return MIDDLE if abs(middle - MIDDLE) <= 0.25 * (highest - lowest) else middle
+
+
+def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
+    """The prior in numbers, for the stimuli and intervals of all designs together; of some without intervals, those of the others."""
+    subjects = [replace(one.unanswered, name=str(number)) for number, one in enumerate(shown)]
+    timed, rest = ([one for one in subjects if (one.isi is not None) == has] for has in (True, False))
+    if not (timed and rest):
+        return prior_for(Study(tuple(subjects)), prior)
+    untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_equal, one.n_trials) for one in subjects)
+    return replace(prior_for(Study(untimed), prior), reference_interval=prior_for(Study(tuple(timed)), prior).reference_interval)
+
+
+def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:
+    """Refuse a design whose stimuli are so far from observers that all of a kind find even identical ones different."""
+    for kind in PLAIN:
+        some = of_kind(people, kind)
+        if some and not any(_answers(one, design) for one in some):
+            stimuli = np.concatenate([design.s1, design.s2])
+            raise InputError(
+                f"observers: with {name}, stimuli from {stimuli.min():g} to {stimuli.max():g}, P(equal) of all observers of the kind "
+                f"'{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; allowed: {allowed}"
+            )
+
+
+def _answers(one: Observer, design: StudyDesign) -> bool:
+    """Whether an observer says 'equal' to some pair, or to one of its stimuli twice, otherwise than by a lapse."""
+    rest = design.pairs.columns[2:]
+    twice = [np.stack([values, values, *rest]) for values in (design.s1, design.s2)]
+    columns = np.unique(np.hstack([np.stack(design.pairs.columns), *twice]), axis=1)
+    pairs = StudyDesign(columns[0], columns[1], np.ones(columns.shape[1], np.int64), *columns[2:])
+    lapses = {"lapse_rate": _NO_LAPSES} if "lapse_rate" in one.quantities else {}
+    return bool((replace(one, quantities={**one.quantities, **lapses}).equal(pairs) > _NEVER).any())

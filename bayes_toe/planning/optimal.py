@@ -12,18 +12,77 @@ from scipy.special import log_softmax
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
+from bayes_toe.kept import Unkept
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.aims import AIMS
-from bayes_toe.planning.assumed import assumed, middle_of, prior_of
-from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
-from bayes_toe.planning.information import information
-from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, of_kind
-from bayes_toe.planning.power import power_for, simulated
-from bayes_toe.planning.power_table import WIDTHS, DataSet, PowerTable
-from bayes_toe.planning.reasons import FULL, MOVED, OPTIMISED, PAPER, RANDOM, SECOND, Candidate, reasons_for
+from bayes_toe.planning.information import AIMS, Task, built, exchanged, information, scattered, trials_of
+from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
+from bayes_toe.planning.power import WIDTHS, DataSet, PowerTable, each_observer, simulated
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
+
+#: Names of the designs that are compared; the paper's pairs are moved to a range that does not lie about them.
+OPTIMISED, SECOND, PAPER, FULL, RANDOM = "optimised", "second best", "the paper's pairs", "full factorial", "random pairs"
+MOVED = "the paper's pairs, moved"
+#: What utilities are, by the aim.
+UTILITIES: Mapping[str, str] = {
+    "update": "log probability to name those who update, plus expected log Bayes factor against an update of the others, nats",
+    "parameters": "half the log determinant of the information about the four parameters",
+    "gain": "minus log expected sd of the gain",
+    "mu1": "minus log expected sd of mu1",
+    "width": "minus log expected sd of log width",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A design with what the closed form says of it: its utility for the aim, and the posterior sd of what is wanted.
+
+    The sd is a root mean square over observers; of the pull, where the update is to be named.
+    """
+
+    design: StudyDesign
+    utility: float
+    sd: float
+
+
+def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer], aim: str) -> Iterator[str]:
+    """Which pairs the optimised design has and why, and what the closed form says of it and the others."""
+    best = candidates[OPTIMISED]
+    design = best.design
+    share, apart = design.n_trials / design.total, np.abs(design.s2 - design.s1)
+    different, place = np.unique(design.s1, return_inverse=True)
+    of_first = np.bincount(place, share)
+    firsts = ", ".join(f"{different[i]:g} ({100 * of_first[i]:.0f} %)" for i in sorted(np.argsort(-of_first)[:4]))
+    yield (
+        f"first stimuli, of most trials: {firsts}; a pull moves what is remembered up from below and down from above, a constant error all "
+        "of it one way, so that stimuli far apart tell the two from each other"
+    )
+    q = np.mean([one.equal(design) for one in of_kind(people, UPDATE)], axis=0)
+    (low, high), (near, far) = (_middle(values, share) for values in (q, apart))
+    yield (
+        f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say 'equal' to {100 * low:.0f} to "
+        f"{100 * high:.0f} % of the trials: answers that are certain beforehand tell nothing"
+    )
+    yield f"equal pairs: {int((apart == 0).sum())} of {design.n_pairs}, {100 * share[apart == 0].sum():.0f} % of the trials" + (
+        "" if (apart == 0).any() else "; q0 is told by pairs that seem equal, which are others with a pull (to have some: --keep)"
+    )
+    if MOVED in candidates:
+        there = candidates[MOVED].design
+        yield f"{MOVED}: as far apart as the paper's, from {there.s1.min():.3g} to {there.s1.max():.3g}, amid what can be shown"
+    others = "; ".join(f"{name} {one.utility:.2f}" for name, one in candidates.items() if name != OPTIMISED)
+    yield f"utility ({UTILITIES[aim]}), lapses and sloped noise being unknown: {best.utility:.2f}; {others}"
+    more = [name for name, one in candidates.items() if one.utility > best.utility and name not in (OPTIMISED, SECOND)]
+    if more:
+        yield f"{more[0]}: tell more, but are not among the admissible pairs"
+
+
+def _middle(values: FloatArray, share: FloatArray) -> tuple[float, float]:
+    """Between which values the middle four fifths lie."""
+    order = np.argsort(values)
+    low, high = values[order][np.searchsorted(np.cumsum(share[order]), (0.1, 0.9))]
+    return float(low), float(high)
+
 
 #: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
 ASSUMED, JUDGED = 20, 20
@@ -71,19 +130,12 @@ class OptimalDesign:
 
     Attributes
     ----------
-    design : StudyDesign
-    goal : DesignGoal
     candidates : mapping of str to Candidate
-        The optimised design first, then those it was compared with.
-    power : PowerTable
-        Of all of them, by simulation.
+        The optimised design first, then those it was compared with; `power` is that of all of them, by simulation.
     plane : Pairs
-        Every admissible pair.
-    worth : array, shape (pairs of the plane,)
-        What one more trial of each adds to the score by which designs are chosen.
+        Every admissible pair; `worth`, shape (pairs of the plane,), is what one more trial of each adds to the score.
     reasons : tuple of str
         Why these pairs, in words.
-    seed : int
     """
 
     design: StudyDesign
@@ -188,7 +240,8 @@ def optimal_design(
     maker = _Maker(different, trials, asked, people, root, prior)
     candidates = maker.candidates()
     designs = {name: one.design for name, one in candidates.items()}
-    return maker.chosen(candidates, power_for(judges, designs, trials, root, prior, workers, progress))
+    rows, failed = each_observer(Unkept(), simulated, designs.items(), judges, root, prior, workers, progress)
+    return maker.chosen(candidates, PowerTable(rows, tuple(designs), root, failed))
 
 
 def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
@@ -231,7 +284,7 @@ class _Maker:
         self.pairs = _admissible(levels, goal)
         self.prior = prior_of([_once(self.pairs)], prior)
         self.paper = paper_amid(self.pairs)
-        self.fixed = self._fixed()
+        self.fixed = np.zeros(len(self.pairs), np.int64) if goal.keep is None else self._counts(goal.keep).astype(np.int64)
         if trials - int(self.fixed.sum()) < _FEWEST:
             kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""
             raise InputError(f"--trials {trials}{kept}: allowed is at least {_FEWEST} to distribute, for as many parameters")
@@ -251,15 +304,13 @@ class _Maker:
         """The best of the finalists by simulation, if it is clearly better than the first by the closed form, else that one."""
         found = dict(candidates)
         if SECOND in found and _clearly_better(table, SECOND, OPTIMISED, self.goal.aim):
-            found = {OPTIMISED: found[SECOND], SECOND: found[OPTIMISED]} | {k: v for k, v in found.items() if k not in (OPTIMISED, SECOND)}
-            table = _renamed(table, {OPTIMISED: SECOND, SECOND: OPTIMISED})
+            found = {**found, OPTIMISED: found[SECOND], SECOND: found[OPTIMISED]}
+            names = {OPTIMISED: SECOND, SECOND: OPTIMISED}
+            table = replace(table, rows=tuple(replace(row, design=names.get(row.design, row.design)) for row in table))
         design = found[OPTIMISED].design
         worth = self.information.worth(self.information.total(self._counts(design)))
         reasons = tuple(reasons_for(found, self.people, self.goal.aim))
         return OptimalDesign(design, self.goal, found, table, self.pairs, worth, reasons, self.seed)
-
-    def _fixed(self) -> IntArray:
-        return np.zeros(len(self.pairs), np.int64) if self.goal.keep is None else self._counts(self.goal.keep).astype(np.int64)
 
     def _counts(self, design: StudyDesign) -> FloatArray:
         """Trials of a design by admissible pair."""
@@ -280,7 +331,12 @@ class _Maker:
         for index in np.argsort(scores)[::-1]:
             if all(np.abs(ended[index] - other).sum() > 0.2 * self.trials for other in found):
                 found.append(ended[index])
-        return [self._candidate(self._design(n)) for n in found[:2]]
+        designs = []
+        for n in found[:2]:
+            some = np.flatnonzero(n)
+            s1, s2, *isi = (column[some] for column in self.pairs.columns)
+            designs.append(StudyDesign(s1, s2, n[some], *isi))
+        return [self._candidate(design) for design in designs]
 
     def _like_the_papers(self, task: Task) -> IntArray | None:
         """The paper's pairs at the nearest levels, where these reach as far."""
@@ -291,11 +347,6 @@ class _Maker:
         place = {key: i for i, key in enumerate(_keys(self.pairs))}
         some = list(dict.fromkeys(place[a, b] for a, b in zip(s1.tolist(), s2.tolist(), strict=True)))[: task.most]
         return np.bincount(np.resize(some, task.portions), minlength=len(self.pairs))
-
-    def _design(self, n: IntArray) -> StudyDesign:
-        some = np.flatnonzero(n)
-        s1, s2, *isi = (column[some] for column in self.pairs.columns)
-        return StudyDesign(s1, s2, n[some], *isi)
 
     def _candidate(self, design: StudyDesign) -> Candidate:
         own = information(design.pairs, self.people, self.goal.aim, self.prior)
@@ -324,19 +375,13 @@ class _Maker:
         isi = np.array(self.goal.isi)
         return (np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if len(isi) else (s1, s2)
 
-    def _names_anybody(self, best: Candidate, total: FloatArray) -> bool:
-        """Whether one of a few simulated observers who update is named; the closed form is too hopeful where there are few trials."""
-        if self.information.named(total) < _HOPELESS:
-            return False
-        some = of_kind(self.people, UPDATE)[:_PILOT]
-        return any(simulated(OPTIMISED, best.design, one, self.seed, self.prior).named() == UPDATE for one in some)
-
     def _require_hope(self, best: Candidate) -> None:
         """Refuse a range or a number of trials with which even the best design tells next to nothing."""
         total = self.information.total(self._counts(best.design))
         start = np.sqrt(self.information.variance(self.information.prior)[self.information.updates].mean())
         updates = of_kind(self.people, UPDATE)
-        width = np.mean([_width(one) for one in updates])
+        targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
+        width = np.mean([target.quantities(one.point(target))["width"][0] for one, target in targets])
         pull, span = self.information.pull[self.information.updates].mean(), float(np.ptp(self.levels))
         toward = float(np.median([one.quantities["mu1"] for one in updates if "mu1" in one.quantities]))
         away = pull * max(self.levels[0] - toward, toward - self.levels[-1])  # of the nearest stimulus
@@ -346,7 +391,11 @@ class _Maker:
             f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
             f"more trials{nearer}"
         )
-        if self.goal.aim == "update" and not self._names_anybody(best, total):
+        # The closed form is too hopeful where there are few trials.
+        if self.goal.aim == "update" and (
+            self.information.named(total) < _HOPELESS
+            or all(simulated(OPTIMISED, best.design, one, self.seed, self.prior).named() != UPDATE for one in updates[:_PILOT])
+        ):
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
         if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
             raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
@@ -365,12 +414,6 @@ def paper_amid(shown: Pairs) -> StudyDesign:
 
 def _keys(pairs: Pairs) -> list[tuple[float, ...]]:
     return list(zip(*(column.tolist() for column in pairs.columns), strict=True))
-
-
-def _width(one: Observer) -> float:
-    """Width of an observer's curve, natural log."""
-    target = one.target(paper_study_design().unanswered)
-    return float(target.quantities(one.point(target))["width"][0])
 
 
 # --- Judged by simulation -----------------------------------------------------------------------------
@@ -392,8 +435,3 @@ def _simulated_utility(row: DataSet, aim: str) -> float:
         return float("nan")
     widths = dict(zip(WIDTHS, row.widths, strict=True))
     return -float(np.log(widths[aim])) if aim in widths else -float(np.log(row.widths).sum())
-
-
-def _renamed(table: PowerTable, names: Mapping[str, str]) -> PowerTable:
-    rows = tuple(replace(row, design=names.get(row.design, row.design)) for row in table)
-    return replace(table, rows=rows)

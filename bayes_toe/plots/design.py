@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.planning.optimal import OptimalDesign, paper_amid
-from bayes_toe.planning.power_table import NAMED, WRONG
-from bayes_toe.planning.reasons import MOVED, OPTIMISED, PAPER, SECOND
+from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, SECOND, OptimalDesign, paper_amid
+from bayes_toe.planning.power import NAMED, WRONG
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, dress_bar, new_figure, panel, plain
 
 if TYPE_CHECKING:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.planning.power_of_populations import ON_AVERAGE, SOMEWHERE
-from bayes_toe.planning.power_table import NAMED, WIDTHS, WRONG, Counted, PowerTable
+from bayes_toe.planning.power import NAMED, WIDTHS, WRONG, Counted, PowerTable
+from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from bayes_toe.planning.power_of_populations import CountedStudies, PopulationPower
+    from bayes_toe.planning.power_of_studies import CountedStudies, PopulationPower
 
 _TITLES = {
     "none": "observers without order effect",

@@ -6,11 +6,9 @@ from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.planning.assumed import assumed, middle_of, prior_of
-from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.optimal import DesignGoal, grid, optimal_design
+from bayes_toe.planning.observers import assumed, middle_of, observers_from, prior_of
+from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, DesignGoal, grid, optimal_design
 from bayes_toe.planning.power import power
-from bayes_toe.planning.reasons import MOVED, OPTIMISED, PAPER
 from bayes_toe.planning.stopping import StoppingRule, stopping
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 

@@ -5,8 +5,7 @@ import pytest
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.aims import AIMS
-from bayes_toe.planning.information import MODEL, information
+from bayes_toe.planning.information import AIMS, MODEL, information
 from bayes_toe.planning.observers import observers_from, of_kind
 from bayes_toe.planning.study_design import Pairs, StudyDesign
 

@@ -8,13 +8,10 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.aims import AIMS
-from bayes_toe.planning.exchange import Task, built, exchanged, scattered, trials_of
-from bayes_toe.planning.information import information
+from bayes_toe.planning.information import AIMS, Task, built, exchanged, information, scattered, trials_of
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.optimal import DesignGoal, grid, optimal_design, proposed, read_levels
-from bayes_toe.planning.power_table import NAMED
-from bayes_toe.planning.reasons import OPTIMISED, PAPER
+from bayes_toe.planning.optimal import OPTIMISED, PAPER, DesignGoal, grid, optimal_design, proposed, read_levels
+from bayes_toe.planning.power import NAMED
 from bayes_toe.planning.study_design import Pairs
 
 WIDE = grid(-0.75, 1.25, 0.25)

@@ -9,9 +9,8 @@ import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power import power
+from bayes_toe.planning.power import NAMED, WRONG, DataSet, PowerTable, power, share
 from bayes_toe.planning.power_of_studies import power_of_studies
-from bayes_toe.planning.power_table import NAMED, WRONG, DataSet, PowerTable, share
 from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
 

@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power_of_populations import (
+from bayes_toe.planning.power_of_studies import (
     ON_AVERAGE,
     REVERSED,
     SOMEWHERE,

@@ -11,8 +11,7 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.study_design import StudyDesign, narrow_study_design, paper_study_design
-from bayes_toe.planning.trial_list import save_trials, trial_list
+from bayes_toe.planning.study_design import StudyDesign, narrow_study_design, paper_study_design, save_trials, trial_list
 
 DESIGNS = {
     "paper": paper_study_design(),

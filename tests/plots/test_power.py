@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.planning.optimal import DesignGoal, OptimalDesign
-from bayes_toe.planning.power_of_populations import AnalysedStudy, PopulationPower
-from bayes_toe.planning.power_table import NAMED, DataSet, PowerTable
-from bayes_toe.planning.reasons import OPTIMISED, PAPER, Candidate
+from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
+from bayes_toe.planning.power import NAMED, DataSet, PowerTable
+from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower
 from bayes_toe.planning.study_design import Pairs, paper_study_design
 
 

@@ -15,8 +15,7 @@ from bayes_toe.cli.supplement import order_effect_table, parameter_table
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
-from bayes_toe.planning.power_of_populations import AnalysedStudy, PopulationPower
-from bayes_toe.planning.power_of_studies import power_of_studies
+from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower, power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
 

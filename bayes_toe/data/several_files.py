@@ -1,0 +1,106 @@
+"""A study in several files: the answers of a subject who is in more than one of them are put together, file by file a block."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_toe.arrays import IntArray
+from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed
+from bayes_toe.data.study import Answers, Reading, Study, Subject
+from bayes_toe.errors import InputError
+
+_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
+
+
+def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
+    """The study in several files, or frames, each of which `read` reads; what was noted of every file is noted once.
+
+    Raises
+    ------
+    InputError
+        For no file, a file that is given twice, files of which only some have intervals; and the problems of the first files that have any.
+    """
+    named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
+    twice = [path for i, path in enumerate(named) if path in named[:i]]
+    if not paths or twice:
+        raise InputError(f"{bare(twice[0].name)}: found twice, allowed: each file once" if twice else "files: found none, allowed: some")
+    called = [path.name for path in named]
+    studies, faulty = list[Study](), list[list[str]]()
+    for path in paths:
+        home = f"{Path(path).absolute().parent.name}/" if isinstance(path, str | Path) and called.count(Path(path).name) > 1 else ""
+        try:
+            study = read(path)
+            studies.append(replace(study, source=home + study.source))
+        except InputError as error:
+            faulty.append([home + problem for problem in error.problems])
+    if faulty:
+        shown, told = faulty[0], 1  # of which the last may count what is not shown
+        while told < len(faulty) and len(shown) + len(faulty[told]) <= MOST_SHOWN:
+            shown, told = shown + faulty[told], told + 1
+        more = [f"... and problems in {counted(len(faulty) - told, 'more file')}"] if told < len(faulty) else []
+        raise InputError([*shown, *more])
+    return studies[0] if len(studies) == 1 else _together(studies)
+
+
+def _together(studies: Sequence[Study]) -> Study:
+    timed = {bool(study.intervals): study.source for study in studies}
+    if len(timed) > 1:
+        raise InputError(f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none")
+    parts: dict[str, list[Study]] = {}
+    for study in studies:
+        for name in study.names:
+            parts.setdefault(name, []).append(study)
+    subjects, answers, doubts = list[Subject](), dict[str, Answers](), [doubt for study in studies for doubt in study.reading.doubts]
+    for name, of in parts.items():
+        keys = ("s1", "s2", "n_equal", "n_trials", *(("isi",) if True in timed else ()))
+        counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
+        subjects.append(of[0][name] if len(of) == 1 else Subject.from_counts(name, *counts))
+        known = [(study.source, study.reading.answers[name]) for study in of if name in study.reading.answers]
+        doubts += _copies(name, known)
+        if len(known) == len(of):
+            answers[name] = known[0][1] if len(of) == 1 else _joined(known)
+    several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
+    joined = [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"] if several else []
+    read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))
+    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
+    reading = Reading(answers, read, ignored, tuple(doubts))
+    return Study(tuple(subjects), source, all(study.synthetic for study in studies), (*_common_notes(studies), *joined), reading)
+
+
+def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
+    """What is said of files that have the same answers of a subject, trial by trial."""
+    found: dict[tuple[bytes, bytes], str] = {}
+    for source, one in of:
+        earlier = found.setdefault((one.keys.tobytes(), one.n_equal.tobytes()), source)
+        if earlier != source and one.trials and len(one.n_equal) >= _FEWEST:
+            what = f"{source} has the same {len(one.n_equal)} trials of subject {bare(name)} as {earlier}"
+            yield f"{what}: {TWICE}, leave one file out"
+
+
+def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
+    """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
+    names, places = list[str](), list[IntArray]()
+    for source, one in of:
+        places.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
+        names += [f"{source}: {block}" for block in one.blocks] or [source]
+    keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_equal", "n_trials"))
+    return Answers(keys, k, n, np.concatenate(places), tuple(names), all(one.trials for _, one in of))
+
+
+def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
+    """What was noted, once where files differ in numbers only."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for study in studies:
+        for note in study.notes:
+            found.setdefault(re.sub(r"\d+", "0", note), []).append((study.source, note))
+    for said in found.values():
+        source, note = said[0]
+        everywhere = len({note for _, note in said}) == 1 and len(said) == len(studies)
+        such = source if len(said) == 1 else f"{len(said)} files, such as {source}"
+        yield note if everywhere else f"{such}: {note}"

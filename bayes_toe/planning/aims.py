@@ -1,3 +1,0 @@
-"""What a design may be made for."""
-
-AIMS = ("update", "gain", "mu1", "width", "parameters")
