@@ -1,32 +1,36 @@
-"""Jobs on the workers of a Dask cluster: its scheduler places them, and tries those again whose workers died."""
+"""Jobs on the workers of a Dask cluster: its scheduler places them, and tries those again whose workers died.
+
+Not through joblib's backend "dask": where the scheduler gives a job up because its workers died, that of joblib 1.6 waits for ever.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import platform
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from functools import cache, partial
+from functools import cache
 from itertools import islice
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 from uuid import uuid4
 
+from threadpoolctl import threadpool_limits
+
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 Result = TypeVar("Result")
 Lost = TypeVar("Lost")
-#: Dask warns of what it would rather have on the cluster already; what a job brings along is used once.
-_LARGE_JOBS = {"distributed.admin.large-graph-warning-threshold": "1 TB"}
 _GONE = "the connection to the Dask scheduler is lost"
-_PATIENCE = 8.0  # seconds for a scheduler to answer
+PATIENCE = 8.0  # seconds for a scheduler to answer
 _one_at_a_time = Lock()
-_ours: list[Client] = []
 
 
 def connect(address: str) -> Client:
@@ -44,9 +48,6 @@ def connect(address: str) -> Client:
     except ImportError:
         raise InputError("Dask is not installed: pip install 'bayes_toe[dask]'") from None
     try:
-        import asyncio
-        from concurrent.futures import ThreadPoolExecutor
-
         # A client waits without end for something else than a scheduler, and does not go easily where it could not begin. In a thread of
         # its own, because a notebook has an event loop already.
         with ThreadPoolExecutor(1) as asking:
@@ -54,45 +55,46 @@ def connect(address: str) -> Client:
         if kind != "Scheduler":
             raise ValueError(f"that is a {kind.lower()}")
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what ends the work is said by an error
-        _ours.append(Client(address, timeout=_PATIENCE, set_as_default=False))
+        return Client(address, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # whatever the answer of something else is taken for
-        raise WorkerError(f"no Dask scheduler at {address!r}: {str(error) or f'no answer within {_PATIENCE:g} s'}") from error
-    return _ours[-1]
+        raise WorkerError(f"no Dask scheduler at {address!r}: {str(error) or f'no answer within {PATIENCE:g} s'}") from error
 
 
-def leave() -> None:
-    """Close the clients that :func:`connect` made."""
-    while _ours:
-        _ours.pop().close(timeout=1.0)
+async def _identity(address: str) -> dict[str, str]:
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
+        found: dict[str, str] = await asyncio.wait_for(there.identity(), PATIENCE)
+        return found
 
 
-def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[[int], Lost]) -> Iterator[tuple[int, Result | Lost]]:
+def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[[int], Lost]) -> Generator[tuple[int, Result | Lost]]:
     """Yield (index, what the job returned) as they finish; where the scheduler gives a job up, `lost` of the workers that died of it.
 
-    No more jobs are on the cluster than it has workers: the others wait here, where they cost nothing, and what dies with a worker is
-    what it was at. Results are fetched one by one and released there at once. What is left when nobody listens any more is cancelled.
+    No more jobs are on the cluster than it has workers: what dies with a worker is what it was at. Results are fetched one by one and
+    released there at once. What is left when nobody listens any more is cancelled.
 
     Raises
     ------
     InputError
-        If the scheduler or a worker has other versions than this process, or lacks this package.
+        If this is no client, the scheduler or a worker has other versions than this process, or lacks this package.
     WorkerError
         If the client is closed, or the scheduler gone.
     """
-    require_open(client)
-    _require_same_versions(client)
+    _require_fit(client)
     from dask import config
     from distributed import Future, as_completed
+    from distributed.scheduler import KilledWorker
 
     waiting, done = iter(enumerate(jobs)), as_completed(loop=client.loop)
     there: dict[str, int] = {}  # every key that may be known there: an interrupt can come between any two lines
-    begin = partial(_job_there, versions())
 
     def fill(places: int) -> None:
         for index, job in islice(waiting, max(0, places - len(there))):
             there[key := f"bayes_toe-{uuid4().hex}"] = index
-            with config.set(_LARGE_JOBS):
-                done.add(client.submit(partial(begin, job), key=key, pure=False))
+            with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):  # what a job brings along is used once
+                done.add(client.submit(_job_there, versions(), job, key=key, pure=False))
 
     try:
         fill(_places(client))
@@ -100,76 +102,15 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[
             if future.cancelled():
                 raise WorkerError(_GONE)
             fill(_places(client) + 1)  # before the result is fetched: nobody there waits for it
-            yield there[future.key], _result(future, lost)
+            try:
+                yield there[future.key], future.result()
+            except KilledWorker as error:
+                yield there[future.key], lost(error.allowed_failures + 1)
             future.release()
             del there[future.key]
     finally:
         if there and client.status == "running":
             client.cancel([Future(key, client) for key in there])
-
-
-def aside() -> AbstractContextManager[object]:
-    """Do something without the session's cluster: xarray would ask it for a lock by the name of a file, and memory has no name."""
-    if "dask" not in sys.modules:
-        return nullcontext()
-    from dask import config
-
-    setting: AbstractContextManager[object] = config.set(scheduler="synchronous")
-    return setting
-
-
-def require_open(client: Client) -> None:
-    """Refuse what is no client of a cluster, or no longer one.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    WorkerError
-        If it is closed.
-    """
-    if not hasattr(client, "scheduler_info"):
-        raise InputError(f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client")
-    if client.status != "running":
-        raise WorkerError(f"the Dask client is {client.status}")
-
-
-@cache
-def versions() -> Mapping[str, str]:
-    """What has to be the same everywhere, with its version in this process."""
-    return {"Python": platform.python_version(), **library_versions("distributed")}
-
-
-def _require_same_versions(client: Client) -> None:
-    """Ask the scheduler, which reads what it hands on, and the workers that are there; those that come later are asked by each job."""
-    expected = versions()
-    try:
-        found = {"the scheduler": client.run_on_scheduler(versions), **client.run(versions, on_error="return")}
-    except (ImportError, AttributeError) as error:
-        found = {"the scheduler": error}
-    except OSError as error:
-        raise WorkerError(_GONE) from error
-    for where, theirs in found.items():
-        _require_same(where, theirs, expected)
-
-
-def _require_same(where: str, found: Mapping[str, str] | Exception, expected: Mapping[str, str]) -> None:
-    if isinstance(found, Exception):
-        raise InputError(f"{where} lacks what this process has: {found}")
-    for name, ours in expected.items():
-        if found.get(name) != ours:
-            raise InputError(f"{where} has {name} {found.get(name)}, this process {ours}: they have to be the same")
-
-
-async def _identity(address: str) -> dict[str, str]:
-    import asyncio
-
-    from distributed.core import rpc
-    from distributed.security import Security
-
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
-        found: dict[str, str] = await asyncio.wait_for(there.identity(), _PATIENCE)
-        return found
 
 
 def _places(client: Client) -> int:
@@ -180,21 +121,49 @@ def _places(client: Client) -> int:
         raise WorkerError(_GONE) from error
 
 
-def _result(future: Future, lost: Callable[[int], Lost]) -> Result | Lost:
-    from distributed.scheduler import KilledWorker
-
-    try:
-        found: Result = future.result()
-        return found
-    except KilledWorker as error:
-        return lost(error.allowed_failures + 1)
-
-
 def _job_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
     """In a worker: do a job, with one BLAS thread, and alone, since threads would only wait for each other and drawing minds company."""
-    from threadpoolctl import threadpool_limits
-
-    _require_same(f"the worker on {platform.node()}", versions(), expected)
+    _require_same(f"the worker on {platform.node()}", versions(), expected)  # which may have come after all were asked
     with _one_at_a_time:
         threadpool_limits(1)  # and for good: the libraries of one job are those of the next
         return job()
+
+
+@cache
+def versions() -> Mapping[str, str]:
+    """What has to be the same everywhere, with its version in this process."""
+    return {"Python": platform.python_version(), **library_versions("distributed")}
+
+
+def _require_fit(client: Client) -> None:
+    """A client that is open, with our versions at the scheduler, which reads what it hands on, and at the workers that are there."""
+    if not hasattr(client, "scheduler_info"):
+        raise InputError(f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client")
+    if client.status != "running":
+        raise WorkerError(f"the Dask client is {client.status}")
+    try:
+        found = {"the scheduler": client.run_on_scheduler(versions), **client.run(versions, on_error="return")}
+    except (ImportError, AttributeError) as error:
+        found = {"the scheduler": error}
+    except OSError as error:
+        raise WorkerError(_GONE) from error
+    for where, theirs in found.items():
+        _require_same(where, theirs, versions())
+
+
+def _require_same(where: str, found: Mapping[str, str] | Exception, expected: Mapping[str, str]) -> None:
+    if isinstance(found, Exception):
+        raise InputError(f"{where} lacks what this process has: {found}")
+    for name, ours in expected.items():
+        if found.get(name) != ours:
+            raise InputError(f"{where} has {name} {found.get(name)}, this process {ours}: they have to be the same")
+
+
+def aside() -> AbstractContextManager[object]:
+    """Do something without the session's cluster: xarray would ask it for a lock by the name of a file, and memory has no name."""
+    if "dask" not in sys.modules:
+        return nullcontext()
+    from dask import config
+
+    setting: AbstractContextManager[object] = config.set(scheduler="synchronous")
+    return setting

@@ -1,20 +1,22 @@
-"""The one seam through which subjects run side by side."""
+"""The one seam through which subjects run side by side: joblib's workers on this machine, Dask's on a cluster."""
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from numbers import Integral
-from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+from joblib import Parallel, delayed, parallel_config
+from threadpoolctl import threadpool_limits
 
 from bayes_toe.errors import InputError, WorkerError
 
@@ -28,10 +30,9 @@ Workers: TypeAlias = "int | Client | None"
 #: Told the name of what is done.
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_ATTEMPTS = 2  # workers that may die of one job
 _FROM_TERMINALS = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
-_IDLE = 10.0  # seconds after which a worker without a job ends
+#: Processes: a copy made by fork has the mark of its parent, but none of its workers, and may not begin others.
+_have_begun_workers: set[int] = set()
 
 
 @dataclass(frozen=True)
@@ -71,14 +72,11 @@ def of_this_machine(workers: Workers) -> int | None:
     return int(workers) if isinstance(workers, Integral) else None
 
 
-def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Iterator[tuple[int, Result | Failed]]:
+def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Generator[tuple[int, Result | Failed]]:
     """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
 
-    A job whose worker dies (killed, out of memory) is tried once more, in a fresh worker; after a second death it is :class:`Failed`. On a
-    cluster its scheduler says after how many.
-
-    A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported: worker processes receive it by
-    name. On one machine this process takes its share of the jobs: it needs the same libraries anyhow, and a worker less has to load them.
+    A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported. Where a worker dies (killed,
+    out of memory), each job that was under way is tried once more, alone: the one that its worker dies of again is :class:`Failed`.
 
     Examples
     --------
@@ -86,11 +84,12 @@ def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Iterator
     >>> list(run_jobs([partial(pow, 2, 3), partial(pow, 3, 2)], workers=1))
     [(0, 8), (1, 9)]
     """
-    if workers is None or isinstance(workers, Integral):  # NumPy's too
-        return _run_here(jobs, workers if workers is None else int(workers))
-    from bayes_toe.cluster import run_on
+    if not (workers is None or isinstance(workers, Integral)):  # NumPy's too
+        from bayes_toe.cluster import run_on
 
-    return run_on(workers, jobs, _died)
+        return run_on(workers, jobs, _died)
+    count = worker_count(None if workers is None else int(workers), len(jobs))
+    return _here(jobs) if count == 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
 
 
 def run_in_order(
@@ -116,9 +115,10 @@ def run_or_fail(
 ) -> list[Result | Failed]:
     """The same where others go on without a job that failed."""
     results: dict[int, Result | Failed] = {}
-    for index, result in run_jobs(jobs, workers):
-        results[index] = result
-        tell(progress, names[index])
+    with closing(run_jobs(jobs, workers)) as found:
+        for index, result in found:
+            results[index] = result
+            tell(progress, names[index])
     return [results[index] for index in range(len(jobs))]
 
 
@@ -129,79 +129,80 @@ def tell(progress: Progress | None, names: Iterable[str]) -> None:
             progress(name)
 
 
-def stop_workers() -> None:
-    """End workers at once. They wait for further calls otherwise, and take their time to tidy up when this process ends."""
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(_Lane.stop, _lanes))
-    _lanes.clear()
-
-
-def _run_here(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Iterator[tuple[int, Result | Failed]]:
-    from threadpoolctl import threadpool_limits
-
-    count = worker_count(workers, len(jobs))
+def _here(jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result | Failed]]:
     with threadpool_limits(1):
-        if count == 1:
-            for index, job in enumerate(jobs):
-                yield index, job()
-        else:
-            yield from _shared(jobs, count - 1)
+        for index, job in enumerate(jobs):
+            yield index, job()
 
 
-class _Lane:
-    """One worker process in an executor of its own: where it dies, it is known of which job."""
+def _shared(jobs: Sequence[Callable[[], Result]], count: int) -> Generator[tuple[int, Result | Failed]]:
+    waiting, at_work = deque(enumerate(jobs)), set[int]()
 
-    def __init__(self) -> None:
-        self._executor = self._fresh()
+    def handed_out() -> Iterator[tuple[int, Callable[[], Result]]]:
+        while waiting:
+            at_work.add(waiting[0][0])
+            yield waiting.popleft()
 
-    def submit(self, job: Callable[[], Result]) -> Future[Result]:
-        from loky import BrokenProcessPool
-
-        # A worker that was idle has ended. An executor that starts another by itself may not notice when that one dies: its thread waits
-        # for processes that it knew when it began to wait.
-        if not self._executor._processes:
-            self.renew()
+    while waiting:
         try:
-            return self._submitted(job)
-        except BrokenProcessPool:  # the worker died while it had nothing to do
-            self.renew()
-            return self._submitted(job)
-
-    def renew(self) -> None:
-        """A fresh worker in the place of one that died."""
-        self._executor = self._fresh()
-
-    def stop(self) -> None:
-        self._executor.shutdown(wait=True, kill_workers=True)
-
-    def _submitted(self, job: Callable[[], Result]) -> Future[Result]:
-        with _not_for_workers():
-            future: Future[Result] = self._executor.submit(job)
-        return future
-
-    def _fresh(self) -> Any:
-        from loky import ProcessPoolExecutor
-
-        env = dict.fromkeys(_THREADS, "1")
-        return ProcessPoolExecutor(max_workers=1, timeout=_IDLE, env=env, initializer=_begin, initargs=(os.getpid(),))
+            with _done_by_workers(handed_out(), count) as results:
+                for index, result in results:
+                    at_work.remove(index)
+                    yield index, result
+        except BrokenProcessPool:
+            for index in sorted(at_work):
+                yield index, _alone(jobs[index])
+            at_work.clear()
 
 
-_lanes: list[_Lane] = []  # kept from call to call
-atexit.register(_lanes.clear)  # while the libraries that executors need to go are still there
+def _alone(job: Callable[[], Result]) -> Result | Failed:
+    try:
+        with _done_by_workers([(0, job)], 2) as results:  # of a single worker joblib would do the work in this process
+            ((_, result),) = results
+    except BrokenProcessPool:
+        return _died(2)
+    return result
 
 
 @contextmanager
-def _not_for_workers() -> Iterator[None]:
-    """Start a process that holds back what a terminal says until :func:`_begin`: Python, beginning, would die of it with many lines."""
+def _done_by_workers(jobs: Iterable[tuple[int, Callable[[], Result]]], count: int) -> Iterator[Iterator[tuple[int, Result]]]:
+    """Results of numbered jobs by so many processes, which are kept for the next call."""
+    with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)):
+        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None)
+    _have_begun_workers.add(os.getpid())
+    with _starting_workers():
+        with _held_back():
+            results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
+        try:
+            yield results
+        finally:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
+                results.close()
+
+
+def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
+    return index, job()
+
+
+@contextmanager
+def _starting_workers() -> Iterator[None]:
+    """A Python that begins meanwhile imports nothing from the working directory: files of data folders are no modules."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Processes that begin meanwhile never hear what a terminal says to all: Python, beginning, would die of it with many lines."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
-
-    from loky.backend import resource_tracker as of_loky
-
-    for tracker in (resource_tracker, of_loky):
-        tracker.ensure_running()  # each ends, when it begins, what is held back
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _FROM_TERMINALS)
     try:
         yield
@@ -210,11 +211,9 @@ def _not_for_workers() -> Iterator[None]:
 
 
 def _begin(parent: int) -> None:
-    """In a worker, first: what a terminal says to all its processes is for the parent to answer, and no worker outlives its parent."""
+    """In a worker, first: no worker answers a terminal or outlives its parent."""
     for one in _FROM_TERMINALS:
         signal.signal(one, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _FROM_TERMINALS)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
@@ -223,87 +222,3 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
-
-
-def _shared(jobs: Sequence[Callable[[], Result]], others: int) -> Iterator[tuple[int, Result | Failed]]:
-    """Share jobs between this process and `others` workers."""
-    _lanes.extend(_Lane() for _ in range(others - len(_lanes)))
-    sharing = _Sharing(jobs)
-    try:
-        for lane in _lanes[:others]:
-            sharing.hand_out(lane)
-        left = len(jobs)
-        while left:
-            own = sharing.next()
-            if own is not None:
-                yield own, _apart(jobs[own])()
-                left -= 1
-            while left and (own is None or not sharing.done.empty()):
-                found = sharing.heard()
-                if found is not None:
-                    yield found
-                    left -= 1
-    except KeyboardInterrupt:
-        stop_workers()  # the session may go on, and nobody waits for what they are at
-        raise
-    finally:
-        sharing.waiting.clear()
-
-
-def _apart(job: Callable[[], Result]) -> Callable[[], Result]:
-    """A job as a worker receives it.
-
-    A thread makes others ready to be sent meanwhile, and what jobs share must not change under it: objects remember what they computed.
-    """
-    from cloudpickle import dumps, loads
-
-    copy: Callable[[], Result] = loads(dumps(job))
-    return copy
-
-
-class _Sharing(Generic[Result]):
-    """Jobs that wait, and what workers have done; a worker that is done is handed the next job at once, by callback.
-
-    A job that a worker died of goes to a worker again, never to this process.
-    """
-
-    def __init__(self, jobs: Sequence[Callable[[], Result]]) -> None:
-        self.jobs, self.waiting, self.died = jobs, deque(range(len(jobs))), Counter[int]()
-        self.done: SimpleQueue[tuple[_Lane, int, Future[Result]]] = SimpleQueue()
-
-    def next(self) -> int | None:
-        """A job that waits; another thread may take the last one: only the attempt tells."""
-        with suppress(IndexError):
-            return self.waiting.popleft()
-        return None
-
-    def hand_out(self, lane: _Lane) -> None:
-        index = self.next()
-        if index is not None:
-            self._start(lane, index)
-
-    def heard(self) -> tuple[int, Result | Failed] | None:
-        """Wait for a worker; None where it died and the job is tried again."""
-        from loky.process_executor import TerminatedWorkerError
-
-        lane, index, future = self.done.get()
-        if not isinstance(future.exception(), TerminatedWorkerError):
-            return index, future.result()
-        self.died[index] += 1
-        lane.renew()
-        if self.died[index] < _ATTEMPTS:
-            self._start(lane, index)
-            return None
-        self.hand_out(lane)
-        return index, _died(_ATTEMPTS)
-
-    def _start(self, lane: _Lane, index: int) -> None:
-        from loky.process_executor import ShutdownExecutorError
-
-        with suppress(ShutdownExecutorError):  # all is being stopped
-            lane.submit(self.jobs[index]).add_done_callback(lambda future: self._finish(lane, index, future))
-
-    def _finish(self, lane: _Lane, index: int, future: Future[Result]) -> None:
-        self.done.put((lane, index, future))
-        if future.exception() is None:
-            self.hand_out(lane)

@@ -13,7 +13,6 @@ from browsers import launched
 from hypothesis import settings
 
 import bayes_toe as bt
-from bayes_toe import workers
 from bayes_toe.analysis import Analysis
 from bayes_toe.experiments.simulate import reference_design
 
@@ -103,7 +102,6 @@ def study_csv(tmp_path, small_study):
 
 
 os.environ.setdefault("COLUMNS", "140")
-workers._IDLE = 600.0  # seconds: the worker that one test began, with its libraries, is there for the next one that wants one
 # HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own numbers keep these.
 settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
 settings.register_profile("night", max_examples=20_000, deadline=None)

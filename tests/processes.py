@@ -26,6 +26,17 @@ def workers(session):
     return [pid for pid, line in members(session).items() if "popen_loky" in line]
 
 
+def workers_of(parent):
+    """Worker processes that a process has begun."""
+    return [pid for pid, line in members(os.getsid(parent)).items() if "popen_loky" in line and parent_of(pid) == parent]
+
+
+def parent_of(pid):
+    """The parent of a process; none where it has ended."""
+    with suppress(OSError):
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 def members(session):
     """Every process of a session that has not ended, with its command line."""
     found = {}

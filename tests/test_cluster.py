@@ -71,12 +71,18 @@ def test_jobs_wait_here_and_results_do_not_stay_there(client):
     until(lambda: tasks_of(client) == 0)
 
 
-@pytest.mark.parametrize("delay", np.linspace(0.0, 0.15, 10).round(3))
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1])
 def test_an_interrupt_cancels_what_is_there(client, delay):
     """Wherever it comes: while jobs are handed over, waited for or fetched."""
-    press = Timer(delay, interrupt_main)
+    press, said = Timer(delay, interrupt_main), []
+
+    def progress(name):
+        said.append(name)
+        if len(said) == 1:
+            press.start()
+
     with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
-        run_in_order([partial(slow, k, 0.01) for k in range(500)], client, lambda _: press.start(), [("",), *((),) * 499])
+        run_in_order([partial(slow, k, 0.05) for k in range(500)], client, progress, [("",)] * 500)
     until(lambda: tasks_of(client) == 0)
     assert error.tb is not None
 
@@ -112,15 +118,16 @@ def test_another_version_there_is_refused_in_one_line(client, two, other_version
 
 
 def test_a_worker_that_comes_later_refuses_work_of_another_version(client, other_version, monkeypatch):
-    monkeypatch.setattr(cluster, "_require_same_versions", lambda _: None)
+    monkeypatch.setattr(client, "run_on_scheduler", lambda _: cluster.versions())
+    monkeypatch.setattr(client, "run", lambda *_, **__: {})
     with pytest.raises(InputError, match=r"^the worker on \S+" + other_version):
         run_in_order([partial(slow, 1)], client, None, [()])
 
 
-def test_a_cluster_without_the_package_is_refused():
-    cluster._require_same("tcp://a:1", cluster.versions(), cluster.versions())
+def test_a_cluster_without_the_package_is_refused(client, monkeypatch):
+    monkeypatch.setattr(client, "run", lambda *_, **__: {"tcp://a:1": ModuleNotFoundError("No module named 'bayes_toe'")})
     with pytest.raises(InputError, match=r"^tcp://a:1 lacks what this process has: No module named 'bayes_toe'$"):
-        cluster._require_same("tcp://a:1", ModuleNotFoundError("No module named 'bayes_toe'"), cluster.versions())
+        run_in_order([partial(slow, 1)], client, None, [()])
 
 
 def test_errors_of_a_job_are_those_of_this_process(client):
@@ -151,8 +158,7 @@ def test_a_closed_client_is_refused(dask, two):
 @pytest.fixture
 def folder(tmp_path, two):
     grouped_csv(tmp_path / "study.csv", two)
-    yield tmp_path
-    cluster.leave()
+    return tmp_path
 
 
 def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
@@ -179,13 +185,13 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
     ],
 )
 def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     done = inside("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder)
     assert (done.returncode, done.stderr) == (2, f"error: {said}\n")
 
 
 def test_something_else_that_listens_is_no_scheduler(folder, monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with closing(socket.create_server(("127.0.0.1", 0))) as silent, pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"):
         cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
 

@@ -1,21 +1,25 @@
-"""Work shared between processes."""
+"""Work shared between processes of this machine."""
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from functools import partial
 
 import pytest
-from processes import die
+from conftest import few_pairs
+from processes import die, needs_proc, until, workers_of
 
+import bayes_toe as bt
 from bayes_toe.errors import WorkerError
-from bayes_toe.workers import Failed, run_in_order, run_or_fail
+from bayes_toe.workers import Failed, run_in_order, run_jobs, run_or_fail
 
 FATAL = "failed: 2 workers died of it (killed, or out of memory)"
 
 
-def slow(value):
-    time.sleep(0.3)
+def slow(value, seconds=0.3):
+    time.sleep(seconds)
     return value
 
 
@@ -37,27 +41,30 @@ def test_where_every_result_is_needed_the_one_that_is_missing_is_named(tmp_path)
 
 
 def test_a_worker_that_died_without_work_is_replaced():
-    from bayes_toe.workers import _lanes
-
-    jobs = [partial(os.getpid), partial(slow, 1)]
-    idle, _ = run_in_order(jobs, 2, None, [(), ()])
-    assert len(_lanes) >= 1
-    os.kill(idle, signal.SIGKILL)
-    time.sleep(0.2)
-    fresh, _ = run_in_order(jobs, 2, None, [(), ()])
-    assert fresh not in (idle, os.getpid())
+    pids = set(run_in_order([partial(os.getpid)] * 4, 2, None, [()] * 4))
+    assert os.getpid() not in pids
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
+    assert not pids.intersection(run_in_order([partial(os.getpid)] * 4, 2, None, [()] * 4))
 
 
 def interrupted():
     raise KeyboardInterrupt
 
 
-def test_an_interrupt_leaves_no_worker_at_work():
-    from bayes_toe.workers import _lanes
+@needs_proc
+@pytest.mark.parametrize("way", ["of a job", "of who listens"])
+def test_an_interrupt_leaves_no_worker_at_work(way):
+    jobs = [partial(slow, 1), partial(interrupted) if way == "of a job" else partial(slow, 2), *[partial(slow, 3)] * 50]
+    with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
+        run_in_order(jobs, 2, lambda _: interrupted(), [("",)] * 52)
+    until(lambda: not workers_of(os.getpid()))
+    assert error.tb is not None
 
-    with pytest.raises(KeyboardInterrupt):
-        run_in_order([partial(slow, 1), partial(interrupted)], 2, None, [(), ()])
-    assert not _lanes
+
+def test_who_wants_no_more_results_is_not_warned(recwarn):
+    assert next(run_jobs([partial(slow, k) for k in range(9)], 2)) in {(0, 0), (1, 1)}
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -68,20 +75,51 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(
     assert sorted(said) == ["a", "b", "c", "d"]
 
 
-class Remembering:
-    """An object that grows while it is used, as one with cached properties does."""
-
-    def __init__(self):
-        self.size = 3000
-
-    def used(self, index):
-        for k in range(self.size):
-            setattr(self, f"{index}_{k}", k)
-        return index
+HIJACK = "raise SystemExit('a file of the data folder was run')"
+IN_A_FOLDER = """
+import os, sys
+from bayes_toe.workers import run_or_fail
+sys.path[:] = [path for path in sys.path if path not in ("", os.getcwd())]  # as the installed command has it
+before = dict(os.environ)
+print(run_or_fail([os.getpid] * 4, 2, None, [()] * 4), dict(os.environ) == before)
+"""
 
 
-def test_jobs_may_share_what_remembers_what_it_computed():
-    shared = Remembering()
-    jobs = [partial(shared.used, index) for index in range(40)]
-    assert run_in_order(jobs, 2, None, [()] * 40) == list(range(40))
-    assert vars(shared) == {"size": 3000}
+def test_workers_run_no_file_of_the_working_directory(tmp_path):
+    """A data folder may hold a random.py or a json.py; who started the session keeps their own environment."""
+    (tmp_path / "script").mkdir()
+    (tmp_path / "script" / "go.py").write_text(IN_A_FOLDER)
+    for name in ("random", "json", "queue", "select"):
+        (tmp_path / f"{name}.py").write_text(HIJACK)
+    done = subprocess.run([sys.executable, tmp_path / "script" / "go.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Failed" not in done.stdout
+    assert done.stdout.endswith(" True\n")
+
+
+FORKED = """
+import os, signal
+import bayes_toe as bt
+from conftest import few_pairs
+how = {"draws": 100, "seed": 1, "workers": 2}
+ours = bt.sample(few_pairs("AB"), **how)
+child = os.fork()
+if child == 0:
+    signal.alarm(120)  # ends what hangs
+    theirs = bt.sample(few_pairs("AB"), **how)
+    os._exit(0 if theirs.group("posterior").identical(ours.group("posterior")) else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
+def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
+    path = os.pathsep.join(path for path in sys.path if path)
+    env = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", FORKED], cwd=tmp_path, capture_output=True, text=True, env=env)
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+def test_numbers_do_not_depend_on_the_number_of_workers():
+    alone, *others = (bt.evidence(few_pairs("ABC"), seed=1, workers=workers).frame() for workers in (1, 2, 3))
+    assert all(other.equals(alone) for other in others)

@@ -39,7 +39,6 @@ def main() -> None:
                 app()
             finally:
                 _ignore(heard)
-                _leave()
     except Stopped as stop:
         print(f"stopped by {signal.Signals(stop.number).name}: {said_kept() or _said_finished()}", file=sys.stderr)
         raise SystemExit(128 + stop.number) from None
@@ -78,15 +77,3 @@ def _said_finished() -> str:
     """What has its final name already; what belongs into unfinished folders vanished, or vanishes with them."""
     names = [shown(path) for path in finished if os.path.lexists(path) and not any(part.startswith(HIDDEN) for part in path.parts)]
     return f"written: {', '.join(names)}" if names else "nothing written"
-
-
-def _leave() -> None:
-    """End without delay: on its way out Python looks through every object of the libraries for cycles, several times; once will do."""
-    import gc
-
-    for module, end in (("cluster", "leave"), ("workers", "stop_workers")):
-        loaded = sys.modules.get(f"bayes_toe.{module}")
-        if loaded is not None:  # else there is nothing to leave, and loading them takes as long as the help
-            getattr(loaded, end)()
-    gc.collect()
-    gc.freeze()
