@@ -42,7 +42,7 @@ from .inference.prediction import predict_gain as predict_gain
 from .model.beliefs import noticed as noticed
 from .model.ladder import posterior_of as posterior_of
 from .model.prior import Prior as Prior
-from .model.prior_file import read_prior as read_prior
+from .model.prior import read_prior as read_prior
 from .model.study_prior import prior_for as prior_for
 from .planning.adaptive import Adaptive as Adaptive
 from .planning.optimal import DesignGoal as DesignGoal

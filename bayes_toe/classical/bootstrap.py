@@ -18,7 +18,8 @@ from bayes_toe.classical.penalised_likelihood import Counts, Design, replicate_s
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
-from bayes_toe.model.prior import LOG_2PI, Prior
+from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 
 _LABEL = "Appendix C's evidence of H1"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from bayes_toe.data.messages import visible
 from bayes_toe.explorer.words import meaning, symbol
 from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.model.contraction import DOMINATED
 from bayes_toe.model.coordinates import NATURAL
+from bayes_toe.model.target import DOMINATED
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -98,7 +98,7 @@ def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
     """
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_folders import whole_folder
-    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.planning.observers import observers_from, shares_from
     from bayes_toe.planning.power_of_studies import power_of_studies
 
@@ -154,7 +154,7 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
     """
-    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.model.study_prior import preset_or_file
 
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")

@@ -29,8 +29,8 @@ from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.model.contraction import DOMINATED
 from bayes_toe.model.coordinates import NATURAL
+from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.sorted import MOST_NAMED
 
 if TYPE_CHECKING:

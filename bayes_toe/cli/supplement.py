@@ -21,7 +21,7 @@ from bayes_toe.comparison.words import compared, order_effect
 from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import FitSummary
-from bayes_toe.model.contraction import DOMINATED
+from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.corner_content import LABELS
 
 if TYPE_CHECKING:

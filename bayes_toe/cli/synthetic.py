@@ -54,7 +54,7 @@ def simulate(  # each is a choice of its own, and has a default
     from bayes_toe.data.tables import write_table
     from bayes_toe.experiments.recipes import design_from, population_from, trial_frame, truth_frame
     from bayes_toe.experiments.simulate import simulate_trials
-    from bayes_toe.model.prior_file import preset_or_file
+    from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
 
     files = [output] if truth_output is None else [output, truth_output]

@@ -77,8 +77,7 @@ class Task:
 
     def read(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
-        from bayes_toe.model.prior_file import preset_or_file
-        from bayes_toe.model.study_prior import prior_for
+        from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         prior, read = preset_or_file(self.prior), study.read()
         return read, prior_for(read, prior)
@@ -100,8 +99,7 @@ class Task:
         from bayes_toe.data.places import shown
         from bayes_toe.inference.belonging import require_belonging
         from bayes_toe.inference.draws import load
-        from bayes_toe.model.prior_file import preset_or_file
-        from bayes_toe.model.study_prior import prior_for
+        from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         given = None if self.prior is None else preset_or_file(self.prior)
         draws, read = load(posterior), study.read() if study.files else None

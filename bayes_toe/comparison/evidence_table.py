@@ -22,9 +22,10 @@ from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import LOG_2PI, Prior
+from bayes_toe.model.prior import Prior
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,10 +16,10 @@ from bayes_toe.explorer.curves import POINTS, axis, slice_count, slices
 from bayes_toe.explorer.packing import floats
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.contraction import DOMINATED, contraction
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import DOMINATED, contraction
 from bayes_toe.plots.corner_content import MARKED, SPANNED, known_from, span, support
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, SECTIONS
-from bayes_toe.model.prior_fields import STIMULI
-from bayes_toe.model.prior_file import number_problems, real, shown, toml_table
+from bayes_toe.model.prior_fields import STIMULI, number_problems, real, shown, toml_table
 from bayes_toe.model.study_prior import Stimuli
 
 _FIELDS = {name: section.fields for name, section in SECTIONS.items()}

@@ -16,9 +16,9 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.modes import Maxima
 from bayes_toe.inference.newton import Differenced, ascend
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import log_jacobian
+from bayes_toe.model.coordinates import log_jacobian, log_jacobian_slope_of_pull
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import LOG_2PI, log_jacobian_gradient
 
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge
 #: Where the search starts: logits of the pull, and by how much offset (in widths), log width and logit of q0 differ from those of the
@@ -54,9 +54,10 @@ def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: Float
         return np.where(np.abs(x[:, 1:]).max(axis=1) > _FAR, -np.inf, value)
 
     def gradient(x: FloatArray) -> FloatArray:
-        slope, p = posterior.gradient(x)[1] - log_jacobian_gradient(x), MAX_PULL * expit(x[:, 1])
-        slope[:, 1] += 4.5 * p * expit(-x[:, 1]) / (1.0 - p)
-        slope[:, 2] -= 3.0
+        slope, p = posterior.gradient(x)[1], MAX_PULL * expit(x[:, 1])
+        slope[:, 1] += 4.5 * p * expit(-x[:, 1]) / (1.0 - p) - log_jacobian_slope_of_pull(x[:, 1])
+        slope[:, 2] -= 4.0
+        slope[:, 3] += np.tanh(0.5 * x[:, 3])
         return slope
 
     starts = _starts(log_density, maxima) if starts is None else starts

@@ -15,9 +15,8 @@ from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of,
 from bayes_toe.inference.pointwise import Pointwise
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.inference.subject import SubjectResult
-from bayes_toe.model.contraction import contraction
-from bayes_toe.model.propagators import reference_interval
-from bayes_toe.model.target import Answering
+from bayes_toe.model.intervals import reference_interval
+from bayes_toe.model.target import Answering, contraction
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)

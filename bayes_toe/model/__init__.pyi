@@ -30,6 +30,3 @@ from .geometry import to_symmetric as to_symmetric
 from .intervals import at_interval as at_interval
 from .intervals import equal_probability_at as equal_probability_at
 from .intervals import gain_at as gain_at
-from .perception import gaussian_perception as gaussian_perception
-from .perception import induced_prior as induced_prior
-from .perception import perceive as perceive

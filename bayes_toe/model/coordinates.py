@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, log_expit, logit
+from scipy.special import erfcx, expit, log_expit, log_ndtr, logit, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio, width
@@ -133,6 +133,12 @@ def log_jacobian_of_pull(a: FloatArray) -> FloatArray:
     return np.asarray(np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a))
 
 
+def log_jacobian_slope_of_pull(a: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_jacobian_of_pull`, shape (...)."""
+    p, fall = MAX_PULL * expit(a), expit(-a)
+    return np.asarray(p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(a))
+
+
 def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Log gamma and log(1 - gamma) at a = logit(p / p_max), gamma = p/(1 - p)^2; neither cancels.
 
@@ -171,3 +177,31 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
     """
     p = pull(theta.gamma)
     return {**theta._asdict(), **derived(theta), "offset": np.asarray(p * (theta.mu1 - sbar)), "pull": p}
+
+
+def probit_of_logit(logit: FloatArray) -> FloatArray:
+    """Standard normal quantile of expit(logit), shape (...).
+
+    Examples
+    --------
+    >>> probit_of_logit(np.array([1.0, -700.0])).round(4).tolist()
+    [0.616, -37.2951]
+    """
+    return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
+
+
+def logit_of_probit(probit: FloatArray) -> FloatArray:
+    """Inverse of :func:`probit_of_logit`."""
+    return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
+
+
+def log_slope(probit: FloatArray) -> FloatArray:
+    """Log d(probit)/d(logit) = log [Phi(y) Phi(-y) / phi(y)] at the probit y, by Mills' ratio: far out nothing cancels.
+
+    Examples
+    --------
+    >>> log_slope(np.array([0.0, 1e12])).round(3).tolist()
+    [-0.467, -27.631]
+    """
+    far = np.abs(probit)
+    return np.asarray(log_ndtr(far) + np.log(erfcx(far * np.sqrt(0.5))) + 0.5 * np.log(0.5 * np.pi))

@@ -26,35 +26,27 @@ class Distribution(Hashable, Protocol):
     @property
     def spread(self) -> float:
         """Standard deviation, in the parameter's unit."""
-        ...
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Normalised log density; -inf outside the support, finite or a limit on its edges."""
-        ...
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Derivative of the log density, inside the support."""
-        ...
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
-        ...
 
     def sf(self, x: npt.ArrayLike) -> FloatArray:
         """Survival function, 1 - cdf, without the subtraction: the upper tail keeps its digits."""
-        ...
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        ...
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
-        ...
 
     def describe(self) -> str:
         """Family and numbers, as in 'Normal(0, 10)'."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from bayes_toe.model.beliefs import comparison_distance, evolve
 from bayes_toe.model.closed_form import equal_probability, evolved_mean, variance_ratio
 from bayes_toe.model.geometry import axis
-from bayes_toe.model.perception import Perception, induced_prior, perceive
 
 #: Where an equation has several parts, the function that has them all, or the first; its neighbours in the file name the same label.
 EQUATIONS: Mapping[str, Callable[..., object]] = MappingProxyType(
@@ -19,8 +18,5 @@ EQUATIONS: Mapping[str, Callable[..., object]] = MappingProxyType(
         "axis1": variance_ratio,
         "axis2": axis,
         "integrales": evolve,
-        "actualcalculation": perceive,
-        "link": Perception.log_likelihood,
-        "newprior": induced_prior,
     }
 )

@@ -1,30 +1,49 @@
-"""The model at several inter-stimulus intervals: memory diffuses by sigma_p^2 per second.
+"""How pull and width depend on the inter-stimulus interval: one propagator, one pair of scales.
 
-The propagator is a random walk, so over an interval of t seconds its variance is sigma_p^2 t. sigma_p is then in natural-log intensity per
-square root of a second, and everything that the paper derives for one interval holds with sigma_p sqrt(t) in the place of sigma_p:
+A model's coordinates (offset c, pull p, width w) and their prior refer to a reference interval, by default the geometric mean of the
+study's, in which time is counted here: t = 1 is the reference. The prior mean mu1 is the same at every interval and the offset at t is
+p_t (mu1 - sbar), so with r = p_t/p_1 and v = w_t/w_1
 
-    gamma_t = sigma_l^2 / (sigma_p^2 t),   G_t = (1 + sqrt(1 + 4 gamma_t)) / 2,
-    gain K_t = 1/G_t,   pull p_t = gamma_t / G_t^2,   width w_t = sigma_p sqrt(t) G_t^(3/2).
+    z = ((s2 - s1) + r [p_1 (s1 - sbar) - c]) / (w_1 v).
 
-Assumption: each interval has its own self-consistent prior, of variance G_t sigma_p^2 t, as it has when its trials are run in a block. Were
-intervals mixed at random and the prior one for all of them, the first stimulus would be weighted alike at every interval, and only the
-width would depend on it; data from mixed intervals can tell, and disagree with the model here if that is so.
+Both scales are 1 at the reference, so a study with one interval is one without. They follow from the same filtering equations as the model
+at one interval: a stimulus is measured, the belief evolves for t, the next stimulus meets it.
 
-mu_1, sigma_l and q0 are common to all intervals. Here sigma_p is per root second; what is fitted, its prior and everything that is stored
-refer to a reference interval t_0, by default the geometric mean of a study's: sigma_p is then that over t_0, per root second
-sigma_p / sqrt(t_0), and gamma is gamma_t0. The longer the interval, the smaller gamma_t: the gain goes to 1, and forgetting shows in the
-width alone (erratum 6; see docs/errata.md). The width is least, 2 sigma_l, at the interval where gamma_t = 2; at shorter ones the memory
-is so narrow that the second stimulus moves it little.
+**Random walk** (predictive update). The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and
+v = sqrt(t) (G_t/G_1)^(3/2): the longer the interval, the nearer the weight of the first stimulus comes to 1, and the width grows without
+end. Assumed is a self-consistent prior of each interval; see :mod:`bayes_toe.model.intervals`.
+
+**Mean-reverting memory** (Ornstein-Uhlenbeck). Drift -(s - mu1)/tau and diffusion 2 sigma1^2/tau have the prior as their stationary state,
+as at one interval, where the record ties both to (mu1, sigma1). Two such steps make one, rho_(t+u) = rho_t rho_u with rho_t = exp(-t/tau),
+so with rho = rho_1 the memory kept over t is rho^t. The measurement does not know how long the pause will be: its gain
+K = sigma1^2/(sigma1^2 + sigma_l^2) has no interval. Therefore
+
+    mu_2 = mu1 + rho^t K (s1 - mu1),    sigma_2^2 = sigma1^2 (1 - rho^(2t) K),
+    g_t = 1 - p_t = rho^t K,            w_t = sigma_2 + sigma_l^2/sigma_2 = sigma1 (1 - g_t^2) / (K (1 - g_t rho^t)^(1/2)).
+
+Only the decay is a power of the interval, not the weight: g_t goes from K, right after the stimulus, to 0, and the width saturates at
+sigma1/K, that of a comparison with the prior alone. Nothing else is open: a stationary variance other than sigma1^2 would be a
+parameter that the model at one interval does not have. One prior serves all intervals, mixed or in blocks; assumed is, as at one interval,
+that the pause before a pair is long enough for the memory to be the prior again. One interval tells rho K only; several tell rho and K.
+
+The two disagree on what an interval does to the order effect: under the random walk it shrinks as the interval grows, under the
+mean-reverting memory it grows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit, exprel, log_expit
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability, gain
+from bayes_toe.model.closed_form import MAX_PULL, equal_probability, gain, pull, variance_ratio
 from bayes_toe.model.coordinates import Natural
 
 
@@ -98,3 +117,205 @@ def require_intervals(isi: npt.ArrayLike) -> FloatArray:
     if not (np.isfinite(intervals) & (intervals > 0)).all():
         raise InputError("isi: intervals must be positive finite numbers of seconds")
     return intervals
+
+
+class Scales(NamedTuple):
+    """Pull and width at an interval over those at the reference, r and v, each of shape (points, intervals)."""
+
+    pull: FloatArray
+    width: FloatArray
+
+    def of_pairs(self, which: IndexArray) -> Scales:
+        """The scales of pairs, shape (points, pairs), given the place of each pair's interval, shape (pairs,) or (points, pairs)."""
+        return Scales(_at_pairs(self.pull, which), _at_pairs(self.width, which))
+
+    def to_reference(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
+        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at t = 1."""
+        moved = points.copy()
+        moved[:, offset] /= self.pull[:, 0]
+        moved[:, log_width] -= np.log(self.width[:, 0])
+        return moved
+
+
+#: At one interval, and of a model that does not mention the interval: exactly 1.
+UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
+
+
+def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, IndexArray]:
+    """Distinct intervals, seconds, and the place of each pair's among them.
+
+    Examples
+    --------
+    >>> [part.tolist() for part in grouped_intervals(np.array([2.0, 0.5, 2.0]))]
+    [[0.5, 2.0], [1, 0, 1]]
+    """
+    seconds, which = np.unique(isi, return_inverse=True)
+    return seconds, which.reshape(isi.shape)
+
+
+def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
+    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli.
+
+    Examples
+    --------
+    >>> typical_interval(np.array([1.0, 4.0]), np.array([10, 10])).tolist()
+    [2.0]
+    """
+    return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
+
+
+def reference_interval(subject: Subject, given: float | None) -> float:
+    """The interval given, or the geometric mean of the subject's own, seconds; 1 where it has none.
+
+    Examples
+    --------
+    >>> reference_interval(Subject("S", [0.0, 0.0], [0.0, 0.0], [4, 4], [5, 5], [1.0, 4.0]), None)
+    2.0
+    """
+    if subject.isi is None or given is not None:
+        return 1.0 if given is None else given
+    return subject.intervals[0] if len(subject.intervals) == 1 else float(typical_interval(subject.isi, subject.n_trials)[0])
+
+
+def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
+    """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
+
+    As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
+
+    Examples
+    --------
+    >>> [part.round(6).tolist() for part in random_walk_scales(np.array([-40.0]), np.array([1.0, 4.0]))]
+    [[[1.0, 0.25]], [[1.0, 2.0]]]
+    """
+    gamma = noise_ratio_at(logit_pull)
+    ratio = variance_ratio(gamma / intervals) / variance_ratio(gamma)  # t = 1 by the same formula: exactly 1
+    return Scales(1.0 / (np.square(ratio) * intervals), np.sqrt(intervals) * ratio**1.5)
+
+
+def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
+    """Noise ratio at the reference interval, gamma = p/(1 - p)^2 with p = p_max expit(logit_pull), shape (points,) -> (points, 1)."""
+    p = MAX_PULL * expit(logit_pull[:, None])
+    return np.asarray(p / np.square(1.0 - p))
+
+
+def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Scales:
+    """Scales of a memory that decays to the prior by rho^t, shapes (points,), (points,) and (intervals,).
+
+    With l = -ln g_1 and rho = g_1^s, 0 < s < 1, the exponents are linear in the interval: g_t = exp(-l m) and g_t rho^t = exp(-l n) with
+    m = 1 - s + s t and n = m + s t, so
+
+        r = (1 - exp(-l m)) / (1 - exp(-l)),    v = f_t/f_1,    f_t = (1 - exp(-2 l m)) / (1 - exp(-l n))^(1/2).
+
+    As l -> 0, r -> m and v -> m ((1 + s)/n)^(1/2), which the quotients (1 - e^-x)/x keep to all digits.
+
+    Examples
+    --------
+    >>> scales = mean_reverting_scales(np.array([0.0]), np.array([0.0]), np.array([1.0, 3.0]))  # g_1 = 1/2, so g_3 = 1/4
+    >>> scales.pull.round(12).tolist()
+    [[1.0, 1.5]]
+    """
+    lost = np.logaddexp(0.0, logit_pull[:, None])
+    kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
+
+    def forms(t: FloatArray) -> Scales:
+        """(1 - g_t)/l and f_t/(4 l)^(1/2)."""
+        m, n = kept + decayed * t, kept + 2.0 * decayed * t
+        return Scales(m * exprel(-lost * m), m * exprel(-2.0 * lost * m) / np.sqrt(n * exprel(-lost * n)))
+
+    at, one = forms(intervals), forms(np.ones(1))  # t = 1 by the same formula: exactly 1
+    return Scales(at.pull / one.pull, at.width / one.width)
+
+
+class Growth(NamedTuple):
+    """Logarithmic derivatives of the scales in a propagator's q coordinates, each of shape (q, points, intervals)."""
+
+    pull: FloatArray
+    width: FloatArray
+
+    def of_pairs(self, which: IndexArray) -> Growth:
+        """The derivatives of pairs, given the place of each pair's interval."""
+        return Growth(*(_at_pairs(part, which) for part in self))
+
+
+def _at_pairs(values: FloatArray, which: IndexArray) -> FloatArray:
+    """Values of intervals, (..., points, intervals), at those of the pairs, (pairs,) or (points, pairs)."""
+    return values[..., which] if which.ndim == 1 else values[..., np.arange(len(which))[:, None], which]
+
+
+def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:
+    """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
+
+    With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
+    """
+    gamma = noise_ratio_at(logit_pull)
+    p1, pt = pull(gamma), pull(gamma / intervals)
+    slope = (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
+    return Growth(-2.0 * slope[None], 1.5 * slope[None])
+
+
+def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Growth:
+    """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split), with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
+    lost, log_growth = np.logaddexp(0.0, logit_pull[:, None]), log_lost_slope(logit_pull[:, None])
+    kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
+
+    def forms(t: FloatArray) -> Growth:
+        """Of log(1 - g_t) and log f_t, less what log l adds to each."""
+        m, n = kept + decayed * t, kept + 2.0 * decayed * t
+        by_m, by_n = kept * decayed * (t - 1.0) / m, kept * decayed * (2.0 * t - 1.0) / n
+        once, twice, mixed = (1.0 / exprel(lost * part) for part in (m, 2.0 * m, n))
+        of_width = log_growth * (twice - 0.5 * mixed - 0.5), by_m * twice - 0.5 * by_n * mixed
+        return Growth(np.stack([log_growth * (once - 1.0), by_m * once]), np.stack(of_width))
+
+    return Growth(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
+
+
+def log_lost_slope(logit_pull: FloatArray) -> FloatArray:
+    """Derivative of log l in the logit of the pull p, l = -log(1 - p)."""
+    return np.asarray(np.exp(log_expit(logit_pull) - log_lost(logit_pull)))
+
+
+def log_lost(logit_pull: FloatArray) -> FloatArray:
+    """log(-log(1 - p)) at the logit of the pull."""
+    return np.where(logit_pull < -30.0, logit_pull, np.log(np.logaddexp(0.0, np.maximum(logit_pull, -30.0))))
+
+
+@dataclass(frozen=True)
+class Propagator:
+    """How a memory evolves over an interval, as its scales.
+
+    Parameters
+    ----------
+    about : str
+        In a few words.
+    coordinates : tuple of str
+        Unconstrained coordinates that the scales depend on.
+    scales : callable
+        From these coordinates, each of shape (points,), and the intervals over the reference, shape (intervals,), to :class:`Scales`.
+    growth : callable
+        From the same to the logarithmic derivatives of the scales, :class:`Growth`.
+    units : tuple of (name, unit)
+        Of quantities that are those at the reference interval, {} in them.
+    """
+
+    about: str
+    coordinates: tuple[str, ...]
+    scales: Callable[..., Scales]
+    growth: Callable[..., Growth]
+    units: tuple[tuple[str, str], ...]
+
+
+_SHARE, _INTENSITY = "1, at {}", "ln intensity, at {}"
+RANDOM_WALK = Propagator(
+    "memory's variance grows by sigma_p^2 over the reference interval, with a self-consistent prior for each interval",
+    ("logit_pull",),
+    random_walk_scales,
+    random_walk_growth,
+    (("sigma_p", "ln intensity / ({})^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+)
+MEAN_REVERSION = Propagator(
+    "memory keeps rho over the reference interval, rho^t over t of them",
+    ("logit_pull", "logit_split"),
+    mean_reverting_scales,
+    mean_reverting_growth,
+    (("rho", _SHARE), ("gain", _SHARE), ("width", _INTENSITY)),
+)

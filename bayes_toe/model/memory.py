@@ -1,4 +1,4 @@
-"""The block of parameters of a memory that reverts to the prior mean."""
+"""What becomes of the first stimulus in memory: the blocks of parameters of the predictive update and of a memory that decays."""
 
 from __future__ import annotations
 
@@ -6,18 +6,119 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, exprel, log_expit, ndtr
+from scipy.special import expit, exprel, log_expit, ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.contraction import prior_quantile
-from bayes_toe.model.distributions import Random
-from bayes_toe.model.parameters import SPREAD, GroupPull, Mapped, with_offset
-from bayes_toe.model.predictive_update import Update
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.probits import probit_of_logit
-from bayes_toe.model.propagators import log_lost, log_lost_slope
-from bayes_toe.model.scales import Log, Logit
+from bayes_toe.model.closed_form import MAX_PULL, pull, width
+from bayes_toe.model.coordinates import (
+    Natural,
+    derived,
+    inverse_pull,
+    log_jacobian_of_pull,
+    log_jacobian_slope_of_pull,
+    log_noise_ratio,
+    log_slope,
+    logit_of_probit,
+    natural,
+    probit_of_logit,
+    reach,
+    unconstrained,
+)
+from bayes_toe.model.distributions import Random, sample_logit
+from bayes_toe.model.intervals import log_lost, log_lost_slope
+from bayes_toe.model.parameters import SPREAD, WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
+from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
 from bayes_toe.model.target import Names
+
+
+@dataclass(frozen=True)
+class Update:
+    """The predictive update's (mu1, sigma_p, gamma) in identified coordinates, with H1's prior; see :mod:`bayes_toe.model.coordinates`."""
+
+    coordinates = ("offset", "logit_pull", "log_width")
+    group = ("mu1", "gamma", "width")
+    names = Names(
+        ("mu1", "sigma_p", "sigma_l"), ("offset", "pull", "width"), derived=("gamma", "sigma1", "gain", "width"), monotone=("gain", "pull")
+    )
+
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """Whose distributions the prior is made of."""
+        return ("mu1", SPREAD, "gamma")
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return ", ".join(f"{name} ~ {prior.distribution(name).describe()}" for name in ("mu1", SPREAD, "gamma"))
+
+    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """H1's log density but for the part of q0."""
+        a, b = x[:, 1], x[:, 2]
+        of_mu1, of_sigma_p, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
+            of_values = of_mu1.log_density(sbar + reach(x)) + of_sigma_p.log_density(np.exp(b) * (1.0 - MAX_PULL * expit(a)) ** 1.5)
+        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) + b)
+
+    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Gradient of :meth:`log_prior`."""
+        a, b, p, down = x[:, 1], x[:, 2], MAX_PULL * expit(x[:, 1]), expit(-x[:, 1])
+        of_mu1, of_sigma_p, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
+            far, sigma_p = reach(x), np.exp(b) * (1.0 - p) ** 1.5
+            score, of_log_sigma = of_mu1.slope(sbar + far), of_sigma_p.slope(sigma_p) * sigma_p
+            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * p * down / (1.0 - p) * of_log_sigma
+            return np.stack([score * inverse_pull(a), of_pull + slope_of_noise_ratio(of_gamma, a), of_log_sigma + 1.0], axis=-1)
+
+    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
+        """Independent draws, shape (size, 3).
+
+        With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where gamma itself rounds to an edge.
+        """
+        mu1, sigma_p = (prior.distribution(name).sample(rng, size) for name in ("mu1", SPREAD))
+        logit_gamma = sample_logit(prior.distribution("gamma"), rng, size)
+        sample_logit(prior.distribution("q0"), rng, size)
+        gamma = expit(logit_gamma)
+        p = pull(gamma)
+        return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(width(sigma_p, gamma))], axis=-1)
+
+    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+        """Natural, derived and identified parameters."""
+        theta = natural(np.concatenate([x, np.zeros((*x.shape[:-1], 1))], axis=-1), sbar)
+        found = {**theta._asdict(), **derived(theta), "offset": x[..., 0], "pull": MAX_PULL * expit(x[..., 1])}
+        return {name: found[name] for name in dict.fromkeys((*self.names.natural, *self.names.derived, *self.names.identified))}
+
+    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+        """From the natural parameters."""
+        mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
+        return unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
+
+    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
+        """Exact, but for the offset."""
+        if name == "pull":
+            return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
+        return None if name == "offset" else prior_quantile(prior, name, probability)
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
+        return (starting_offsets(scale), (-2.0, 2.0), *WIDTH.grid(scale, peak))
+
+    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
+        """Prior mean, probit of the noise ratio, log width: of these the data tell most, and normal tails do no harm."""
+        log_gamma, log_rest = log_noise_ratio(x[:, 1])
+        probit = np.where(log_gamma < log_rest, ndtri_exp(log_gamma), -ndtri_exp(log_rest))
+        return np.stack([sbar + reach(x), probit, x[:, 2]], axis=-1)
+
+    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
+        """With c = p (mu1 - sbar)."""
+        return with_offset(eta, sbar, self.group_pull(eta[:, 1]))
+
+    @staticmethod
+    def group_pull(probit: FloatArray) -> GroupPull:
+        """From the probit of gamma, with d(logit gamma)/da = (1 + p)/(1 - p) [expit(-a) + expit(a)/(1/p_max - p)]."""
+        logit_gamma, p = logit_of_probit(probit), pull(ndtr(probit))
+        far = 1.0 / MAX_PULL - p
+        a = logit_gamma + np.log(far)
+        down = expit(-a)
+        slope = np.exp(-log_slope(probit)) * (1.0 - p) / ((1.0 + p) * (down + expit(a) / far))
+        return GroupPull(a, slope, p, p * down * slope)
 
 
 @dataclass(frozen=True)
@@ -31,16 +132,15 @@ class Memory:
 
     so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p. One interval tells rho K, not rho and K.
     The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
-    everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.propagators`).
+    everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.intervals`).
 
     Priors: mu1 as in H1; sigma1, the spread of expected intensities, has the HalfNormal of the other widths; gain and rho are
     Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density -ln(1 - p), independent.
     """
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Offset, logit of pull, log width, logit of v."""
-        return ("offset", "logit_pull", "log_width", "logit_split")
+    coordinates = ("offset", "logit_pull", "log_width", "logit_split")
+    group = ("mu1", "pull", "width", "split")
+    names = Names(("mu1", "sigma1", "sigma_l", "rho"), ("offset", "pull", "width", "rho"), ("gain", "width"), ("gain",))
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
         """Whose distributions the prior is made of."""
@@ -84,8 +184,6 @@ class Memory:
         log_rho, log_gain = (np.log1p(-rng.uniform(size=size)) for _ in range(2))
         return self._point(mu1 - sbar, log_sigma1, log_rho, log_gain)
 
-    names = Names(*(("mu1", "sigma1", "sigma_l", "rho"), ("offset", "pull", "width", "rho"), ("gain", "width")), monotone=("gain",))
-
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The natural parameters but q0, and the identified ones; gain is rho times that of the measurement, the weight of s1."""
         lost = np.logaddexp(0.0, x[..., 1])
@@ -121,8 +219,6 @@ class Memory:
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Those of the predictive update, half way between all gain and all memory."""
         return (*Update().grid(scale, peak), (0.0,))
-
-    group = ("mu1", "pull", "width", "split")
 
     def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Prior mean, probit of the pull, log width, probit of the split."""

@@ -11,18 +11,116 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from scipy.special import expit, logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.distributions import Distribution, Normal, Random
+from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
+from bayes_toe.model.distributions import Distribution, Normal, Random, log_density_of_logit, sample_logit, slope_of_logit
 from bayes_toe.model.offset_prior import offset_prior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.scales import Log, Scale
 from bayes_toe.model.target import Names
 
+#: Coordinates, and their derivatives in what they come from.
 Mapped = tuple[FloatArray, FloatArray]
 #: The parameter of the prior whose distribution every width-like standard deviation has.
 SPREAD = "sigma_p"
 _STANDARD = Normal(0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A bijection between a quantity and its coordinate, of any shape; on this one the quantity is its own coordinate."""
+
+    prefix: ClassVar[str] = ""
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """The quantity at coordinates."""
+        return x
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """The coordinate of quantities."""
+        return np.asarray(t)
+
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Coordinates of independent draws of the quantity, shape (size,)."""
+        return self.coordinate(distribution.sample(rng, size))
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """Log density with respect to the coordinate."""
+        return distribution.log_density(x)
+
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """Its derivative."""
+        return distribution.slope(x)
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """Coordinates on the scale on which a group's members scatter about their mean: as they are, or probits of a share."""
+        return x
+
+    def from_group(self, eta: FloatArray) -> Mapped:
+        """The inverse: coordinates, and their derivative."""
+        return eta, np.ones_like(eta)
+
+
+class Log(Scale):
+    """By the logarithm."""
+
+    prefix: ClassVar[str] = "log_"
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """Its exponential."""
+        return np.exp(x)
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """Its logarithm."""
+        return np.log(t)
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With log dt/dx = x."""
+        with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
+            return np.asarray(distribution.log_density(np.exp(x)) + x)
+
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """T f' + 1."""
+        with np.errstate(over="ignore"):
+            t = np.exp(x)
+            return np.asarray(t * distribution.slope(t) + 1.0)
+
+
+@dataclass(frozen=True)
+class Logit(Scale):
+    """By the logit of the share of the top."""
+
+    top: float = 1.0
+    prefix: ClassVar[str] = "logit_"
+
+    def quantity(self, x: FloatArray) -> FloatArray:
+        """The share of the top."""
+        return np.asarray(self.top * expit(x))
+
+    def coordinate(self, t: FloatArray) -> FloatArray:
+        """The logit."""
+        return np.asarray(logit(t / self.top))
+
+    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
+        """Logits of draws, of a beta with a pole also of those that no float tells from an edge."""
+        return sample_logit(distribution, rng, size, self.top)
+
+    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With dt/dx = top expit(x) expit(-x)."""
+        return log_density_of_logit(distribution, x, self.top)
+
+    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+        """With d(log dt/dx)/dx = -tanh(x/2)."""
+        return slope_of_logit(distribution, x, self.top)
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """The probit of the share: uniform is standard normal, so that its edges are far away."""
+        return probit_of_logit(x)
+
+    def from_group(self, eta: FloatArray) -> Mapped:
+        """The logit of the share."""
+        return logit_of_probit(eta), np.exp(-log_slope(eta))
 
 
 class GroupPull(NamedTuple):
@@ -40,66 +138,51 @@ class Block(Protocol):
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the unconstrained coordinates; those that begin with logit_ are logits of a number in 0..1."""
-        ...
 
     @property
     def names(self) -> Names:
         """What its quantities are called."""
-        ...
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        ...
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
         """Parameters of the prior whose distributions its own is made of."""
-        ...
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to x, (points, k) -> (points,)."""
-        ...
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of the log density with respect to x, (points, k)."""
-        ...
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, k)."""
-        ...
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The quantities that a reader knows, (..., k) -> (...) each."""
-        ...
 
     def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """The inverse of :meth:`named`: coordinates (..., k) from natural quantities (...)."""
-        ...
 
     def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Prior quantile of a named quantity; None where it has no short form, and draws have to tell it."""
-        ...
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Starting values of each coordinate, for stimuli `scale` apart and a logit of the largest frequency of 'equal'."""
-        ...
 
     @property
     def group(self) -> tuple[str, ...]:
         """Quantities that scatter between the members of a group, one for each coordinate, normal on their group scale."""
-        ...
 
     def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """These on their group scales, (points, k) -> (points, k)."""
-        ...
 
     def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """The inverse: x, (points, k), and dx/d(eta), (points, k, k), triangular."""
-        ...
 
     @property
     def group_pull(self) -> Callable[[FloatArray], GroupPull] | None:
         """Of a block whose answers tell p (mu1 - sbar) of its first quantity, mu1: the pull from the second one. Else None."""
-        ...
 
 
 @dataclass(frozen=True)

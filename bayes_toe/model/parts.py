@@ -15,15 +15,12 @@ import numpy as np
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.differencing import DIFFERENCING
 from bayes_toe.model.distributions import Uniform
-from bayes_toe.model.links import BELL, EXPONENT, Lapsing, Link
-from bayes_toe.model.memory import Memory
-from bayes_toe.model.parameters import WIDTH, Block, Offset, Single
+from bayes_toe.model.intervals import MEAN_REVERSION, RANDOM_WALK, Propagator
+from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, Lapsing, Link
+from bayes_toe.model.memory import Memory, Update
+from bayes_toe.model.parameters import WIDTH, Block, Log, Logit, Offset, Scale, Single
 from bayes_toe.model.posterior import Model, Pull
-from bayes_toe.model.predictive_update import Update
-from bayes_toe.model.propagators import MEAN_REVERSION, RANDOM_WALK, Propagator
-from bayes_toe.model.scales import Log, Logit, Plain
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
 #: q0, or the peak of the differencing model: uniform, as each frequency under H0.
@@ -94,7 +91,7 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "noise": (
         Level("Weber", "the same noise at every intensity"),
-        Level("sloped", "noise that departs from Weber's law", (Single("noise_slope", Plain(), starts=(-1.5, 0.1, 1.5)),)),
+        Level("sloped", "noise that departs from Weber's law", (Single("noise_slope", Scale(), starts=(-1.5, 0.1, 1.5)),)),
     ),
     "lapses": (
         Level("misses", "equal pairs are sometimes called different", (PEAK,)),

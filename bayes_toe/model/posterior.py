@@ -25,12 +25,12 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.levelling import Levelling, Probits
+from bayes_toe.model.intervals import UNSCALED, Growth, Propagator, Scales, grouped_intervals, reference_interval, typical_interval
+from bayes_toe.model.levelling import Funnel, Levelling
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
 from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.propagators import UNSCALED, Growth, Propagator, Scales, grouped_intervals, reference_interval, typical_interval
 from bayes_toe.model.spread import BINOMIAL, Spread
 from bayes_toe.model.target import Levels, Names, require_points
 
@@ -325,9 +325,11 @@ class Posterior:
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
         pull, logits = self.model.pull, tuple(i for name, i in self._places.items() if name.startswith("logit_"))
-        if pull is not None and pull.centre is not None:
-            return Levelling.at(self, modes, logits, centre=pull.centre, max_pull=pull.span)
-        return Probits(logits, self._places["log_width"])
+        if pull is None or pull.centre is None:
+            return Levelling(logits, self._places["log_width"])
+        mu1 = self.prior.distribution(pull.centre)
+        funnel = Funnel.at(modes, lambda x: self.likelihood_gradient(x)[1], mu1, self.sbar, pull.span)
+        return Levelling(logits, self._places["log_width"], funnel.conditional)
 
     def for_subject(self, subject: Subject) -> Posterior:
         """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""

@@ -13,18 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import ClassVar
+from functools import cache, cached_property, partial
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-import numpy.typing as npt
+from scipy.optimize import brentq
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import MAX_PULL, pull, width
-from bayes_toe.model.coordinates import Natural, inverse_pull, log_jacobian_of_pull, log_noise_ratio, reach
-from bayes_toe.model.distributions import LOG_2PI as LOG_2PI
+from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
+from bayes_toe.model.coordinates import Natural, log_noise_ratio
 from bayes_toe.model.distributions import (
     Beta,
     Distribution,
@@ -33,12 +33,12 @@ from bayes_toe.model.distributions import (
     Normal,
     Random,
     Uniform,
-    log_density_of_logit,
-    sample_logit,
     share,
-    slope_of_logit,
 )
-from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields
+from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields, number_problems, real, toml_table
+
+AnyPrior = TypeVar("AnyPrior", bound="Prior")
+_NODES = 200  # of an integral over gamma
 
 
 @dataclass(frozen=True)
@@ -172,44 +172,9 @@ class Prior(PriorFields):
         volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
         return np.where(inside, self._log_densities(theta, theta.gamma) + volume, -np.inf)
 
-    def log_density_unconstrained(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
-        """Log density with respect to the unconstrained coordinates x, shape (..., 4) -> (...)."""
-        points = np.asarray(x, np.float64)
-        return self.log_density_of_update(points, sbar) + log_density_of_logit(self.distributions["q0"], points[..., 3])
-
-    def log_density_of_update(self, x: FloatArray, sbar: float) -> FloatArray:
-        """The part of (mu1, sigma_p, gamma), with respect to (c, logit(p/p_max), log w), of x[..., :3], (..., k) -> (...)."""
-        a, b = x[..., 1], x[..., 2]
-        p = MAX_PULL * expit(a)
-        with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
-            values = {"mu1": sbar + reach(x), "sigma_p": np.exp(b) * (1.0 - p) ** 1.5}
-            of_values = sum(self.distributions[name].log_density(value) for name, value in values.items())
-            return np.asarray(of_values + log_density_of_noise_ratio(self.distributions["gamma"], a) + log_jacobian_of_pull(a) + b)
-
     def _log_densities(self, theta: Natural, gamma: FloatArray) -> FloatArray:
         values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}
         return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()))
-
-    def gradient(self, x: npt.ArrayLike, sbar: float) -> FloatArray:
-        """Gradient of :meth:`log_density_unconstrained`, shape (..., 4)."""
-        points = np.asarray(x, np.float64)
-        found, (a, b, p) = log_jacobian_gradient(points), (points[..., 1], points[..., 2], MAX_PULL * expit(points[..., 1]))
-        down, slope = expit(-a), {name: of.slope for name, of in self.distributions.items()}
-        with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
-            far = reach(points)
-            of_mu1, sigma_p = slope["mu1"](sbar + far), np.exp(b) * (1.0 - p) ** 1.5
-            of_sigma_p = slope["sigma_p"](sigma_p) * sigma_p
-            found[..., 0] += of_mu1 * inverse_pull(a)
-            found[..., 1] += -of_mu1 * far * down - 1.5 * p * down / (1.0 - p) * of_sigma_p
-            found[..., 2] += of_sigma_p
-        # log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
-        gamma, rise = self.distributions["gamma"], (1.0 + p) / (1.0 - p)
-        if isinstance(gamma, Beta):  # near an edge the slope of the density in gamma is huge, those of the logs are not
-            found[..., 1] += rise * ((gamma.a - 1.0) * down - (gamma.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p))
-        else:
-            found[..., 1] += gamma.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p)
-        found[..., 3] = slope_of_logit(self.distributions["q0"], points[..., 3])
-        return found
 
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,).
@@ -222,17 +187,24 @@ class Prior(PriorFields):
         drawn = {name: self.distributions[name].sample(rng, size) for name in OF_H1}
         return Natural(drawn["mu1"], drawn["sigma_p"], drawn["sigma_p"] * np.sqrt(drawn["gamma"]), drawn["q0"])
 
-    def sample_unconstrained(self, rng: Random, size: int, sbar: float) -> FloatArray:
-        """Independent draws in unconstrained coordinates, shape (size, 4).
 
-        With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where gamma itself rounds to an edge.
-        """
-        mu1, sigma_p = (self.distributions[name].sample(rng, size) for name in ("mu1", "sigma_p"))
-        logit_gamma, logit_q0 = (sample_logit(self.distributions[name], rng, size) for name in ("gamma", "q0"))
-        gamma = expit(logit_gamma)
-        p = pull(gamma)
-        columns = (p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(width(sigma_p, gamma)), logit_q0)
-        return np.stack(columns, axis=-1)
+def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
+    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
+    if isinstance(distribution, Beta):
+        return distribution.log_density_of_logs(*log_noise_ratio(a))
+    return distribution.log_density(_noise_ratio(a))
+
+
+def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_density_of_noise_ratio` in a.
+
+    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
+    """
+    p, down = MAX_PULL * expit(a), expit(-a)
+    rise = (1.0 + p) / (1.0 - p)
+    if isinstance(distribution, Beta):  # near an edge the slope of the density in gamma is huge, those of the logs are not
+        return np.asarray(rise * ((distribution.a - 1.0) * down - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)))
+    return np.asarray(distribution.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p))
 
 
 def _noise_ratio(a: FloatArray) -> FloatArray:
@@ -241,17 +213,85 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
 
 
-def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
-    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
-    return (
-        distribution.log_density_of_logs(*log_noise_ratio(a))
-        if isinstance(distribution, Beta)
-        else distribution.log_density(_noise_ratio(a))
-    )
+def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
+    """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width.
+
+    Examples
+    --------
+    >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
+    [16.4485, 1.96, 0.95, 0.9545]
+    """
+    if parameter in prior.distributions:
+        return float(prior.distribution(parameter).quantile(probability))
+    of_sigma_p, of_gamma = prior.distribution("sigma_p"), prior.distribution("gamma")
+    if parameter == "gain":
+        return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
+    return _product_quantile(of_sigma_p, of_gamma, parameter, probability)
 
 
-def log_jacobian_gradient(x: FloatArray) -> FloatArray:
-    """Gradient of :func:`bayes_toe.model.coordinates.log_jacobian`, (..., 4) -> (..., 4)."""
-    p, fall = MAX_PULL * expit(x[..., 1]), expit(-x[..., 1])
-    of_pull = p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(x[..., 1])
-    return np.stack([np.zeros_like(p), of_pull, np.ones_like(p), -np.tanh(0.5 * x[..., 3])], axis=-1)
+_SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "sigma_l": np.sqrt,
+    "sigma1": lambda gamma: np.sqrt(variance_ratio(gamma)),
+    "width": lambda gamma: variance_ratio(gamma) ** 1.5,
+}
+
+
+@cache
+def _product_quantile(of_sigma_p: Distribution, of_gamma: Distribution, parameter: str, probability: float) -> float:
+    """Quantile of sigma_p h(gamma): between the smallest and the largest h times sigma_p's own, so it is looked for in that unit."""
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    root = 0.5 * (nodes + 1.0)  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
+    shape = _SHAPES[parameter](of_gamma.quantile(np.square(root)))
+    unit = float(of_sigma_p.quantile(probability))
+
+    def excess(x: float) -> float:
+        return float(weights @ (root * of_sigma_p.cdf(x * unit / shape))) - probability
+
+    return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
+
+
+def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # type: ignore[assignment]
+    """The prior in a TOML file with some of the numbers that it declares, by name; :func:`example_file` has all, with their units.
+
+    Parameters
+    ----------
+    path : str or Path
+        UTF-8; a key that is absent keeps its default.
+    kind : type
+        Of prior; its declaration says which keys there are and which numbers are allowed.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or holds an unknown key, something that is not a number or a number out of range: one
+        line per problem.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "prior.toml")
+    ...     _ = file.write_text("mu1_sd = 2.5  # prior sd of mu1", encoding="utf-8")
+    ...     read_prior(file) == Prior(mu1_sd=2.5)
+    True
+    """
+    keys = {one.name: one for one in kind.declared()}
+    found = toml_table(path, f"NAME = NUMBER, as in {next(iter(keys))} = 0")
+    problems = [f"{path}: {line}" for key, value in found.items() for line in number_problems(keys, key, value)]
+    if problems:
+        raise InputError(problems)
+    numbers: dict[str, Any] = {key: value if value == STIMULI else real(value) for key, value in found.items()}
+    return kind(**numbers)
+
+
+def example_file(kind: type[Prior] = Prior) -> str:
+    """A complete prior file with the defaults and what they mean; what has none is a comment.
+
+    Examples
+    --------
+    >>> print(example_file().splitlines()[0])
+    mu1_mean = 0.0              # mean of the normal prior of mu1, natural-log intensity; or "stimuli", their mean
+    """
+    lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
+    width = max(map(len, lines))
+    return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())

@@ -1,4 +1,4 @@
-"""What a prior is made of: each of its numbers declared once, with parameter, kind, unit, words and range.
+"""What a prior is made of: each of its numbers declared once, with parameter, kind, unit, words and range; how a file says them.
 
 Everything that shows, reads, varies or refuses a prior's numbers iterates over :meth:`PriorFields.declared` and names none of them. The
 numbers are apart from what is computed with them (:mod:`bayes_toe.model.prior`), so that a help text loads no SciPy.
@@ -6,11 +6,15 @@ numbers are apart from what is computed with them (:mod:`bayes_toe.model.prior`)
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+import tomllib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
-from math import isfinite
+from pathlib import Path
 from typing import Any, Final, Literal
 
+from bayes_toe.data.messages import bare, quoted, visible
+from bayes_toe.data.text_table import input_bytes
 from bayes_toe.errors import InputError
 
 #: A location moves a density, a scale stretches it, a shape does neither. Scales and shapes are positive and count in factors.
@@ -20,6 +24,7 @@ SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
 #: What may stand for a number that a study's stimuli can give.
 STIMULI: Final = "stimuli"
+_LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 #: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
 OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
 
@@ -166,7 +171,7 @@ class PriorFields:
             value = getattr(self, one.name)
             if (value is None and one.default is None) or (value == STIMULI and one.stimuli):
                 continue
-            if isinstance(value, str) or not isfinite(value) or (one.positive and value <= 0):
+            if isinstance(value, str) or not math.isfinite(value) or (one.positive and value <= 0):
                 allowed = ("a positive finite number" if one.positive else "a finite number") + (f" or {STIMULI!r}" if one.stimuli else "")
                 raise InputError(f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}")
 
@@ -194,3 +199,54 @@ class PriorFields:
         """The numbers of some parameters in the order of a sensitivity scan: scales and shapes first, then locations."""
         found = (one for one in cls.declared() if one.parameter in parameters)
         return tuple(sorted(found, key=lambda one: not one.positive))
+
+
+def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
+    """What a TOML file holds; `lines` says which ones are allowed.
+
+    Raises
+    ------
+    InputError
+        In one line, if the file cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(input_bytes(path, _LARGEST_FILE).decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
+    except OSError as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
+        raise InputError(f"{path}: {reason}; allowed: a TOML file with {lines}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: found bytes that are not UTF-8, allowed: a TOML file with {lines}") from error
+    except (ValueError, RecursionError) as error:  # the parser's own, Python's on integers of 5,000 digits, thousands of brackets
+        what = visible(" ".join(str(error).split()))
+        raise InputError(f"{path}: found text that is not TOML ({what}), allowed: lines {lines}") from error
+
+
+def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
+    """What is wrong with one number, in one line that ends in what is allowed; nothing where it is right."""
+    if key not in keys:
+        return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
+    one = keys[key]
+    # bool is an int for Python, not for a reader; a NaN is in no range
+    if value == STIMULI and one.stimuli:
+        return []
+    good = one.smallest <= real(value) <= one.largest
+    return [] if good else [f"key {key}: found {shown(value)}, allowed: {one.allowed}"]
+
+
+def real(value: object) -> float:
+    """The number that a value is; NaN where it is none, or too large an integer."""
+    try:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def shown(value: object) -> str:
+    """A value of a TOML file as messages show it."""
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, int) and not isinstance(value, bool) and math.isnan(real(value)):
+        return "an integer too large for a number"
+    return str(value).lower() if isinstance(value, bool) else quoted(value) if isinstance(value, str) else bare(str(value))

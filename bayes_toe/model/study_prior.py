@@ -16,14 +16,19 @@ import numpy as np
 
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.intervals import typical_interval
+from bayes_toe.model.prior import Prior, read_prior
 from bayes_toe.model.prior_fields import STIMULI
-from bayes_toe.model.propagators import typical_interval
 
 #: The paper's prior, which is the default, and the one of no unit.
 PAPER = "paper"
 _ALL: dict[str, Any] = {one.name: STIMULI for one in Prior.declared() if one.stimuli}
 PRESETS = {PAPER: Prior(), STIMULI: Prior(**_ALL)}
+
+
+def preset_or_file(given: str | None) -> Prior:
+    """The preset of this name, or the prior in the file of this path; the default one where there is nothing."""
+    return PRESETS[PAPER] if given is None else PRESETS[given] if given in PRESETS else read_prior(given)
 
 
 class Stimuli(NamedTuple):

@@ -22,6 +22,10 @@ from bayes_toe.model.prior import Prior
 _SHORT, _LONG = 1e-6, 1e-4
 _FLAT, _FINEST = 1e-6, 1e-12  # a curvature that is taken to be no smaller; the smallest step over the coordinate
 Gradient = Callable[[FloatArray], FloatArray]
+#: The range that is compared.
+RANGE = (0.05, 0.95)
+#: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by less than three tenths.
+DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
     *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "lapse_rate", "exponent", "icc"),
@@ -174,11 +178,9 @@ class Levels(Protocol):
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates of x, shape (points, k), and log |dy/dx|, shape (points,)."""
-        ...
 
     def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unconstrained coordinates of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
-        ...
 
 
 class Described(Protocol):
@@ -187,25 +189,20 @@ class Described(Protocol):
     @property
     def name(self) -> str:
         """Its name."""
-        ...
 
     @property
     def knows_intervals(self) -> bool:
         """Whether it says how an inter-stimulus interval acts."""
-        ...
 
     @property
     def of_intervals(self) -> str:
         """What it says of inter-stimulus intervals, in a few words."""
-        ...
 
     def units_at_intervals(self, reference: float) -> Mapping[str, str]:
         """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
-        ...
 
     def describe(self, prior: Prior) -> str:
         """The prior of every free parameter, in words."""
-        ...
 
 
 class Answering(Protocol):
@@ -214,75 +211,72 @@ class Answering(Protocol):
     @property
     def subject(self) -> Subject:
         """The counts."""
-        ...
 
     @property
     def model(self) -> Described:
         """Which model."""
-        ...
 
     @property
     def prior(self) -> Prior:
         """The prior of its parameters."""
-        ...
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the k coordinates."""
-        ...
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        ...
 
     def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
         """The same of every pair, (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where these are known."""
-        ...
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density, (points, k) -> (points,); proper and normalised."""
-        ...
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Sum of log likelihood and log prior, (points, k) -> (points,); its integral over x is the model's evidence."""
-        ...
 
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
-        ...
 
     def answers_given_the_rest(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The same of one answer given all others to its pair; the same where answers are independent."""
-        ...
 
     def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """The same, from those at x, of a session drawn for each point, whose answers are independent; the same where they are anyway."""
-        ...
 
     @property
     def names(self) -> Names:
         """What the quantities are called."""
-        ...
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, (..., k) -> (...) each."""
-        ...
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """The inverse: x, shape (..., k), from natural quantities, each of shape (...)."""
-        ...
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a named quantity."""
-        ...
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
-        ...
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
-        ...
+
+
+def contraction(target: Answering, parameter: str, low: float, high: float) -> float:
+    """Contraction of a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> from bayes_toe.model.ladder import posterior_of
+    >>> round(contraction(posterior_of(Subject("S01", [0.0], [0.3], [20], [50])), "q0", 0.5, 0.59), 2)
+    0.99
+    """
+    before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
+    return 1.0 - ((high - low) / before) ** 2
 
 
 @runtime_checkable
@@ -292,11 +286,9 @@ class Conjugate(Answering, Protocol):
     @property
     def log_evidence(self) -> float:
         """Exact log evidence, nats."""
-        ...
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent posterior draws, shape (size, k)."""
-        ...
 
 
 class Target(Answering, Protocol):
@@ -304,16 +296,12 @@ class Target(Answering, Protocol):
 
     def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and its gradient, (points, k)."""
-        ...
 
     def starts(self) -> FloatArray:
         """Points from which to look for maxima, shape (starts, k), of finite density."""
-        ...
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
-        ...
 
     def for_subject(self, subject: Subject) -> Target:
         """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""
-        ...

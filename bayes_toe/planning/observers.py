@@ -25,7 +25,7 @@ from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_file import real, shown, toml_table
+from bayes_toe.model.prior_fields import real, shown, toml_table
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.study_design import Pairs, StudyDesign, paper_study_design
 from bayes_toe.seeds import generator

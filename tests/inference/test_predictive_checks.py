@@ -47,7 +47,7 @@ def test_deviance_where_an_answer_is_impossible():
 
 def test_deviance_is_twice_what_the_saturated_model_has_more(small_study):
     posterior = bt.posterior_of(small_study["A"])
-    x = posterior.prior.sample_unconstrained(np.random.default_rng(0), 50, posterior.sbar)
+    x = posterior.sample_prior(np.random.default_rng(0), 50)
     k, n = small_study["A"].n_equal, small_study["A"].n_trials
     saturated = stats.binom.logpmf(k, n, k / n) - stats.binom.logpmf(k, n, 0.5) + n * np.log(0.5)
     expected = 2 * (saturated - posterior.pair_log_likelihood(x))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.model.contraction import contraction, prior_quantile
 from bayes_toe.model.coordinates import quantities
+from bayes_toe.model.prior import prior_quantile
+from bayes_toe.model.target import contraction
 
 PRIOR = bt.Prior(0.4, 2.5, 0.3)
 TARGET = bt.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)

@@ -8,7 +8,6 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.modes import find_maxima
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.levelling import Levelling, nowhere
 
 CASES = hard_cases()
 
@@ -16,7 +15,7 @@ CASES = hard_cases()
 @pytest.fixture(scope="module", params=["funnel", "all different"])
 def levelling(request):
     posterior = posterior_of(CASES[request.param])
-    return Levelling.at(posterior, find_maxima(posterior).x)
+    return posterior.levelling(find_maxima(posterior).x)
 
 
 @given(st.tuples(st.floats(-3, 3), st.floats(-30, 30), st.floats(-5, 3), st.floats(-30, 30)))
@@ -36,17 +35,18 @@ def test_volume_is_the_determinant_of_differences(levelling, x):
 
 def test_beyond_the_smallest_float_is_nowhere():
     posterior = posterior_of(CASES["funnel"])
-    levelling = Levelling.at(posterior, find_maxima(posterior).x)
+    levelling = posterior.levelling(find_maxima(posterior).x)
     x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
-    assert x[0, 2] == x[1, 2] == nowhere(4, 2)[2]
+    assert x[0, 2] == x[1, 2] == 400.0
     assert posterior.log_density(x).tolist()[:2] == [-np.inf, -np.inf]
     assert np.isfinite(posterior.log_density(x)[2])
 
 
 def test_prior_draws_far_down_the_funnel_have_unit_spread():
     posterior = posterior_of(CASES["funnel"])
-    levelling = Levelling.at(posterior, find_maxima(posterior).x)
-    x = posterior.prior.sample_unconstrained(np.random.default_rng(0), 400_000, posterior.sbar)
-    deep = x[(x[:, 1] < -8) & (x[:, 2] > levelling.log_width - 1)]
+    modes = find_maxima(posterior).x
+    levelling = posterior.levelling(modes)
+    x = posterior.sample_prior(np.random.default_rng(0), 400_000)
+    deep = x[(x[:, 1] < -8) & (x[:, 2] > modes[0, 2] - 1)]
     assert len(deep) > 40
     assert levelling.level(deep)[0][:, 0].std() == pytest.approx(1.0, abs=0.35)

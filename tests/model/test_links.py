@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from bayes_toe.model.closed_form import log_different, log_equal
-from bayes_toe.model.differencing import DIFFERENCING, criterion, differencing_answers
-from bayes_toe.model.links import BELL, EXPONENT, Lapsing, bell_answers
+from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, Lapsing, bell_answers, criterion, differencing_answers
 
 DISTANCES = [0.0, 1e-200, 1e-8, 0.01, 0.3, 1.0, 2.5, 6.0, 9.0, 30.0, 200.0, 1e4]
 LOGITS = [-600.0, -40.0, -12.0, -3.0, -0.5, 0.0, 1e-9, 0.4, 2.0, 10.0, 38.0, 90.0]

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.model.prior_file import example_file
+from bayes_toe.model.prior import example_file
 
 
 def written(tmp_path, text, name="prior.toml"):

@@ -9,8 +9,7 @@ from scipy.integrate import solve_ivp
 
 from bayes_toe.model.closed_form import MAX_PULL, pull, width
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.intervals import at_interval
-from bayes_toe.model.propagators import MEAN_REVERSION, RANDOM_WALK, mean_reverting_scales, random_walk_scales
+from bayes_toe.model.intervals import MEAN_REVERSION, RANDOM_WALK, at_interval, mean_reverting_scales, random_walk_scales
 
 FAR = st.floats(-700.0, 700.0)
 

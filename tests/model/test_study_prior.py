@@ -9,8 +9,7 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.model.ladder import MODELS, model_named
 from bayes_toe.model.posterior import Model
-from bayes_toe.model.prior_file import preset_or_file, read_prior
-from bayes_toe.model.study_prior import Stimuli, prior_for
+from bayes_toe.model.study_prior import Stimuli, preset_or_file, prior_for, read_prior
 
 
 def subject(name="S", factor=1.0, shift=0.0, isi=None):

@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bayes_toe.model.urn import log_drawn, rising
+from bayes_toe.model.spread import log_drawn, rising
 
 SIDES = [-1e-300, -1e-20, -1e-9, -0.011, -0.3, -2.0, -26.0, -300.0, -900.0]  # log P, with Q = 1 - P
 
