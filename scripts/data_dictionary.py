@@ -24,9 +24,8 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.experiments.calibration import RANKED
 from bayes_toe.experiments.calibration_table import ABOUT, ESTIMATORS, EvidenceRow, RankRow
 from bayes_toe.experiments.reliability import Reliability
-from bayes_toe.groups.member_table import COLUMNS as MEMBER_COLUMNS
 from bayes_toe.groups.no_difference import Ratio
-from bayes_toe.groups.population_table import PopulationRow
+from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
 from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
@@ -209,7 +208,7 @@ FILES = (
         },
     ),
     File(
-        "population_subjects.csv", "`population`, `run --population`", "subject and parameter, in the light of the others", MEMBER_COLUMNS, (),
+        "population_subjects.csv", "`population`, `run --population`", "subject and parameter, in the light of the others", SUBJECT_COLUMNS, (),
         {f"alone_{key}": f"{key[1:].lstrip('0')} % quantile of the same subject analysed alone." for key in ("q05", "q50", "q95")},
     ),
     File(

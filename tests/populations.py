@@ -4,17 +4,15 @@ Either draws are made up, so that what is said of them has an answer known befor
 are scattered about what these say of mean and spread.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 import bayes_toe as bt
 from bayes_toe.experiments.simulate import reference_design
-from bayes_toe.groups.chains import GroupChains, judged_shared
+from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population import GroupSettings, Population
 from bayes_toe.groups.regressors import Regressors
+from bayes_toe.groups.subjects import GroupLikelihood
 from bayes_toe.model.ladder import model_named
 
 NAMES = ("mu1", "gamma", "width", "q0")
@@ -34,8 +32,7 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
         "z": np.empty((*size, 0)),
     } | parts
-    chains = GroupChains(**drawn, shared={}, members=np.full((n, k, 3), 1.0), gradients=5)
-    chains = replace(chains, shared=judged_shared(chains))
+    chains = with_convergence(GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0), gradients=5))
     hyperprior = bt.Hyperprior().for_study(study)
     settings = GroupSettings(seed, "predictive update", bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
@@ -59,7 +56,7 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     asked = [
         bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, None if isi is None else 0 * design.s1 + isi) for i in range(n)
     ]
-    answered = MembersLikelihood(record, bt.Prior(), asked, 0.2, 1).repeated(eta[None], rng)[0]
+    answered = GroupLikelihood(record, bt.Prior(), asked, 0.2, 1).repeated(eta[None], rng)[0]
     study = bt.Study([bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, one.isi) for one, k in zip(asked, answered, strict=True)])
     spread = eta.std(axis=0, ddof=1)
 
@@ -69,8 +66,7 @@ def made_population(eta, *, model="predictive update", columns=(), x=None, reaso
     scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
-    chains = GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), {}, np.ones((n, k, 3)), reason=reason)
-    chains = replace(chains, shared=judged_shared(chains))
+    chains = with_convergence(GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), {}, np.ones((n, k, 3)), reason=reason))
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
     return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})

@@ -62,9 +62,6 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     scatter: Annotated[
         str, typer.Option("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
     ] = "normal",
-    method: Annotated[
-        str, typer.Option("--method", metavar="joint|reweight", help="Sample all together, or weight draws of subjects alone.")
-    ] = "joint",
     correlations: Annotated[
         bool | None,
         typer.Option(
@@ -87,7 +84,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
     """
-    from bayes_toe.groups.member_table import member_table
+    from bayes_toe.groups.population_table import pooled_subjects
     from bayes_toe.groups.predictive_check import predictive_check
 
     files = _beside(output)
@@ -109,15 +106,15 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
         found = bt.population(
             read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
-            posterior=stored, hyperprior=given, scatter=scatter, method=method, correlations=correlations, workers=task.workers,
+            posterior=stored, hyperprior=given, scatter=scatter, correlations=correlations, workers=task.workers,
             progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
     with task.together(*files) as folder:
-        draws, table, members, figure = (folder / path.name for path in files)
+        draws, table, subjects, figure = (folder / path.name for path in files)
         found.save(draws, overwrite=task.overwrite)
         found.table.save(table, **task.saving)
-        member_table(found).save(members, **task.saving)
+        pooled_subjects(found).save(subjects, **task.saving)
         bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     if keep is not None:

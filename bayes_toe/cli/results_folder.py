@@ -20,7 +20,7 @@ from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.whole_folders import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
-from bayes_toe.groups.member_table import member_table
+from bayes_toe.groups.population_table import pooled_subjects
 from bayes_toe.inference.draws import Draws, load
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
@@ -172,7 +172,7 @@ def opened(posterior: Path, changed: int) -> Draws:
 def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:
     table, members, picture, draws = (folder / name for name in GROUP_PRODUCTS)
     group.found.table.save(table, spreadsheet_safe=spreadsheet_safe)
-    member_table(group.found).save(members, spreadsheet_safe=spreadsheet_safe)
+    pooled_subjects(group.found).save(members, spreadsheet_safe=spreadsheet_safe)
     picture.write_bytes(png(population_figure(group.found, group.check)))
     group.found.save(draws)
 

@@ -1,13 +1,11 @@
-"""The joint posterior of a group: mean m, scatter tau and effects beta of every parameter, and the parameters eta of every member.
+"""The joint posterior of a group: mean m, scatter tau and effects beta of every parameter, and the parameters eta of every subject.
 
-    eta_ik = mu_ik + tau_k u_ik,    mu_ik = m_k + x_i' beta_k,    u ~ normal, or Student's t,
+    eta_ik = mu_ik + tau_k u_ik,    mu_ik = m_k + x_i' beta_k,    u ~ normal, or Student's t (:mod:`bayes_toe.groups.scatter`),
     m ~ Normal,    tau ~ HalfNormal,    beta ~ Normal(0, .)    (:mod:`bayes_toe.groups.hyperprior`)
 
-Scores u of a member are independent, or u = L v with independent v (:mod:`bayes_toe.groups.correlations`).
-
-Coordinates in which it is easy to sample depend on what each member's answers say. If they say much of eta_ik, it should be a coordinate
-itself (centred); if nothing, its score u_ik (non-centred). With h_ik and e_ik, precision and place of eta_ik by the answers alone, roughly
-normal, and s = 1/(1 + h tau^2), the population's share of what is known of eta_ik,
+Coordinates in which it is easy to sample depend on what each subject's answers say. If they say much of eta_ik, it should be a coordinate
+itself (centred); if nothing, its score u_ik (non-centred). With h_ik and e_ik, precision and location of eta_ik by the answers alone,
+roughly normal, and s = 1/(1 + h tau^2), the population's share of what is known of eta_ik,
 
     eta = (1 - s) e + s mu + tau s^(1/2) xi
 
@@ -15,6 +13,13 @@ is in between: given mu and tau, xi is then standard normal. That h and e are ro
 
     d eta/d mu = s,    d eta/d log tau = -2 s (1 - s) (mu - e) + tau s^(3/2) xi,    d eta/d xi = tau s^(1/2),
     u = (e - mu) h tau s + s^(1/2) xi,    which does not cancel where tau is small.
+
+Means and effects are in units of what is known of them once the scatter is given: where it is small, subjects are all but one, and their
+answers together tell the mean far better than where it is large. The mean given tau is about normal with precision and mean
+
+    P = 1/s^2 + sum_i w_i,    (m_0/s^2 + sum_i w_i e_i)/P,    w_i = 1/(tau^2 + 1/h_i),
+
+and an effect has the precision 1/s^2 + sum_i w_i x_i^2. In these units coordinates are standard normal, whatever the scatter, about.
 """
 
 from __future__ import annotations
@@ -27,18 +32,61 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.groups.coefficients import CoefficientUnits, Units
-from bayes_toe.groups.correlations import Root, pairs
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.groups.scatter import Scatter
-from bayes_toe.groups.shared import Shared, log_hyperprior, split_shared, with_ones
-from bayes_toe.groups.told import Told, without_funnel
+from bayes_toe.groups.scatter import Root, Scatter, log_lkj, pairs
+from bayes_toe.groups.subjects import NormalApproximation, without_funnel
+from bayes_toe.model.distributions import LOG_2PI
 
 Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
+class Hyperparameters(NamedTuple):
+    """Mean (..., k), log of the scatter (..., k), effects (..., r, k), coordinates of correlations (..., c), which are 0 without."""
+
+    mean: FloatArray
+    log_scatter: FloatArray
+    effects: FloatArray
+    z: FloatArray
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Means, then effects, (..., 1 + r, k)."""
+        return np.concatenate([self.mean[..., None, :], self.effects], axis=-2)
+
+    def expected(self, x: FloatArray) -> FloatArray:
+        """The mean of subjects with these regressors, (N, r) -> (..., N, k)."""
+        return np.asarray(self.mean[..., None, :] + x @ self.effects)
+
+
+def with_ones(x: FloatArray) -> FloatArray:
+    """1, which the mean goes with, and the regressors, (N, r) -> (N, 1 + r)."""
+    return np.column_stack([np.ones(len(x)), x])
+
+
+def log_hyperprior(at: Hyperparameters, given: HyperpriorNumbers) -> tuple[FloatArray, Hyperparameters]:
+    """Log density with respect to (m, log tau, beta, z), (points,), and its slopes in each of them."""
+    of_mean, of_effects = (at.mean - given.mean) / given.mean_sd, at.effects / given.effect_sd
+    of_scatter = np.exp(at.log_scatter) / given.sd_scale
+    constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
+    constant += at.effects.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
+    squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
+    of_correlations, of_z = log_lkj(at.z, at.mean.shape[1], given.lkj)
+    slopes = Hyperparameters(-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), -of_effects / given.effect_sd, of_z)
+    return np.asarray(-0.5 * squares + at.log_scatter.sum(axis=1) - constant + of_correlations), slopes
+
+
+class _Units(NamedTuple):
+    """Centre and unit of mean and effects, (points, 1 + r, k), with its log, and what the log of the scatter does to centre and log."""
+
+    centre: FloatArray
+    log_unit: FloatArray
+    unit: FloatArray
+    centre_slope: FloatArray
+    log_unit_slope: FloatArray
+
+
 class _Place(NamedTuple):
-    """Where members are, shape (points, N, k) or one column of it, the population's share and the rest, their unit, and what moves them."""
+    """Where subjects are, (points, N, k) or one column of it, the population's share and the rest, their unit, and what moves them."""
 
     eta: FloatArray
     score: FloatArray
@@ -56,94 +104,117 @@ class Joint:
     Parameters
     ----------
     likelihood : callable
-        Log likelihood of each member and its gradient, eta of shape (points, N, k) -> (points, N) and (points, N, k).
+        Log likelihood of each subject and its gradient, eta of shape (points, N, k) -> (points, N) and (points, N, k).
     hyperprior : HyperpriorNumbers
     x : array, shape (N, r)
         Regressors.
-    told : Told
+    approximation : NormalApproximation
+        Of each subject's likelihood.
     scatter : Scatter
     correlated : bool
-        Whether scores of a member may be correlated: c = k (k - 1)/2 further coordinates.
+        Whether scores of a subject may be correlated: c = k (k - 1)/2 further coordinates.
     """
 
     likelihood: Likelihood
     hyperprior: HyperpriorNumbers
     x: FloatArray
-    told: Told
+    approximation: NormalApproximation
     scatter: Scatter
     correlated: bool = False
 
     @property
     def dimension(self) -> int:
         """Number of coordinates, D."""
-        return self.size + self.told.place.size
+        return self.size + self.approximation.location.size
 
     @property
     def size(self) -> int:
-        """Number of coordinates that belong to all members: they come first, see :func:`~bayes_toe.groups.shared.split_shared`."""
-        k = self.told.place.shape[1]
+        """Number of coordinates of hyperparameters: they come first, means, log scatters, effects by regressor, then correlations."""
+        k = self.approximation.location.shape[1]
         return int(k * (2 + self.x.shape[1]) + self.correlated * len(pairs(k)))
 
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, D), at points, (points, D)."""
-        given = self._given(theta)
-        units, coefficients = self._units.at(given.log_scatter), given.coefficients
-        shared, xi = _out_of_units(given, units, coefficients), self._xi(theta)
-        at, by_pull = self._place(shared, xi)
+        given, xi = self._parts(theta)
+        units, coefficients = self._units(given.log_scatter), given.coefficients
+        hyper = _out_of_units(given, units, coefficients)
+        at, by_pull = self._place(hyper, xi)
         of_answers, of_eta = self.likelihood(at.eta)
-        of_scores, by_score, by_z = self._scores(at.score, shared.z)
-        drawn = by_score * np.exp(-shared.log_scatter)[:, None]
+        of_scores, by_score, by_z = self._scores(at.score, hyper.z)
+        drawn = by_score * np.exp(-hyper.log_scatter)[:, None]
         steep = of_eta + drawn
-        if self.told.funnel is not None and by_pull is not None:
-            funnelled = steep[..., self.told.funnel.mean] * by_pull[0] + by_pull[1]
+        if self.approximation.funnel is not None and by_pull is not None:
+            funnelled = steep[..., self.approximation.funnel.mean] * by_pull[0] + by_pull[1]
             for whole in (of_eta, steep):
-                whole[..., self.told.funnel.pull] += funnelled
-        of_members = of_scores + (at.log_unit - shared.log_scatter[:, None]).sum(axis=(1, 2))
-        prior, of_prior = log_hyperprior(shared, self.hyperprior)
+                whole[..., self.approximation.funnel.pull] += funnelled
+        of_subjects = of_scores + (at.log_unit - hyper.log_scatter[:, None]).sum(axis=(1, 2))
+        prior, of_prior = log_hyperprior(hyper, self.hyperprior)
         by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
         by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
         by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
         moved = coefficients * units.unit
         by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
         gradient = self._joined(by_coefficient * units.unit, by_log_scatter, of_prior.z + by_z, steep * at.unit)
-        return of_answers.sum(axis=1) + of_members + prior + units.log_unit.sum(axis=(1, 2)), gradient
+        return of_answers.sum(axis=1) + of_subjects + prior + units.log_unit.sum(axis=(1, 2)), gradient
 
-    def split(self, theta: FloatArray) -> tuple[Shared, FloatArray]:
-        """What is shared, and xi of the members, (points, N, k)."""
-        given = self._given(theta)
-        return _out_of_units(given, self._units.at(given.log_scatter), given.coefficients), self._xi(theta)
+    def split(self, theta: FloatArray) -> tuple[Hyperparameters, FloatArray]:
+        """Hyperparameters, and xi of the subjects, (points, N, k)."""
+        given, xi = self._parts(theta)
+        return _out_of_units(given, self._units(given.log_scatter), given.coefficients), xi
 
     def eta(self, theta: FloatArray) -> FloatArray:
-        """Parameters of the members, shape (points, N, k)."""
+        """Parameters of the subjects, shape (points, N, k)."""
         return self._place(*self.split(theta))[0].eta
 
-    def point(self, shared: Shared, eta: FloatArray) -> FloatArray:
-        """The inverse: coordinates of what is shared and of members' parameters, shape (points, D)."""
-        xi, units = np.zeros(eta.shape), self._units.at(shared.log_scatter)
+    def point(self, hyper: Hyperparameters, eta: FloatArray) -> FloatArray:
+        """The inverse: coordinates of hyperparameters and of subjects' parameters, shape (points, D)."""
+        xi, units = np.zeros(eta.shape), self._units(hyper.log_scatter)
         for _ in range(2):  # the prior mean's place and unit depend on the pull
-            at = self._place(shared, xi)[0]
+            at = self._place(hyper, xi)[0]
             xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
-        return self._joined((shared.coefficients - units.centre) * np.exp(-units.log_unit), shared.log_scatter, shared.z, xi)
+        return self._joined((hyper.coefficients - units.centre) * np.exp(-units.log_unit), hyper.log_scatter, hyper.z, xi)
 
     @cached_property
-    def plainly(self) -> Told:
-        """What is told without the funnel."""
-        return without_funnel(self.told, self.hyperprior)
-
-    @cached_property
-    def _units(self) -> CoefficientUnits:
-        return CoefficientUnits(self.plainly, self.x, self.hyperprior)
+    def without_funnel(self) -> NormalApproximation:
+        """The approximation with mu1 itself in the place of its product with the pull."""
+        return without_funnel(self.approximation, self.hyperprior)
 
     @cached_property
     def _columns(self) -> FloatArray:
         return with_ones(self.x)
 
-    def _given(self, theta: FloatArray) -> Shared:
-        """What is shared, means and effects in their units."""
-        return split_shared(theta[:, : self.size], self.told.place.shape[1], self.x.shape[1])
+    @cached_property
+    def _prior_of_coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Precision of the hyperprior, (1 + r, k), and its pull on the centre, (k,)."""
+        sd = np.stack([self.hyperprior.mean_sd, *[self.hyperprior.effect_sd] * self.x.shape[1]])
+        return sd**-2.0, self.hyperprior.mean / np.square(self.hyperprior.mean_sd)
 
-    def _xi(self, theta: FloatArray) -> FloatArray:
-        return theta[:, self.size :].reshape(len(theta), *self.told.place.shape)
+    def _units(self, log_scatter: FloatArray) -> _Units:
+        """Of means and effects at logs of scatters, (points, k)."""
+        (of_prior, pulled), squares, about = self._prior_of_coefficients, np.square(self._columns).T, self.without_funnel
+        log_ratio = about.log_precision + 2.0 * log_scatter[:, None]
+        log_share = -np.logaddexp(0.0, log_ratio)
+        weight = np.exp(about.log_precision + log_share)
+        slope = -2.0 * weight * np.exp(log_ratio + log_share)
+        precision = of_prior + squares @ weight
+        log_unit_slope = -0.5 * (squares @ slope) / precision
+        centre, centre_slope = np.zeros(precision.shape), np.zeros(precision.shape)
+        centre[:, 0] = (pulled + (weight * about.location).sum(axis=1)) / precision[:, 0]
+        # The slope of sum w e less that of P times the centre: about the centre, so that locations far from 0 do not cancel.
+        centre_slope[:, 0] = (slope * (about.location - centre[:, :1])).sum(axis=1) / precision[:, 0]
+        log_unit = -0.5 * np.log(precision)
+        return _Units(centre, log_unit, np.exp(log_unit), centre_slope, log_unit_slope)
+
+    def _parts(self, theta: FloatArray) -> tuple[Hyperparameters, FloatArray]:
+        """Hyperparameters with means and effects in their units, and xi, of points, (points, D)."""
+        (n, k), r = self.approximation.location.shape, self.x.shape[1]
+        mean, log_scatter, effects, z, xi = np.split(theta, (k, 2 * k, (2 + r) * k, self.size), axis=1)
+        return Hyperparameters(mean, log_scatter, effects.reshape(len(theta), r, k), z), xi.reshape(len(theta), n, k)
+
+    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, z: FloatArray, xi: FloatArray) -> FloatArray:
+        """Coordinates, or a gradient, of these parts, (points, D)."""
+        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], z, xi)
+        return np.concatenate([part.reshape(len(xi), -1) for part in parts], axis=1)
 
     def _scores(self, score: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density of scores, (points, N, k), by point, its slopes in each of them, and in the coordinates of correlations."""
@@ -157,22 +228,17 @@ class Joint:
             by_z = root.slopes(-by_score.swapaxes(1, 2) @ plain) - n * root.log_diagonal_slopes
         return density, by_score, by_z
 
-    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, z: FloatArray, xi: FloatArray) -> FloatArray:
-        """Coordinates, or a gradient, of these parts, (points, D)."""
-        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], z, xi)
-        return np.concatenate([part.reshape(len(xi), -1) for part in parts], axis=1)
-
-    def _place(self, shared: Shared, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
-        """Where members are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""
-        told, expected, log_scatter = self.told, shared.expected(self.x), shared.log_scatter[:, None]
-        at = _between(told.log_precision, told.log_precision, told.place - expected, log_scatter, expected, xi)
-        if told.funnel is None:
+    def _place(self, hyper: Hyperparameters, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
+        """Where subjects are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""
+        about, expected, log_scatter = self.approximation, hyper.expected(self.x), hyper.log_scatter[:, None]
+        at = _between(about.log_precision, about.log_precision, about.location - expected, log_scatter, expected, xi)
+        if about.funnel is None:
             return at, None
-        i, of = told.funnel.mean, told.funnel.pulled(at.eta[..., told.funnel.pull])
-        precision, log_scatter, far = told.log_precision[:, i], log_scatter[..., i], expected[..., i] - told.funnel.centre
+        i, of = about.funnel.mean, about.funnel.pulled(at.eta[..., about.funnel.pull])
+        precision, log_scatter, far = about.log_precision[:, i], log_scatter[..., i], expected[..., i] - about.funnel.centre
         with np.errstate(divide="ignore"):  # a pull below the smallest float: nothing is told
             log_pull = np.log(of.pull)
-        short = told.place[:, i] - of.pull * far
+        short = about.location[:, i] - of.pull * far
         column = _between(precision + 2.0 * log_pull, precision + log_pull, short, log_scatter, expected[..., i], xi[..., i])
         for whole, part in zip(at, column, strict=True):
             whole[..., i] = part
@@ -181,15 +247,16 @@ class Joint:
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
 
 
-def _out_of_units(given: Shared, units: Units, coefficients: FloatArray) -> Shared:
-    """What is shared as it is, from means and effects in their units, (points, 1 + r, k)."""
-    return Shared.of(units.centre + coefficients * units.unit, given.log_scatter, given.z)
+def _out_of_units(given: Hyperparameters, units: _Units, coefficients: FloatArray) -> Hyperparameters:
+    """Hyperparameters as they are, from means and effects in their units, (points, 1 + r, k)."""
+    whole = units.centre + coefficients * units.unit
+    return Hyperparameters(whole[:, 0], given.log_scatter, whole[:, 1:], given.z)
 
 
 def _between(
     log_precision: FloatArray, log_lever: FloatArray, short: FloatArray, log_scatter: FloatArray, expected: FloatArray, xi: FloatArray
 ) -> _Place:
-    """Members between the population's mean and where their answers have them; the latter is exp(log_lever - log_precision) short away."""
+    """Subjects between the population's mean and where their answers have them; the latter is exp(log_lever - log_precision) short away."""
     log_ratio = log_precision + 2.0 * log_scatter
     log_share = -np.logaddexp(0.0, log_ratio)
     share, log_unit = np.exp(log_share), log_scatter + 0.5 * log_share

@@ -1,8 +1,8 @@
 """The Bayes factor for 'this covariate makes no difference', by the Savage-Dickey ratio: density at 0, posterior over prior.
 
-Given the members' parameters eta and their scatter, mean and effects are a linear regression with a normal prior, so the density of an
+Given the subjects' parameters eta and their scatter, mean and effects are a linear regression with a normal prior, so the density of an
 effect is a normal one, exactly; the posterior density is its average over draws, which holds far from where any draw of the effect is. (Of
-Student's scatter: given also a precision for each member, which is drawn.) Far out, few draws carry the average: its error says so, and
+Student's scatter: given also a precision for each subject, which is drawn.) Far out, few draws carry the average: its error says so, and
 where it is too large only a bound is given.
 
 Source: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA 85, 398-409 (the average of densities).
@@ -16,8 +16,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.joint import with_ones
 from bayes_toe.groups.scatter import scatter_named
-from bayes_toe.groups.shared import with_ones
 from bayes_toe.inference.diagnostics import errors, pareto_k
 from bayes_toe.seeds import generator
 
@@ -52,14 +52,14 @@ def no_difference(found: Population) -> tuple[tuple[Ratio, ...], ...]:
     """For every regressor and parameter."""
     chains, given = found.chains, found.settings.hyperprior.numbers(found.names)
     rng, scatter = generator(found.settings.seed, "population", "no difference"), scatter_named(found.settings.scatter)
-    whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a member less its mean to independent scores
+    whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
     expected = chains.mean[..., None, :] + found.regressors.x @ chains.effects
     weights = scatter.precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
     sds = np.stack([given.mean_sd, *[given.effect_sd] * found.regressors.x.shape[1]])
     centre, sd = _regression(with_ones(found.regressors.x), chains.eta - given.mean, weights, whiten, sds)
     per_sd = given.effect_sd / sd
     log_ratios = np.log(per_sd) - 0.5 * np.square(centre / sd)
-    sizes = [[chains.shared["effect", i, k].ess_bulk for k in range(sd.shape[3])] for i in range(sd.shape[2])]
+    sizes = [[chains.convergence["effect", i, k].ess_bulk for k in range(sd.shape[3])] for i in range(sd.shape[2])]
     return tuple(
         tuple(ratio(log_ratios[:, :, i, k], per_sd[:, :, i, k], size) for k, size in enumerate(row)) for i, row in enumerate(sizes)
     )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,18 +17,15 @@ from bayes_toe.data.messages import as_html
 from bayes_toe.data.places import shown
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
-from bayes_toe.groups.alone import Alone, alone, alone_from_draws, told_by
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.joint import Joint
-from bayes_toe.groups.member_table import member_table
-from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population_file import save_population
-from bayes_toe.groups.population_table import PopulationTable, population_table
+from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
-from bayes_toe.groups.reweighting import WEIGHTED, Reweighted, reweight_group
-from bayes_toe.groups.scatter import Scatter, scatter_named
+from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.subjects import GroupLikelihood, NormalApproximation, Unpooled, funnel_of, unpooled, unpooled_from_draws
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws
 from bayes_toe.kept import Kept, Unkept, keeping
@@ -42,7 +39,6 @@ from bayes_toe.workers import Cluster, Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-METHODS = ("joint", "reweight")
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
 _FEWEST, _MOST_DRAWS = 2, 100_000
@@ -65,8 +61,7 @@ class GroupSettings:
     scatter : str
         "normal" or "t".
     draws : int
-        Bulk and tail effective draws of everything that is shared and of every subject's parameters.
-    method : {"joint", "reweight"}
+        Bulk and tail effective draws of all hyperparameters and of every subject's parameters.
     correlations : bool
         Whether parameters may be correlated between subjects.
     """
@@ -77,7 +72,6 @@ class GroupSettings:
     hyperprior: Hyperprior
     scatter: str = "normal"
     draws: int = 2000
-    method: str = "joint"
     correlations: bool = False
 
 
@@ -97,12 +91,12 @@ class Population:
     regressors : Regressors
     chains : GroupChains
         Draws on the group scales.
-    alone : array, shape (draws, N, k)
-        Draws of each subject's own posterior on the same scales, independent between subjects.
+    unpooled : array, shape (draws, N, k)
+        Draws of each subject's own posterior, without the group, on the same scales; independent between subjects.
     left_out : mapping of str to str
         Subjects of the study that are not in the group, and why.
     rough : tuple of str
-        Subjects of which too few of the draws behind `alone` count. What is said of the group does not rest on these.
+        Subjects of which too few of the draws behind `unpooled` count. What is said of the group does not rest on these.
     """
 
     study: Study
@@ -111,7 +105,7 @@ class Population:
     centre: float
     regressors: Regressors
     chains: GroupChains
-    alone: FloatArray
+    unpooled: FloatArray
     left_out: Mapping[str, str]
     rough: tuple[str, ...] = ()
 
@@ -151,7 +145,7 @@ class Population:
         return {name: values.reshape(eta.shape[:-1]) for name, values in posterior.quantities(x).items()}
 
     def new_subject(self, x: FloatArray | None = None) -> FloatArray:
-        """A draw of a further subject for every draw of what is shared, shape (chains, draws, k).
+        """A draw of a further subject for every draw of the hyperparameters, shape (chains, draws, k).
 
         Parameters
         ----------
@@ -187,7 +181,7 @@ class Population:
 
     def subjects(self) -> pd.DataFrame:
         """The rows of population_subjects.csv: quantities of every subject in the group, and of the same subject alone."""
-        return member_table(self).frame()
+        return pooled_subjects(self).frame()
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write population.nc, which ArviZ opens and :func:`load_population` reads; whole or not at all.
@@ -212,7 +206,6 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     posterior: Draws | None = None,
     hyperprior: Hyperprior | None = None,
     scatter: str = "normal",
-    method: str = "joint",
     correlations: bool | None = None,
     workers: Workers = None,
     engine: Cluster | None = None,
@@ -243,11 +236,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     hyperprior : Hyperprior, optional
     scatter : {"normal", "t"}
         How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
-    method : {"joint", "reweight"}
-        Sample the joint posterior, or weight draws of the subjects' own posteriors.
     correlations : bool, optional
-        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 500 trials or more each, by the
-        method "joint".
+        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 500 trials or more each.
 
     Raises
     ------
@@ -268,14 +258,19 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     (('mu1', 'gamma', 'width', 'q0'), True)
     """
     given = Hyperprior() if hyperprior is None else hyperprior
-    shared = workers if engine is None else engine
     with keeping(keep) as kept:
         seed, prior = _of_posterior(posterior, study, model, seed, prior)
         numbers = prior_for(study, prior), given.for_study(study)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
-        correlated = _tells_correlations(study.select(who.subjects), method) if correlations is None else correlations
-        settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, method, correlated)
-        made = _drawn(study, settings, who, posterior, workers=shared, progress=progress, kept=kept)
+        if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
+            correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
+        settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
+        _require(settings, who)
+        workers = workers if engine is None else engine
+        alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)
+        if len(alone) < _FEWEST:
+            raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+        made = _sampled(study, settings, who.without(failed), alone, failed)
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return made
@@ -293,7 +288,16 @@ def _of_posterior(
     return posterior.seed if seed is None else seed, posterior.prior
 
 
-def _drawn(
+def _require(settings: GroupSettings, who: Regressors) -> None:
+    _model(settings.model)
+    scatter_named(settings.scatter)
+    if len(who.subjects) < _FEWEST:
+        raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
+    if not 1 <= settings.draws <= _MOST_DRAWS:
+        raise InputError(f"population: draws={settings.draws} must be in 1..{_MOST_DRAWS}")
+
+
+def _unpooled(
     study: Study,
     settings: GroupSettings,
     who: Regressors,
@@ -302,69 +306,33 @@ def _drawn(
     workers: Workers,
     progress: Progress | None,
     kept: Kept | Unkept,
-) -> Population:
-    model, scatter = _model(settings.model), scatter_named(settings.scatter)
-    _require(settings, who, posterior)
-    centre = mean_first(study)
+) -> tuple[list[Unpooled], dict[str, str]]:
+    """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
+    model, centre, seed = _model(settings.model), mean_first(study), settings.seed
     if posterior is None:
-        members, failed = _sampled(study, settings, who, model, centre, workers=workers, progress=progress, kept=kept)
-    else:
-        members, failed = _stored(posterior, settings, who, model, centre, progress)
-    if len(members) < _FEWEST:
-        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    who = who.without(failed)
-    group = study.select(who.subjects)
-    chains = _chains(members, group, settings, model, scatter, centre, who)
-    own = np.stack([one.equal for one in members], axis=1)
-    rough = tuple(one.name for one in members if not one.trusted)
-    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
-
-
-def _sampled(
-    study: Study,
-    settings: GroupSettings,
-    who: Regressors,
-    model: Model,
-    centre: float,
-    *,
-    workers: Workers,
-    progress: Progress | None,
-    kept: Kept | Unkept,
-) -> tuple[list[Alone], dict[str, str]]:
-    """Every subject alone, and whose work was lost."""
-    weighted = WEIGHTED if settings.method == "reweight" else 0
-    jobs = [partial(_member, weighted, study[name], model, settings.prior, centre, _JUDGING, settings.seed) for name in who.subjects]
-    done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
-    return list(done), {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
-
-
-def _stored(
-    posterior: Draws, settings: GroupSettings, who: Regressors, model: Model, centre: float, progress: Progress | None
-) -> tuple[list[Alone], dict[str, str]]:
-    """The same from draws that are there already."""
-    members = []
+        jobs = [partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed) for name in who.subjects]
+        done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
+        return list(done), {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
+    found = []
     for name in who.subjects:
         if name not in posterior.failed:
-            members.append(alone_from_draws(posterior, name, model, centre, settings.seed))
+            found.append(unpooled_from_draws(posterior, name, model, centre, seed))
             if progress is not None:
                 progress(name)
-    return members, dict(posterior.failed)
+    return found, dict(posterior.failed)
 
 
-def _member(weighted: int, *given: Any) -> Alone:
-    return alone(*given).part(weighted)
-
-
-def _chains(
-    members: Sequence[Alone], group: Study, settings: GroupSettings, model: Model, scatter: Scatter, centre: float, who: Regressors
-) -> GroupChains:
-    likelihood = MembersLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
-    told, numbers = told_by(members, model, centre), settings.hyperprior.numbers(model.group)
-    joint = Joint(likelihood, numbers, who.x, told, scatter, settings.correlations)
-    if settings.method == "joint":
-        return sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
-    weighted = Reweighted(members, who.x, joint.hyperprior)
-    return reweight_group(weighted, joint, model.group, settings.draws, settings.seed)
+def _sampled(study: Study, settings: GroupSettings, who: Regressors, alone: Sequence[Unpooled], failed: Mapping[str, str]) -> Population:
+    """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
+    model, centre, group = _model(settings.model), mean_first(study), study.select(who.subjects)
+    precision, location = np.stack([one.log_precision for one in alone]), np.stack([one.location for one in alone])
+    about = NormalApproximation(precision, location, funnel_of(model, centre))
+    likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
+    scatter, numbers = scatter_named(settings.scatter), settings.hyperprior.numbers(model.group)
+    joint = Joint(likelihood, numbers, who.x, about, scatter, settings.correlations)
+    chains = sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
+    own, rough = np.stack([one.eta for one in alone], axis=1), tuple(one.name for one in alone if not one.trusted)
+    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
 
 
 def _model(name: str) -> Model:
@@ -372,23 +340,3 @@ def _model(name: str) -> Model:
     if not isinstance(found, Model):
         raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
     return found
-
-
-def _tells_correlations(group: Study, method: str) -> bool:
-    """Of fewer subjects, or of fewer trials, answers tell less of correlations, and sampling them costs many times as much."""
-    return method == "joint" and sum(one.total_trials >= LONG for one in group) >= MANY
-
-
-def _require(settings: GroupSettings, who: Regressors, posterior: Draws | None) -> None:
-    if settings.method not in METHODS:
-        raise InputError(f"population: method {settings.method!r}, allowed: {', '.join(METHODS)}")
-    if settings.method == "reweight" and posterior is not None:
-        raise InputError("population: method 'reweight' with a posterior, whose draws are not independent; allowed: method 'joint'")
-    if settings.method == "reweight" and settings.scatter != "normal":
-        raise InputError(f"population: method 'reweight' with scatter {settings.scatter!r}, allowed: 'normal', or method 'joint'")
-    if settings.method == "reweight" and settings.correlations:
-        raise InputError("population: method 'reweight' with correlations, allowed: without them, or method 'joint'")
-    if len(who.subjects) < _FEWEST:
-        raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
-    if not 1 <= settings.draws <= _MOST_DRAWS:
-        raise InputError(f"population: draws={settings.draws} must be in 1..{_MOST_DRAWS}")

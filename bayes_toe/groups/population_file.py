@@ -1,49 +1,62 @@
 """population.nc: the posterior of a group as ArviZ opens it, and everything that makes it a :class:`Population` again, to the bit.
 
-Groups: posterior (means, scatters, effects, correlations, members' parameters on the group scales; quantities of members, of a subject at
-the mean and of a further one); posterior_predictive (asymmetries, of fewer draws); constant_data (regressors, draws of each subject alone,
-and the record that the file is read back from). It is written, and sealed, as posterior.nc is.
+Groups: posterior (means, scatters, effects, correlations, subjects' parameters on the group scales; quantities of subjects, of one at the
+mean and of a further one); sample_stats (diagnostics of every subject's parameters); posterior_predictive (asymmetries, of fewer draws);
+constant_data (regressors, draws of each subject alone, and as JSON the study, the settings and what was not reached). Numbers have HDF5's
+checksums.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import platform
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
-from bayes_toe.arrays import IndexArray
 from bayes_toe.data.places import shown
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
+from bayes_toe.groups.chains import GroupChains, with_convergence
+from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
-from bayes_toe.inference.draws_file import opened
-from bayes_toe.inference.draws_layout import Key, Large, Region
-from bayes_toe.inference.draws_writer import sealed, write_tree
-from bayes_toe.records import packed, unpacked
+from bayes_toe.groups.regressors import Regressor, Regressors
+from bayes_toe.inference.diagnostics import Convergence
+from bayes_toe.model.prior import Prior
 from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from bayes_toe.groups.population import Population
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
-_CHAINS = {"mean": "mean", "sd": "scatter", "effect": "effects", "eta": "eta", "z": "z"}  # variables, and what the record calls them
-_AFFORDABLE = 1 << 26  # values: half a gigabyte
+#: What the record of bayes_toe 0.1 is made of.
+_RECORDS = {
+    *("bayes_toe.data.study:Study", "bayes_toe.data.study:Subject", "bayes_toe.groups.population:Population"),
+    *("bayes_toe.groups.population:GroupSettings", "bayes_toe.groups.hyperprior:Hyperprior", "bayes_toe.model.prior:Prior"),
+    *("bayes_toe.groups.regressors:Regressors", "bayes_toe.groups.regressors:Regressor", "bayes_toe.groups.chains:GroupChains"),
+}
+AFFORDABLE = 1 << 24  # values of subjects' quantities of all draws: an eighth of a gigabyte
 _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four times as many
 
 
 def save_population(found: Population, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write the file; see :meth:`Population.save`."""
-    large, where = _large(found)
+    tree = _tree(found)
+    encoding = {
+        f"/{group}": {str(name): {"fletcher32": True} for name, one in node.variables.items() if one.dtype.kind in "fiu" and one.ndim}
+        for group, node in tree.children.items()
+    }
     with whole_file(path, overwrite=overwrite) as target:
-        write_tree(target, _small(found, where), large, _parts(found, where))
+        tree.to_netcdf(target, engine="h5netcdf", encoding=encoding)
     return Path(path)
 
 
@@ -59,116 +72,93 @@ def load_population(path: str | Path) -> Population:
     if not Path(path).is_file():
         raise InputError(f"{name}: {'not a file' if Path(path).exists() else 'no such file'}; {_ALLOWED}")
     try:
-        if not sealed(Path(path)):
-            raise InputError("damaged, or written by something else")
-        return _made(opened(name, path))
+        with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:
+            return _population(tree.load())
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
         reason = f" ({error})" if isinstance(error, InputError) else ""
         raise InputError(f"{name}: not a population that can be read{reason}; {_ALLOWED}") from error
 
 
-def _made(tree: xr.DataTree) -> Population:
-    from bayes_toe.groups.population import Population  # which can save itself
-
-    drawn = tree["posterior"].to_dataset()
-    constant = tree["constant_data"].to_dataset()
-    found = unpacked(constant["record"].values.tobytes())
-    if not isinstance(found, Population):
-        raise InputError("it holds something else")
-    parts: dict[str, Any] = {ours: np.asarray(drawn[name].values) for name, ours in _CHAINS.items() if name in drawn}
-    lead, n, k = parts["mean"].shape[:2], len(found.study), len(found.names)
-    if parts["eta"].shape != (*lead, n, k) or constant["alone"].shape[1:] != (n, k):
-        raise InputError("its draws are of other subjects")
-    parts.setdefault("effects", np.empty((*lead, 0, k)))
-    parts.setdefault("z", np.empty((*lead, 0)))
-    return replace(found, chains=replace(found.chains, **parts), alone=np.asarray(constant["alone"].values))
+# --- Writing --------------------------------------------------------------------------------------
 
 
-# --- Layout ---------------------------------------------------------------------------------------
-
-
-def _large(found: Population) -> tuple[dict[Key, Large], str]:
-    """Variables with a part for every subject, and the group of those that follow from parameters: where all draws of them fit, all."""
-    shape, names = found.chains.eta.shape, _reported(found)
-    where = "posterior" if shape[0] * shape[1] * shape[2] * len(names) <= _AFFORDABLE else "posterior_predictive"
-    draws = len(_draws(found, where))
-    eta = Large(("chain", "draw", "subject", "parameter"), shape, "float64", (*shape[:2], 1, shape[3]))
-    own = Large(("chain", "draw", "subject"), (shape[0], draws, shape[2]), "float64", (shape[0], draws, 1))
-    return {("posterior", "eta"): eta, **{(where, name): own for name in names}}, where
-
-
-def _parts(found: Population, where: str) -> Iterator[Region]:
-    draws = _draws(found, where)
-    for i in range(len(found.study)):
-        one = found.chains.eta[:, :, i]
-        yield ("posterior", "eta"), (..., slice(i, i + 1), slice(None)), one[:, :, None]
-        quantities = found.quantities(one[:, draws])
-        for name in _reported(found):
-            yield (where, name), (..., slice(i, i + 1)), quantities[name][..., None]
-
-
-def _small(found: Population, where: str) -> xr.DataTree:
-    import xarray as xr
-
-    every = found.asymmetries
-    shared = ("chain", "draw")
-    at_mean, further = (found.quantities(eta) for eta in (found.chains.mean, found.new_subject()))
-    drawn: dict[str, Any] = {
-        "mean": ((*shared, "parameter"), found.chains.mean),
-        "sd": ((*shared, "parameter"), found.chains.scatter),
-        "at_mean": ((*shared, "quantity"), np.stack(list(at_mean.values()), axis=-1)),
-        "new_subject": ((*shared, "quantity"), np.stack(list(further.values()), axis=-1)),
-    }
-    names = {"subject": list(found.study.names), "parameter": list(found.names)}
-    coords = names | {"quantity": list(at_mean), **_steps(found, "posterior")}
-    if columns := [column.label for column in found.regressors.columns]:
-        drawn["effect"] = ((*shared, "regressor", "parameter"), found.chains.effects)
-        coords["regressor"] = columns
-    if found.chains.correlated:
-        drawn |= {"correlation": ((*shared, "parameter", "other"), found.chains.correlation), "z": ((*shared, "pair"), found.chains.z)}
-        coords["other"] = names["parameter"]
-    groups = {"/posterior": xr.Dataset(drawn, coords), "/constant_data": _constant(found, names, columns)}
-    if every is not None or where != "posterior":
-        data: dict[str, Any] = {}
-        some = _steps(found, "posterior_predictive") | ({} if where == "posterior" else {"subject": names["subject"]})
-        if every is not None:
-            data = {"asymmetry": ((*shared, "level", "comparison"), every.draws), "new_asymmetry": (shared, every.new_subject)}
-            some |= {"level": list(every.levels), "comparison": list(every.comparisons)}
-        groups["/posterior_predictive"] = xr.Dataset(data, some)
-    tree = xr.DataTree.from_dict(groups)
-    tree.attrs.update(_attributes(found, where))
+def _tree(found: Population) -> xr.DataTree:
+    """All groups; quantities that follow from subjects' parameters stand where their draws do: all draws, or those of asymmetries."""
+    chains, draws, subjects, _ = found.chains.eta.shape
+    reported, every = found.posterior(found.study.names[0]).names.reported, found.asymmetries
+    few = spaced(chains, draws, MOST_DRAWS) if every is None else every.kept
+    whole = chains * draws * subjects * len(reported) <= AFFORDABLE
+    posterior, predicted = _posterior(found), xr.Dataset(coords={"chain": np.arange(chains), "draw": few})
+    if every is not None:
+        dims = ("chain", "draw", "level", "comparison")
+        predicted = predicted.assign_coords(level=list(every.levels), comparison=list(every.comparisons))
+        predicted = predicted.assign(asymmetry=(dims, every.draws), new_asymmetry=(dims[:2], every.new_subject))
+    some = np.arange(draws) if whole else few
+    of_subjects = [found.quantities(found.chains.eta[:, some, i]) for i in range(subjects)]
+    values = {name: (("chain", "draw", "subject"), np.stack([one[name] for one in of_subjects], axis=-1)) for name in reported}
+    if whole:
+        posterior = posterior.assign(values)
+    else:
+        predicted = predicted.assign_coords(subject=list(found.study.names)).assign(values)
+    groups = {"/posterior": posterior, "/sample_stats": _statistics(found), "/constant_data": _constant(found)}
+    tree = xr.DataTree.from_dict(groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {}))
+    tree.attrs.update(_attributes(found, whole))
     return tree
 
 
-def _constant(found: Population, names: dict[str, list[str]], columns: list[str]) -> xr.Dataset:
-    import xarray as xr
-
-    nothing: dict[str, Any] = dict.fromkeys(_CHAINS.values(), np.empty(0))
-    empty = replace(found.chains, **nothing)
-    record = np.frombuffer(packed(replace(found, chains=empty, alone=np.empty(0))), np.uint8)
-    data: dict[str, Any] = {"alone": (("alone_draw", "subject", "parameter"), found.alone), "record": ("byte", record)}
-    if columns:
-        data["x"] = (("subject", "regressor"), found.regressors.x)
-    return xr.Dataset(data, names | ({"regressor": columns} if columns else {}))
-
-
-def _steps(found: Population, group: str) -> dict[str, Any]:
-    return {"chain": np.arange(len(found.chains.mean)), "draw": _draws(found, group)}
-
-
-def _draws(found: Population, group: str) -> IndexArray:
-    """Which draws a group holds."""
-    if group == "posterior":
-        return np.arange(found.chains.mean.shape[1])
-    chains, draws, _ = found.chains.mean.shape
-    return spaced(chains, draws, MOST_DRAWS) if found.asymmetries is None else found.asymmetries.kept
+def _posterior(found: Population) -> xr.Dataset:
+    """Draws of hyperparameters and of subjects' parameters, and what follows from the former."""
+    own, dims = found.chains, ("chain", "draw")
+    at_mean, further = (found.quantities(eta) for eta in (own.mean, found.new_subject()))
+    data: dict[str, Any] = {
+        "mean": ((*dims, "parameter"), own.mean),
+        "sd": ((*dims, "parameter"), own.scatter),
+        "eta": ((*dims, "subject", "parameter"), own.eta),
+        "at_mean": ((*dims, "quantity"), np.stack(list(at_mean.values()), axis=-1)),
+        "new_subject": ((*dims, "quantity"), np.stack(list(further.values()), axis=-1)),
+    }
+    coords: dict[str, Any] = {"chain": np.arange(len(own.mean)), "draw": np.arange(own.mean.shape[1]), "quantity": list(at_mean)}
+    coords |= {"subject": list(found.study.names), "parameter": list(found.names)}
+    if found.regressors.columns:
+        data["effect"] = ((*dims, "regressor", "parameter"), own.effects)
+        coords["regressor"] = [column.label for column in found.regressors.columns]
+    if own.correlated:
+        data |= {"correlation": ((*dims, "parameter", "other"), own.correlation), "z": ((*dims, "pair"), own.z)}
+        coords["other"] = list(found.names)
+    return xr.Dataset(data, coords)
 
 
-def _reported(found: Population) -> tuple[str, ...]:
-    return found.posterior(found.study.names[0]).names.reported
+def _statistics(found: Population) -> xr.Dataset:
+    coords = {"subject": list(found.study.names), "parameter": list(found.names), "diagnostic": list(Convergence._fields)}
+    return xr.Dataset({"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)}, coords)
 
 
-def _attributes(found: Population, where: str) -> dict[str, Any]:
+def _constant(found: Population) -> xr.Dataset:
+    """Regressors, subjects without the group, and the record that the file is read back from."""
+    study, who, own, settings = found.study, found.regressors, found.chains, found.settings
+    keys = ("s1", "s2", "n_equal", "n_trials", *(["isi"] if study.intervals else []))
+    record = {
+        "study": {
+            "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
+            **{key: getattr(study, key) for key in ("source", "synthetic", "notes")},
+        },
+        "settings": asdict(settings),
+        "names": found.names,
+        "centre": found.centre,
+        "regressors": {"columns": [one._asdict() for one in who.columns], "left_out": dict(who.left_out), "notes": who.notes},
+        "chains": {key: getattr(own, key) for key in ("divergent", "reason", "gradients")},
+        "left_out": dict(found.left_out),
+        "rough": found.rough,
+    }
+    data: dict[str, Any] = {"alone": (("alone_draw", "subject", "parameter"), found.unpooled), "record": ((), json.dumps(record))}
+    coords = {"subject": list(study.names), "parameter": list(found.names)}
+    if who.columns:
+        data["x"] = (("subject", "regressor"), who.x)
+        coords["regressor"] = [column.label for column in who.columns]
+    return xr.Dataset(data, coords)
+
+
+def _attributes(found: Population, whole: bool) -> dict[str, Any]:
     settings, study = found.settings, found.study
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
@@ -178,25 +168,85 @@ def _attributes(found: Population, where: str) -> dict[str, Any]:
         "model": settings.model,
         "seed": settings.seed,
         "scatter": settings.scatter,
-        "method": settings.method,
         "correlations": int(settings.correlations),
         "prior": found.model.describe(settings.prior),
         "hyperprior": "\n".join(settings.hyperprior.describe(found.names, correlations=settings.correlations)),
         "settings": json.dumps({"draws": settings.draws, "prior": asdict(settings.prior), "hyperprior": settings.hyperprior.as_dict()}),
         "scales": json.dumps({name: GROUP_PARAMETERS[name].label for name in found.names}),
         "centre": found.centre,
-        "regressors": _said([column.about for column in found.regressors.columns]),
-        "left_out": _said([f"{name}: {reason}" for name, reason in found.left_out.items()]),
+        "regressors": _said(column.about for column in found.regressors.columns),
+        "left_out": _said(f"{name}: {reason}" for name, reason in found.left_out.items()),
         "converged": int(found.converged),
         "problems": _said(found.problems),
-        "thinned": "" if where == "posterior" else "quantities of subjects are those of the draws of posterior_predictive; eta has all",
+        "thinned": "" if whole else "quantities of subjects are those of the draws of posterior_predictive; eta has all",
         "versions": json.dumps(versions),
         "inference_library": "bayes_toe",
         "inference_library_version": versions["bayes_toe"],
     }
 
 
-def _said(lines: tuple[str, ...] | list[str]) -> str:
+def _said(lines: Iterable[str]) -> str:
     """Lines, as many of them as an attribute has room for."""
     text = "\n".join(lines)
     return text if len(text) <= _MOST_SAID else text[:_MOST_SAID] + " ..."
+
+
+# --- Reading --------------------------------------------------------------------------------------
+
+
+def _population(tree: xr.DataTree) -> Population:
+    from bayes_toe.groups.population import GroupSettings, Population  # which can save itself
+
+    drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
+    stored = constant["record"].values
+    record = json.loads(str(stored)) if stored.ndim == 0 else _record_of_0_1(stored.tobytes())
+    study, own, who = record["study"], record["chains"], record["regressors"]
+    subjects = tuple(Subject(**one) for one in study["subjects"])
+    names, eta = tuple(record["names"]), drawn["eta"].values
+    lead, size = eta.shape[:2], (len(subjects), len(names))
+    if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
+        raise InputError("its draws are of other subjects")
+    effects, z = (drawn[key].values if key in drawn else np.empty((*lead, 0, *rest)) for key, rest in (("effect", size[1:]), ("z", ())))
+    of_subjects = np.asarray(tree["sample_stats"].to_dataset()["convergence"]) if "sample_stats" in tree.children else own.pop("members")
+    numbers = {key: own[key] for key in ("divergent", "reason", "gradients")}
+    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, of_subjects, **numbers)
+    settings = {key: value for key, value in record["settings"].items() if key != "method"}  # of 0.1, of which one is left
+    settings["prior"] = Prior(**settings["prior"])
+    settings["hyperprior"] = Hyperprior(tuple(map(tuple, settings["hyperprior"]["values"])))
+    x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
+    return Population(
+        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"])),
+        GroupSettings(**settings),
+        names,
+        record["centre"],
+        Regressors(tuple(one.name for one in subjects), x, columns, who["left_out"], tuple(who["notes"])),
+        with_convergence(chains),
+        constant["alone"].values,
+        record["left_out"],
+        tuple(record["rough"]),
+    )
+
+
+def _record_of_0_1(content: bytes) -> dict[str, Any]:
+    """The record as bayes_toe 0.1 wrote it: JSON with types beside values, and arrays aside. The names of types are not used."""
+    digest, body = content[19:51], content[51:]
+    if hashlib.sha256(body).digest() != digest:
+        raise InputError("damaged: it does not fit its checksum")
+    with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
+        return dict(_plain(json.loads(str(arrays["text"])), arrays))
+
+
+def _plain(value: Any, arrays: Mapping[str, Any]) -> Any:
+    """Such JSON without its types, which must be known; what is not read again is left out."""
+    if isinstance(value, list):
+        return [_plain(one, arrays) for one in value]
+    if not isinstance(value, dict):
+        return value
+    kind, content = next(iter(value.items()))
+    if kind == "record":
+        if content not in _RECORDS:
+            raise InputError(f"{content} is no part of it")
+        return {name: _plain(one, arrays) for name, one in value["fields"].items() if name not in ("reading", "shared")}
+    if kind == "dict":
+        return {key: _plain(one, arrays) for key, one in content}
+    return _plain(content, arrays) if kind == "tuple" else arrays[f"a{content}"][()]

@@ -1,4 +1,4 @@
-"""population.csv: what is said of the population, a row for each quantity: means, scatters, effects, asymmetries, a further subject."""
+"""population.csv, what is said of the population, a row for each quantity; population_subjects.csv, of every subject in the group."""
 
 from __future__ import annotations
 
@@ -6,19 +6,25 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
-from bayes_toe.inference.diagnostics import Convergence, convergence
-from bayes_toe.inference.subject_draws import location
+from bayes_toe.inference.diagnostics import Convergence, convergence, convergence_of, errors_of
+from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bayes_toe.groups.population import Population
+
+_UNPOOLED = {"alone_q05": 0.05, "alone_q50": 0.5, "alone_q95": 0.95}
+#: Those of summary.csv but the contraction, which is held against the prior of a single subject: that does not enter here.
+SUBJECT_COLUMNS = (*(name for name in SUMMARY_COLUMNS if name != "contraction"), *_UNPOOLED)
 
 
 class PopulationRow(NamedTuple):
@@ -82,7 +88,7 @@ def _means(found: Population) -> Iterator[PopulationRow]:
     """On the group scales, then natural quantities of a subject at the mean; what is its own scale is not said twice."""
     labels = _labels(found)
     for k, label in enumerate(labels):
-        yield _row(label, "mean", "", found.chains.mean[..., k], found.chains.shared["mean", -1, k])
+        yield _row(label, "mean", "", found.chains.mean[..., k], found.chains.convergence["mean", -1, k])
     for name, values in found.quantities(found.chains.mean).items():
         if name not in labels:
             yield _row(name, "mean", "", values)
@@ -90,14 +96,14 @@ def _means(found: Population) -> Iterator[PopulationRow]:
 
 def _scatters(found: Population) -> Iterator[PopulationRow]:
     for k, label in enumerate(_labels(found)):
-        yield _row(label, "sd", "", found.chains.scatter[..., k], found.chains.shared["sd", -1, k])
+        yield _row(label, "sd", "", found.chains.scatter[..., k], found.chains.convergence["sd", -1, k])
 
 
 def _correlations(found: Population) -> Iterator[PopulationRow]:
     """Between parameters of a subject, over subjects."""
     labels, correlation = _labels(found), found.chains.correlation
     for j, i in found.chains.correlated:
-        values, judged = correlation[..., i, j], found.chains.shared[CORRELATION, j, i]
+        values, judged = correlation[..., i, j], found.chains.convergence[CORRELATION, j, i]
         yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
 
 
@@ -106,7 +112,7 @@ def _effects(found: Population) -> Iterator[PopulationRow]:
     for i, column in enumerate(found.regressors.columns):
         for k, label in enumerate(_labels(found)):
             values, of_zero = found.chains.effects[..., i, k], ratios[i][k]
-            yield _directed(_row(label, "effect", column.label, values, found.chains.shared["effect", i, k]), values, of_zero)
+            yield _directed(_row(label, "effect", column.label, values, found.chains.convergence["effect", i, k]), values, of_zero)
 
 
 def _asymmetries(found: Population) -> Iterator[PopulationRow]:
@@ -140,3 +146,32 @@ def _directed(row: PopulationRow, values: FloatArray, of_zero: Ratio | None = No
 
 def _labels(found: Population) -> list[str]:
     return [GROUP_PARAMETERS[name].label for name in found.names]
+
+
+# --- Subjects -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PooledSubjects(Table[SummaryRow]):
+    """One row per subject and quantity, in the light of the others, with the quantiles of the same subject alone beside it."""
+
+    def frame(self) -> pd.DataFrame:
+        """With the columns of population_subjects.csv."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows, columns=list(SUBJECT_COLUMNS))
+
+
+def pooled_subjects(found: Population) -> PooledSubjects:
+    """Of every subject in the group; who was left out is not in it."""
+    return PooledSubjects(tuple(row for i in range(len(found.study)) for row in _subject_rows(found, i)))
+
+
+def _subject_rows(found: Population, i: int) -> Iterator[SummaryRow]:
+    name = found.study.names[i]
+    pooled, unpooled = found.quantities(found.chains.eta[:, :, i]), found.quantities(found.unpooled[:, i])
+    reported = {key: pooled[key] for key in found.posterior(name).names.reported}
+    judged, uncertain = convergence_of(reported), errors_of(reported)
+    for key, values in reported.items():
+        own = np.quantile(unpooled[key], list(_UNPOOLED.values())).tolist()
+        yield (name, key, *location(values), *judged[key], *uncertain[key], *own)

@@ -14,9 +14,9 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.subjects import GroupLikelihood
 from bayes_toe.model.crowd import Crowd
 from bayes_toe.seeds import generator
 
@@ -128,8 +128,8 @@ def _new_groups(found: Population, groups: int) -> IntArray:
     mean, tau, effects, root = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects, chains.root))
     expected = mean + found.regressors.x @ effects
     eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
-    members = MembersLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
-    return np.concatenate([members.repeated(part, rng) for part in np.split(eta, parts)])[:groups]
+    likelihood = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
+    return np.concatenate([likelihood.repeated(part, rng) for part in np.split(eta, parts)])[:groups]
 
 
 def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_equal: IntArray) -> Iterator[tuple[str, FloatArray]]:

@@ -17,7 +17,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import bare, counted, listed, quoted
 from bayes_toe.errors import InputError
-from bayes_toe.groups.shared import with_ones
+from bayes_toe.groups.joint import with_ones
 
 #: A column of which the others leave no more than this share is theirs but for rounding.
 _ALL_BUT_ROUNDING = 1e-8

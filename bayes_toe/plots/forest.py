@@ -41,7 +41,7 @@ def main_quantities(found: Population) -> tuple[str, ...]:
 def marked(found: Population) -> dict[str, Marked]:
     """Quantiles of every quantity, by its name."""
     k, members = len(found.names), found.chains.eta.reshape(-1, len(found.study), len(found.names))
-    of = (found.alone, members), (found.chains.mean.reshape(-1, k), found.new_subject().reshape(-1, k))
+    of = (found.unpooled, members), (found.chains.mean.reshape(-1, k), found.new_subject().reshape(-1, k))
     thinned = [eta[:: max(1, len(eta) // _DRAWS)] for eta in of[0]]
     quantiles = [
         {name: np.quantile(values, MARKED, axis=0) for name, values in found.quantities(eta).items()} for eta in (*thinned, *of[1])

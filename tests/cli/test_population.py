@@ -78,7 +78,6 @@ def test_what_is_there_is_not_replaced(done, folder):
         (("-o", "other.csv"), "other.csv: found the ending '.csv', allowed: .nc"),
         (("--categorical", "site"), "--categorical site: allowed with --covariates FILE.csv"),
         (("--population", "cauchy"), "population 'cauchy': allowed: normal, t"),
-        (("--method", "guess"), "method 'guess', allowed: joint"),
         (("--model", "free frequencies"), "allowed"),
         (("--hyperprior", "none.toml"), "none.toml: no such file"),
         (("--covariates", "people.csv", "--categorical", "size"), "categorical: found 'size', allowed: 'site', 'age'"),

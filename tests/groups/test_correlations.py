@@ -7,10 +7,10 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.cli.population import correlations
-from bayes_toe.groups.correlations import Root, log_lkj
 from bayes_toe.groups.no_difference import no_difference
 from bayes_toe.groups.predictive_check import predictive_check
 from bayes_toe.groups.regressors import Regressor, Regressors
+from bayes_toe.groups.scatter import Root, log_lkj
 from bayes_toe.records import packed
 
 #: Strong ones: of mu1 and probit gamma, and of log width and probit q0.

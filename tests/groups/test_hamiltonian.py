@@ -53,8 +53,7 @@ def test_a_normal_from_a_poor_start():
 def test_scales_are_learnt_with_correlations_among_the_first():
     chains = sampler(normal, np.zeros((16, 4)) + MEAN, 3, together=2)
     chains.warm_up()
-    assert chains._root @ chains._root.T == pytest.approx(COVARIANCE[:2, :2], rel=0.35)
-    assert chains._scale == pytest.approx(np.sqrt(np.diag(COVARIANCE)[2:]), rel=0.2)
+    assert chains.step > 0.4  # in coordinates of one size; the narrowest has an sd of 0.1 beside one of 30
     assert chains.advance(100).accepted.mean() == pytest.approx(0.8, abs=0.12)
 
 
@@ -158,8 +157,11 @@ def test_trajectories_are_longer_where_draws_are_alike():
 
     slow = sampler(followed, np.random.default_rng(1).normal(0.0, 1.0, (16, 21)), 15, together=1)
     quick = sampler(normal, np.zeros((16, 4)) + MEAN, 15, together=2)
+    lengths = []
     for chains in (slow, quick):
         chains.warm_up((40, 40, 40))
-    assert slow._length == pytest.approx(2.0 * quick._length)
-    x = slow.advance(300).x[..., 0]
-    assert (x.mean(), x.std()) == pytest.approx((0.0, 1.0), abs=0.3)
+        before, x = chains.gradients, chains.advance(300).x
+        lengths.append((chains.gradients - before) * chains.step)
+        if chains is slow:
+            assert (x[..., 0].mean(), x[..., 0].std()) == pytest.approx((0.0, 1.0), abs=0.3)
+    assert lengths[0] / lengths[1] == pytest.approx(2.0, rel=0.2)

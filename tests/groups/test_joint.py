@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 from bayes_toe.data.study import Subject
-from bayes_toe.groups import joint as joint_module
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.joint import Joint
-from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.scatter import scatter_named
-from bayes_toe.groups.told import Funnel, Told
+from bayes_toe.groups.subjects import Funnel, GroupLikelihood, NormalApproximation
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -58,7 +56,7 @@ def made(funnel, scatter, regressors, told, likelihood=bumps, correlated=False):
         log_precision[1, 2] = -np.inf
     place = rng.normal(0.0, 1.0, (N, K))
     x = rng.standard_normal((N, regressors))
-    known = Told(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None)
+    known = NormalApproximation(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None)
     return Joint(likelihood, HYPERPRIOR, x, known, scatter_named(scatter), correlated)
 
 
@@ -73,7 +71,7 @@ def points(joint, far):
 
 def coefficients_by_definition(joint, theta, tau):
     """Means and effects, (1 + r) rows of k, and the sum of the logs of their units."""
-    told, given, r = joint._units.told, joint.hyperprior, joint.x.shape[1]
+    told, given, r = joint.without_funnel, joint.hyperprior, joint.x.shape[1]
     scores, rows, log_unit = [theta[:K], *(theta[(2 + a) * K : (3 + a) * K] for a in range(r))], [], mpmath.mpf(0)
     for a, score in enumerate(scores):
         row = []
@@ -82,7 +80,7 @@ def coefficients_by_definition(joint, theta, tau):
             h = [mpmath.exp(mpmath.mpf(float(v))) for v in told.log_precision[:, j]]
             weights = [v / (1 + v * tau[j] ** 2) * (mpmath.mpf(float(joint.x[i, a - 1])) ** 2 if a else 1) for i, v in enumerate(h)]
             precision = 1 / s**2 + sum(weights)
-            places = sum(w * mpmath.mpf(float(e)) for w, e in zip(weights, told.place[:, j], strict=True))
+            places = sum(w * mpmath.mpf(float(e)) for w, e in zip(weights, told.location[:, j], strict=True))
             centre = 0 if a else (mpmath.mpf(float(given.mean[j])) / s**2 + places) / precision
             row.append(centre + score[j] / mpmath.sqrt(precision))
             log_unit -= mpmath.log(precision) / 2
@@ -92,7 +90,7 @@ def coefficients_by_definition(joint, theta, tau):
 
 def eta_by_definition(joint, theta):
     """Members and their means, scatters and units, from what the module says of them."""
-    told, r = joint.told, joint.x.shape[1]
+    told, r = joint.approximation, joint.x.shape[1]
     tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[joint.size :], []
     (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
     for i in range(N):
@@ -103,7 +101,7 @@ def eta_by_definition(joint, theta):
         unit = [None] * K
         for j in (1, 2, 3, 0):
             h = mpmath.exp(mpmath.mpf(float(told.log_precision[i, j])))
-            e = mpmath.mpf(float(told.place[i, j]))
+            e = mpmath.mpf(float(told.location[i, j]))
             if told.funnel is not None and j == 0:
                 ratio = (1 + mpmath.sqrt(1 + 4 * mpmath.ncdf(eta[1]))) / 2
                 p = (ratio - 1) / ratio
@@ -151,13 +149,13 @@ def lkj_by_definition(z, shape):
 
 
 def by_definition(joint, theta):
-    members, mean, tau, effects, total = eta_by_definition(joint, theta)
+    subjects, mean, tau, effects, total = eta_by_definition(joint, theta)
     given, root = joint.hyperprior, mpmath.eye(K)
     if joint.correlated:
         z = theta[joint.size - K * (K - 1) // 2 : joint.size]
         root = mpmath.cholesky(correlations_by_definition(z))
         total += lkj_by_definition(z, mpmath.mpf(given.lkj)) - N * sum(mpmath.log(root[j, j]) for j in range(K))
-    for eta, expected, unit in members:
+    for eta, expected, unit in subjects:
         total += bump(eta)
         scores = mpmath.inverse(root) * mpmath.matrix([(eta[j] - expected[j]) / tau[j] for j in range(K)])
         for j, u in enumerate(scores):
@@ -196,30 +194,13 @@ def test_correlated_parameters(case, far):
     require_right(made(*CORRELATED[case], correlated=True), far)
 
 
-@pytest.mark.parametrize("wrong", ["unit", "share", "slope"])
-def test_a_wrong_jacobian_is_noticed(wrong, monkeypatch):
-    right = joint_module._between
-
-    def between(*given):
-        at = right(*given)
-        return {
-            "unit": at._replace(log_unit=at.log_unit + 0.01 * given[3]),
-            "share": at._replace(share=at.share * 1.001),
-            "slope": at._replace(by_log_scatter=at.by_log_scatter * 1.001),
-        }[wrong]
-
-    monkeypatch.setattr(joint_module, "_between", between)
-    with pytest.raises(AssertionError):
-        require_right(made(*CASES["told"]), far=False)
-
-
 def whole_jacobian(joint, theta):
     """Of (m, tau, beta, eta) with respect to one point, by differences, (D, D)."""
 
     def natural(at):
-        shared, _ = joint.split(at)
+        hyper, _ = joint.split(at)
         return np.concatenate(
-            [shared.mean, np.exp(shared.log_scatter), *np.moveaxis(shared.effects, 1, 0), *np.moveaxis(joint.eta(at), 1, 0)], axis=1
+            [hyper.mean, np.exp(hyper.log_scatter), *np.moveaxis(hyper.effects, 1, 0), *np.moveaxis(joint.eta(at), 1, 0)], axis=1
         )
 
     h = 1e-3 * np.eye(joint.dimension)
@@ -233,13 +214,13 @@ def test_with_real_answers_and_a_jacobian_by_differences(case):
     people = [Subject(f"S{i}", *rng.normal(0.3, 0.3, (2, 5)), rng.integers(0, 20, 5), np.full(5, 20)) for i in range(N)]
     funnel, scatter, regressors, told = CASES[case]
     many = made(
-        funnel, scatter, regressors, "some" if told == "much" else told, MembersLikelihood(PREDICTIVE_UPDATE, Prior(), people, CENTRE, 2)
+        funnel, scatter, regressors, "some" if told == "much" else told, GroupLikelihood(PREDICTIVE_UPDATE, Prior(), people, CENTRE, 2)
     )
     theta = points(many, far=False)
-    shared, eta = many.split(theta)[0], many.eta(theta)
+    hyper, eta = many.split(theta)[0], many.eta(theta)
     values, gradients = many(theta)
     for p in range(2):
-        mean, tau, effects = shared.mean[p], np.exp(shared.log_scatter[p]), shared.effects[p]
+        mean, tau, effects = hyper.mean[p], np.exp(hyper.log_scatter[p]), hyper.effects[p]
         own = [Posterior(one, PREDICTIVE_UPDATE, Prior(), centre=CENTRE) for one in people]
         total = sum(one.log_likelihood(one.from_group(eta[p, i : i + 1])[0])[0] for i, one in enumerate(own))
         u = (eta[p] - mean - many.x @ effects) / tau
@@ -264,8 +245,8 @@ def test_with_real_answers_and_a_jacobian_by_differences(case):
 def test_there_and_back(case):
     joint = made(*(CASES | CORRELATED)[case], correlated=case in CORRELATED)
     theta = points(joint, far=False)
-    shared, _ = joint.split(theta)
-    assert joint.point(shared, joint.eta(theta)) == pytest.approx(theta, rel=1e-9, abs=1e-9)
+    hyper, _ = joint.split(theta)
+    assert joint.point(hyper, joint.eta(theta)) == pytest.approx(theta, rel=1e-9, abs=1e-9)
 
 
 def drawn_without_answers(funnel):
@@ -275,15 +256,15 @@ def drawn_without_answers(funnel):
         return np.zeros(eta.shape[:-1]), np.zeros(eta.shape)
 
     rng = np.random.default_rng(19)
-    told = Told(
+    told = NormalApproximation(
         rng.normal(0.0, 1.0, (N, K)), np.tile(HYPERPRIOR.mean, (N, 1)) * ([0.0] + 3 * [1.0]), Funnel(0, 1, CENTRE, PULL) if funnel else None
     )
     joint = Joint(silent, HYPERPRIOR, np.empty((N, 0)), told, scatter_named("normal"))
     sampler = Hamiltonian(joint, 0.3 * rng.standard_normal((64, joint.dimension)), np.ones(joint.dimension), joint.size, rng)
     sampler.warm_up((20, 20))
     theta = sampler.advance(150).x[::15].reshape(-1, joint.dimension)
-    shared, _ = joint.split(theta)
-    return shared.mean, np.exp(shared.log_scatter), joint.eta(theta)[:, 0]
+    hyper, _ = joint.split(theta)
+    return hyper.mean, np.exp(hyper.log_scatter), joint.eta(theta)[:, 0]
 
 
 def farthest(mean, tau, eta):
@@ -315,7 +296,7 @@ def test_and_does_not_with_a_wrong_jacobian(monkeypatch):
 
     def forgetful(self, theta):
         value, gradient = right(self, theta)
-        log_ratio = self.told.log_precision + 2.0 * self.split(theta)[0].log_scatter[:, None]
+        log_ratio = self.approximation.log_precision + 2.0 * self.split(theta)[0].log_scatter[:, None]
         share = 1.0 / (1.0 + np.exp(log_ratio))
         gradient[:, K : 2 * K] += (1.0 - share).sum(axis=1)
         return value - 0.5 * np.log(share).sum(axis=(1, 2)), gradient

@@ -1,7 +1,6 @@
 """The verb: what it promises of seeds, workers and the order of subjects."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +9,10 @@ from conftest import few_pairs
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
-from bayes_toe.groups.alone import alone
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
+from bayes_toe.groups.subjects import unpooled
 from bayes_toe.inference.diagnostics import errors
 
 pytestmark = pytest.mark.filterwarnings("ignore::bayes_toe.errors.ConvergenceWarning")
@@ -35,8 +34,8 @@ def run():
         return population(study, **{"draws": 40, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1, **more})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chains, "_LIMIT", 1)
-        patch.setattr(chains, "_MOST", 8)
+        patch.setattr(chains, "LIMIT", 1)
+        patch.setattr(chains, "MOST", 8)
         patch.setattr(Hamiltonian.warm_up, "__defaults__", ((20, 30),))
         yield short
 
@@ -50,7 +49,7 @@ def test_the_number_of_workers_changes_no_bit(found, run):
     other = run(workers=2)
     for name in ("mean", "scatter", "eta"):
         assert (getattr(found.chains, name) == getattr(other.chains, name)).all()
-    assert (found.alone == other.alone).all()
+    assert (found.unpooled == other.unpooled).all()
 
 
 def test_the_order_of_subjects_changes_what_chance_may_change(found, run):
@@ -66,7 +65,7 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
     own = found.chains
     (_, lowest), (_, highest) = own.worst(found.names, found.study.names)
     assert found.converged == (lowest >= 40 and highest < 1.01)
-    assert set(own.shared) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
+    assert set(own.convergence) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
     assert own.mean.shape[0] == 16
     assert (own.scatter > 0.0).all()
 
@@ -78,17 +77,9 @@ def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest)
     own = run()
     assert own.settings.correlations
-    assert {key for key in own.chains.shared if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
+    assert {key for key in own.chains.convergence if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
     assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
     assert own.chains.z.std() > 0.1
-    with pytest.raises(InputError, match="'reweight' with correlations, allowed: without them, or method 'joint'"):
-        run(model="symmetric", method="reweight", correlations=True)
-
-    def chosen(study, settings, *_, **__):
-        return SimpleNamespace(settings=settings, problems=())
-
-    monkeypatch.setattr("bayes_toe.groups.population._drawn", chosen)  # what follows is settled before anything is drawn
-    assert run().settings.correlations
     assert not run(correlations=False).settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
     assert not run().settings.correlations
@@ -96,9 +87,9 @@ def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
 
 def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
     def doubted(subject, *rest):
-        return replace(alone(subject, *rest), trusted=subject.name != "B")
+        return replace(unpooled(subject, *rest), trusted=subject.name != "B")
 
-    monkeypatch.setattr("bayes_toe.groups.population.alone", doubted)
+    monkeypatch.setattr("bayes_toe.groups.population.unpooled", doubted)
     found = run()
     assert found.rough == ("B",)
     assert found.shortfalls[0] == "subject 'B' alone: few of the draws count, so that its columns alone_ are rough"
@@ -118,7 +109,7 @@ def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, m
     def sampled(*_):
         raise AssertionError("a subject was sampled alone")
 
-    monkeypatch.setattr("bayes_toe.groups.population.alone", sampled)
+    monkeypatch.setattr("bayes_toe.groups.population.unpooled", sampled)
     other = run(posterior=stored, seed=None)
     assert (other.settings.seed, other.settings.prior, other.rough) == (1, stored.prior, ())
     pairs = [(getattr(found.chains, name)[..., j], getattr(other.chains, name)[..., j]) for name in ("mean", "scatter") for j in range(4)]
@@ -126,9 +117,9 @@ def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, m
     for one, two in pairs:
         assert abs(one.mean() - two.mean()) < 4.2 * np.hypot(errors(one).mean, errors(two).mean)
     mine = stored.values("B", "mu1")
-    assert other.alone.shape == found.alone.shape
-    assert abs(np.median(other.alone[:, 1, 0]) - np.median(mine)) < 0.1 * mine.std()
-    assert set(other.alone[:, 1, 3]) <= set(other.posterior("B").to_group(stored.points("B").reshape(-1, 4))[:, 3])
+    assert other.unpooled.shape == found.unpooled.shape
+    assert abs(np.median(other.unpooled[:, 1, 0]) - np.median(mine)) < 0.1 * mine.std()
+    assert set(other.unpooled[:, 1, 3]) <= set(other.posterior("B").to_group(stored.points("B").reshape(-1, 4))[:, 3])
 
 
 def test_stored_draws_of_something_else_are_refused(run, stored):
@@ -136,7 +127,6 @@ def test_stored_draws_of_something_else_are_refused(run, stored):
         ({"study": few_pairs(["A", "B"])}, "posterior: found draws of subject 'C', whom .* does not have"),
         ({"model": "constant bias"}, "posterior: found draws of the model 'predictive update', allowed: 'constant bias'"),
         ({"prior": bt.Prior(mu1_sd=1.0)}, "posterior: found draws under .*; allowed: that prior, or none, given"),
-        ({"method": "reweight"}, "method 'reweight' with a posterior, whose draws are not independent; allowed: method 'joint'"),
     ):
         with pytest.raises(InputError, match=said):
             run(posterior=stored, **what)

@@ -46,7 +46,7 @@ def test_numbers_are_those_of_the_draws(found):
     label, natural = (found.table.some("mean", name)[0] for name in ("probit gamma", "gamma"))
     assert (label.mean, label.q05) == pytest.approx((gamma.mean(), np.quantile(gamma, 0.05)))
     assert natural.q50 == pytest.approx(np.quantile(found.quantities(found.chains.mean)["gamma"], 0.5))
-    assert label.ess_bulk == found.chains.shared["mean", -1, 1].ess_bulk
+    assert label.ess_bulk == found.chains.convergence["mean", -1, 1].ess_bulk
     effect = found.table.some("effect", "log width")[1]
     values = found.chains.effects[..., 1, 2]
     assert (effect.level, effect.p_direction) == ("group y", max((values > 0).mean(), (values < 0).mean()))
@@ -65,7 +65,7 @@ def test_subjects_in_the_group_and_alone(found):
     one = frame[frame.subject == "B"].set_index("parameter")
     assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width"]
     assert one.q95["mu1"] == pytest.approx(np.quantile(found.chains.eta[:, :, 1, 0], 0.95))
-    assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.alone[:, 1, 2]), 0.05))
+    assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.unpooled[:, 1, 2]), 0.05))
 
 
 def test_without_covariates(small_study):

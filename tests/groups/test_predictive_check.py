@@ -8,10 +8,7 @@ from populations import MEAN, made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.classical.asymmetry import asymmetry
-from bayes_toe.groups.members import MembersLikelihood
 from bayes_toe.groups.predictive_check import CONTRADICTED, predictive_check
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
-from bayes_toe.model.posterior import Posterior
 
 
 def by_label(check):
@@ -28,21 +25,6 @@ def test_what_is_observed_is_what_the_answers_say():
     assert seen["sd of accuracy"].observed == pytest.approx(accuracies.std(ddof=1))
     assert seen["skewness of share of 'equal'"].observed == pytest.approx(np.mean(scores**3))
     assert seen["farthest share of 'equal', in sd"].observed == pytest.approx(np.abs(scores).max())
-
-
-def test_new_groups_answer_as_their_parameters_say():
-    """False alarms: 5 standard errors of a mean over 4,000 sets of answers."""
-    one = bt.Subject("a", [0.0, 0.0, 0.4], [0.0, 0.4, 0.0], [0, 0, 0], [9, 30, 4])
-    other = bt.Subject("b", [0.1], [0.3], [0], [20])
-    likelihood = MembersLikelihood(PREDICTIVE_UPDATE, bt.Prior(), [one, other], 0.2, 4000)
-    eta = np.stack([MEAN, MEAN + 0.3])
-    counts = likelihood.repeated(np.broadcast_to(eta, (4000, 2, 4)), np.random.default_rng(1))
-    assert (counts.shape, counts[:, 1, 1:].max()) == ((4000, 2, 3), 0)
-    for i, subject in enumerate((one, other)):
-        posterior = Posterior(subject, PREDICTIVE_UPDATE, bt.Prior(), centre=0.2)
-        p = np.exp(posterior.log_answers(posterior.from_group(eta[i : i + 1])[0])[0])[0]
-        error = np.sqrt(p * (1 - p) / subject.n_trials / 4000)
-        assert np.all(np.abs(counts[:, i, : subject.n_pairs].mean(axis=0) / subject.n_trials - p) < 5 * error)
 
 
 def test_an_ordinary_group_is_left_in_peace():

@@ -32,7 +32,7 @@ def test_a_forest_has_everybody_alone_and_in_the_group_before_the_population(few
     width = [np.exp(eta.reshape(-1, *eta.shape[2:])[..., 2]) for eta in (few.chains.mean, few.chains.eta)]
     lines = {line.get_label(): np.asarray(line.get_xdata()) for line in ax.lines}
     assert lines["in the group"] == pytest.approx(np.median(width[1], axis=0))
-    assert lines["subject alone (5-50-95 %)"] == pytest.approx(np.median(np.exp(few.alone[..., 2]), axis=0))
+    assert lines["subject alone (5-50-95 %)"] == pytest.approx(np.median(np.exp(few.unpooled[..., 2]), axis=0))
     assert [label.get_text() for label in ax.get_yticklabels()] == list(few.study.names)
     low, high = np.quantile(width[0], (0.05, 0.95))
     bands = {band.get_label(): (band.get_x(), band.get_x() + band.get_width()) for band in ax.patches}
@@ -43,10 +43,10 @@ def test_a_forest_has_everybody_alone_and_in_the_group_before_the_population(few
 
 
 def test_a_subject_alone_who_says_nothing_does_not_squeeze_the_others(few):
-    alone = few.alone.copy()
+    alone = few.unpooled.copy()
     alone[:, 1, 0] *= 1e4
     one = made_population(ordinary(3))
-    object.__setattr__(one, "alone", alone)
+    object.__setattr__(one, "unpooled", alone)
     limits = [np.ptp(bt.plots.forest_axes(found, "mu1").get_xlim()) for found in (few, one)]
     assert limits[1] < 1.6 * limits[0]
     beyond = [line.get_ydata() for line in bt.plots.forest_axes(one, "mu1").lines if line.get_marker() in ("<", ">")]

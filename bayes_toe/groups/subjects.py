@@ -1,0 +1,224 @@
+"""Each subject of a group: the exact likelihood of all at once, its normal approximation, and each one's posterior without pooling.
+
+All on the scales on which subjects scatter about the group's mean. The normal approximation of a likelihood is exact nowhere, but good for
+the coordinates and starts of chains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.diagnostics import smoothed_weights
+from bayes_toe.inference.draws import Draws
+from bayes_toe.model.crowd import crowd_posterior
+from bayes_toe.model.parameters import GroupPull
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
+
+_BLOCK = 1 << 14  # values of one temporary array: there are about a hundred of them
+_ROUNDS = 50
+_PRIOR_DRAWS, _EQUAL = 4000, 4000
+
+
+# --- The exact likelihood -------------------------------------------------------------------------
+
+
+class GroupLikelihood:
+    """Log likelihood of each of N subjects, without binomial coefficients, at several points of all of them, with its exact gradient.
+
+    Parameters
+    ----------
+    model : Model
+    prior : Prior
+        Whose reference interval the quantities refer to; nothing else of it matters.
+    subjects : sequence of Subject
+    centre : float
+        Intensity from which offsets count, natural-log units.
+    copies : int
+        Points of all subjects in one call.
+
+    Examples
+    --------
+    >>> from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+    >>> one = Subject("A", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
+    >>> value, gradient = GroupLikelihood(PREDICTIVE_UPDATE, Prior(), [one], 0.0, 2)(np.zeros((2, 1, 4)))
+    >>> value.shape, gradient.shape
+    ((2, 1), (2, 1, 4))
+    """
+
+    def __init__(self, model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, copies: int) -> None:
+        rows = list(subjects) * copies
+        size = max(1, _BLOCK // max(one.n_pairs for one in subjects))
+        interval = 1.0 if prior.reference_interval is None else prior.reference_interval
+        plain = Prior(offset_sd=1.0, reference_interval=prior.reference_interval)  # an offset is then its own coordinate
+        self._blocks = [
+            (slice(i, i + size), crowd_posterior(model, plain, rows[i : i + size], centre, interval)) for i in range(0, len(rows), size)
+        ]
+
+    def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values, (copies, N), and their gradient, (copies, N, k), at eta, (copies, N, k)."""
+        points = eta.reshape(-1, eta.shape[-1])
+        value, gradient = np.empty(len(points)), np.empty(points.shape)
+        with np.errstate(over="ignore", invalid="ignore"):  # a width next to nothing: density 0, where no trajectory goes on
+            for some, posterior in self._blocks:
+                x, jacobian = posterior.from_group(points[some])
+                value[some], slope = posterior.likelihood_gradient(x)
+                gradient[some] = (slope[:, None, :] @ jacobian)[:, 0]
+        return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
+
+    def repeated(self, eta: FloatArray, rng: np.random.Generator) -> IntArray:
+        """Answers 'equal' if everything were done once more, (copies, N, k) -> (copies, N, pairs); 0 where a subject has fewer pairs."""
+        points, counts = eta.reshape(-1, eta.shape[-1]), []
+        for some, posterior in self._blocks:
+            x, _ = posterior.from_group(points[some])
+            equal = np.exp(posterior.realised_answers(rng, x, posterior.log_answers(x))[0])
+            counts.append(rng.binomial(posterior.subject.n_trials, equal))
+        pairs = max(found.shape[1] for found in counts)
+        padded = [np.pad(found, ((0, 0), (0, pairs - found.shape[1]))) for found in counts]
+        return np.concatenate(padded).reshape(*eta.shape[:-1], pairs)
+
+
+# --- Its normal approximation ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """Columns of the prior mean and of what the pull follows from, the centre, and how it follows."""
+
+    mean: int
+    pull: int
+    centre: float
+    pulled: Callable[[FloatArray], GroupPull]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalApproximation:
+    """Log precision and location of each subject's parameters by its answers, shape (N, k); a precision of -inf where they say nothing.
+
+    Of the prior mean mu1 answers tell p (mu1 - centre), with pull p: the less of it there is, the less they say of mu1. Where `funnel` is
+    given, precision and location in the column of mu1 are those of this product.
+    """
+
+    log_precision: FloatArray
+    location: FloatArray
+    funnel: Funnel | None = None
+
+
+def funnel_of(model: Model, centre: float) -> Funnel | None:
+    """Where mu1 and what its pull follows from are among the model's group parameters."""
+    places = ((model.group.index(block.group[0]), block.group_pull) for block in model.free if block.group_pull is not None)
+    return next((Funnel(place, place + 1, centre, pulled) for place, pulled in places), None)
+
+
+def population_moments(about: NormalApproximation, hyperprior: HyperpriorNumbers) -> tuple[FloatArray, FloatArray]:
+    """Means and scatters of which the subjects may have been drawn: a few rounds of expectation and maximisation."""
+    mean, scatter, n = hyperprior.mean, hyperprior.sd_scale, len(about.location)
+    precision = np.exp(about.log_precision)
+    for _ in range(_ROUNDS):
+        share = 1.0 / (1.0 + precision * np.square(scatter))
+        subject, unit = about.location + share * (mean - about.location), np.square(scatter) * share
+        inverse = np.square(scatter / hyperprior.mean_sd) / n
+        mean = (subject.mean(axis=0) + inverse * hyperprior.mean) / (1.0 + inverse)
+        # Half a subject as far away as the hyperprior has them, so that a scatter cannot vanish.
+        scatter = np.sqrt(((np.square(subject - mean) + unit).sum(axis=0) + 0.5 * np.square(hyperprior.sd_scale)) / (n + 0.5))
+    return mean, scatter
+
+
+def without_funnel(about: NormalApproximation, hyperprior: HyperpriorNumbers) -> NormalApproximation:
+    """With what is known of mu1 itself, at the pull that each subject seems to have."""
+    if about.funnel is None:
+        return about
+    i, j, centre = about.funnel.mean, about.funnel.pull, about.funnel.centre
+    mean, scatter = population_moments(about, hyperprior)
+    share = 1.0 / (1.0 + np.exp(about.log_precision[:, j]) * scatter[j] ** 2)
+    pull = about.funnel.pulled(about.location[:, j] + share * (mean[j] - about.location[:, j])).pull
+    precision, location = about.log_precision.copy(), about.location.copy()
+    precision[:, i] += 2.0 * np.log(pull)
+    location[:, i] = centre + about.location[:, i] / pull
+    return NormalApproximation(precision, location)
+
+
+# --- The posterior without pooling ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Unpooled:
+    """One subject's posterior without the group.
+
+    Attributes
+    ----------
+    name : str
+    eta : array, shape (4000, k)
+        Draws of equal weight, with repeats.
+    log_precision, location : array, shape (k,)
+        Of its likelihood, see :class:`NormalApproximation`.
+    trusted : bool
+        Whether the weights behind the draws are good enough for averages.
+    """
+
+    name: str
+    eta: FloatArray
+    log_precision: FloatArray
+    location: FloatArray
+    trusted: bool
+
+
+def unpooled(subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int) -> Unpooled:
+    """Fit a proposal to a subject's own posterior and draw from it."""
+    posterior = Posterior(subject, model, prior, centre=centre)
+    fitted = fit_proposal(posterior, generator(seed, subject.name, model.name, "alone"), draws=draws)
+    some = np.isfinite(fitted.draws.log_posterior)
+    x, shares = fitted.draws.x[some], np.exp(smoothed_weights(fitted.draws.log_weights[some]).log_weights)
+    return _unpooled(posterior, x, (fitted.draws.shares[some], shares / shares.sum()), fitted.trusted, seed)
+
+
+def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, seed: int) -> Unpooled:
+    """The same from draws of the subject's own posterior that are there already, of equal weight.
+
+    Raises
+    ------
+    InputError
+        If the subject met other first stimuli than the group, and the model counts from their mean.
+    """
+    own = Posterior(draws.subject(name), model, draws.prior)
+    # What is stored depends on the mean first stimulus: of an offset beside a pull of its own, of a slope of the noise.
+    counts_from_centre = ("offset" in model.group and model.pull is not None) or "noise_slope" in model.coordinates
+    if counts_from_centre and not np.isclose(own.sbar, centre):
+        raise InputError(
+            f"posterior: subject {name!r} met other first stimuli than the group, and {model.name!r} counts from their mean; "
+            "allowed: no posterior"
+        )
+    posterior = replace(own, centre=centre)
+    x = posterior.points({key: draws.values(name, key).ravel() for key in draws.parameters})
+    equal = np.full(len(x), 1.0 / len(x))
+    return _unpooled(posterior, x, (equal, equal), name not in draws.not_converged, seed)
+
+
+def _unpooled(posterior: Posterior, x: FloatArray, shares: tuple[FloatArray, FloatArray], trusted: bool, seed: int) -> Unpooled:
+    """From points with shares of the whole, as they are and smoothed: what the answers say is the posterior less what the prior knows."""
+    name, eta, (plain, smoothed) = posterior.subject.name, posterior.to_group(x), shares
+    believed = posterior.sample_prior(generator(seed, name, "prior"), _PRIOR_DRAWS)
+    at, first = (_nearly_normal(posterior, *points) for points in ((x, eta), (believed, posterior.to_group(believed))))
+    location = plain @ at
+    gained = 1.0 / (plain @ np.square(at - location)) - 1.0 / first.var(axis=0)
+    with np.errstate(divide="ignore"):  # the answers say nothing: a precision of 0
+        log_precision = np.log(np.where(gained > 0.0, gained, 0.0))
+    some = generator(seed, name, "alone").choice(len(eta), _EQUAL, p=smoothed)
+    return Unpooled(name, eta[some], log_precision, location, trusted)
+
+
+def _nearly_normal(posterior: Posterior, x: FloatArray, eta: FloatArray) -> FloatArray:
+    """What answers tell more or less normally: group parameters, but p (mu1 - centre) in the place of mu1, shape (points, k)."""
+    found, funnel = eta.copy(), funnel_of(posterior.model, posterior.sbar)
+    if funnel is not None:
+        found[:, funnel.mean] = x[:, posterior.coordinates.index("offset")]
+    return found
