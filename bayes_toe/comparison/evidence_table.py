@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tables import SubjectTable, write_cells
-from bayes_toe.data.text_table import is_parquet
+from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -161,12 +159,6 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
         frame = pd.DataFrame(self._cells(), columns=list(EVIDENCE_COLUMNS))
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
-
-    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
-        """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
-        if is_parquet(path):
-            return super().save(path, overwrite=overwrite)
-        return write_cells(EVIDENCE_COLUMNS, self._cells(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
 
     def _cells(self) -> list[list[object]]:
         prior = None if self.prior is None else self.prior.describe_orders()

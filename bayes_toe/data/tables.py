@@ -5,7 +5,6 @@ And names of files that every system takes: one stem for each subject, whatever 
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import re
 from abc import ABC, abstractmethod
@@ -13,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
@@ -162,26 +160,6 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
         else:
             frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
-
-
-def write_cells(
-    columns: Sequence[str], rows: Iterable[Sequence[object]], path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False
-) -> Path:
-    """The same CSV file as :func:`write_table` writes, from rows of cells: without pandas, whose import costs more than a small table.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     table = write_cells(["subject", "q0"], [["S01", 0.1 + 0.2], ["S02", None]], Path(folder, "table.csv"))
-    ...     table.read_text(encoding="utf-8").splitlines()
-    ['subject,q0', 'S01,0.30000000000000004', 'S02,']
-    """
-    with whole_file(path, overwrite=overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        for row in (columns, *rows):
-            known = [None if isinstance(value, float) and isnan(value) else value for value in row]
-            csv.writer(file, lineterminator="\n").writerow(map(_inert, known) if spreadsheet_safe else known)
-    return Path(path)
 
 
 def _inert(value: object) -> object:

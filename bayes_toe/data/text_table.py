@@ -139,7 +139,7 @@ class TextTable:
     def require(self, lines: Sequence[str]) -> None:
         """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""
         if lines:
-            self.problems.add((0, f"{self.head}, {line}") for line in lines)
+            self.problems.add((0, f"{self.head}{': ' if line.startswith('found') else ', '}{line}") for line in lines)
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
             found = "a header only" if self.delimiter else "no row below it"

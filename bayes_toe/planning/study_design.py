@@ -5,10 +5,9 @@ Orders of trials have blocks alike, both orders of two stimuli equally often in 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +15,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tables import write_cells
+from bayes_toe.data.tables import write_table
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, Design, full_design, reference_design
@@ -123,9 +122,10 @@ class StudyDesign:
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write s1,s2,n_trials (and isi) as a CSV file, whole or not at all."""
+        import pandas as pd
+
         names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
-        columns: Sequence[Any] = [getattr(self, name).tolist() for name in names]
-        return write_cells(names, zip(*columns, strict=True), path, overwrite=overwrite)
+        return write_table(pd.DataFrame({name: getattr(self, name) for name in names}), path, overwrite=overwrite)
 
 
 def apportioned(share: FloatArray, trials: int) -> IntArray:
@@ -252,13 +252,15 @@ def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | 
     Columns: subject, block, trial (over all blocks), s1, s2, isi where there are intervals, i1 and i2 = reference e^s where the reference
     amplitude is given, and response, which is empty.
     """
-    isi, amplitudes = ["isi"] if lists[0].isi is not None else [], [] if reference is None else ["i1", "i2"]
-    rows: list[list[object]] = []
+    import pandas as pd
+
+    parts = []
     for one in lists:
-        columns = [one.block, np.arange(1, len(one.s1) + 1), one.s1, one.s2, *([] if one.isi is None else [one.isi])]
-        columns += [] if reference is None else [reference * np.exp(one.s1), reference * np.exp(one.s2)]
-        rows += [[one.subject, *row, ""] for row in zip(*(column.tolist() for column in columns), strict=True)]
-    return write_cells(["subject", "block", "trial", "s1", "s2", *isi, *amplitudes, "response"], rows, path, overwrite=overwrite)
+        columns = {"subject": one.subject, "block": one.block, "trial": np.arange(1, len(one.s1) + 1), "s1": one.s1, "s2": one.s2}
+        columns |= {} if one.isi is None else {"isi": one.isi}
+        columns |= {} if reference is None else {"i1": reference * np.exp(one.s1), "i2": reference * np.exp(one.s2)}
+        parts.append(pd.DataFrame({**columns, "response": ""}))
+    return write_table(pd.concat(parts), path, overwrite=overwrite)
 
 
 # --- Which pairs in which block ---------------------------------------------------------------------

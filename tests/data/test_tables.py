@@ -1,8 +1,9 @@
-"""Tables of results, and the CSV files that they become."""
+"""Tables of results, the CSV and Parquet files that they become, and names of files that are safe and distinct on every system."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayes_toe.data.read_study import read_study
-from bayes_toe.data.tables import SubjectTable, Table, write_table
+from bayes_toe.data.tables import SubjectTable, Table, file_stems, write_table
 from bayes_toe.errors import InputError, OutputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
@@ -104,3 +105,49 @@ def test_a_table_is_gone_through_looked_up_and_saved(tmp_path: Path) -> None:
 def test_a_table_without_columns_is_no_table() -> None:
     with pytest.raises(TypeError, match="frame"):
         Table(())  # type: ignore[abstract]
+
+
+def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    frame = pd.DataFrame({"subject": ["=1", "b"], "q0": [0.1 + 0.2, np.nan], "n": [1, 2], "note": [None, "a"]}, index=[3, 4])
+    again = pd.read_parquet(write_table(frame, tmp_path / "t.parquet", spreadsheet_safe=True))
+    assert again["q0"].to_numpy().tobytes() == frame["q0"].to_numpy().tobytes()
+    assert list(again.columns) == list(frame.columns)
+    assert (again["subject"].tolist(), again["note"].isna().tolist()) == (["=1", "b"], [True, False])
+
+
+# --- Names of files -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        *(("Zoë", "Zo_-"), ("被験者", "_-"), ("../up", "_up-"), ("a/b", "a_b-"), ("...", "_-"), (".hidden", "hidden-"), ("end.", "end.-")),
+        *(("con", "_con-"), ("CON.txt", "_CON.txt-"), ("Lpt9", "_Lpt9-"), ("a\nb", "a_b-"), ("b" * 61, "b" * 51 + "-")),
+    ],
+)
+def test_only_names_that_are_not_plain_carry_their_hash(name: str, start: str) -> None:
+    assert re.fullmatch(re.escape(start) + "[0-9a-f]{8}", file_stems([name])[name])
+    plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
+    assert file_stems([*plain, "S01"]) == {one: one for one in plain}
+    assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}, "printf 'a b' | sha256sum"
+
+
+def test_names_that_differ_in_case_or_look_like_anothers_stem_are_told_apart() -> None:
+    imitation = file_stems(["a b"])["a b"]
+    stems = file_stems(["s01", "S01", "S02", imitation, "a b", imitation.upper()])
+    assert (stems["S02"], stems["a b"]) == ("S02", imitation)
+    assert len({stem.lower() for stem in stems.values()}) == 6
+    assert all(stems[name].startswith(f"{name}-") for name in ("s01", "S01"))
+
+
+@FUZZ
+@given(st.lists(st.one_of(st.text(max_size=80), st.sampled_from(["a", "A", "a ", "con", "CON", "aux.x", "\ud800"]))))
+def test_stems_are_safe_and_distinct(names: list[str]) -> None:
+    stems = file_stems(names)
+    assert set(stems) == set(names)
+    assert len({stem.lower() for stem in stems.values()}) == len(set(names))
+    for stem in stems.values():
+        assert re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,59}", stem)
+        assert not stem.endswith(".")
+        assert stem.split(".")[0].lower() not in {"con", "prn", "aux", "nul", *(f"com{i}" for i in range(10))}

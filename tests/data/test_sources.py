@@ -1,0 +1,258 @@
+"""Frames, Parquet, MATLAB: the same study as from their CSV file, the same strictness, refusals by row and column of the source."""
+
+import importlib.util
+import os
+import random
+from contextlib import suppress
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import call, inside
+from scipy.io import savemat
+
+import bayes_toe as bt
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.text_table import input_bytes, read_table
+
+TRIALS = pd.DataFrame(
+    {
+        "subject": ["01", "NA", "Zoë", "01", "'=q", "01"],
+        "s1": [0.0, 0.1 + 0.2, -1e-300, 0.0, 2.0, 0.0],
+        "s2": [0.3, 0.0, 5e300, 0.3, 2.0, 0.3],
+        "response": ["equal", "different", "equal", None, "different", "different"],
+        "isi": [0.5, 2.0, 0.5, 2.0, 0.5, 0.5],
+        "block": ["b", "a", "b", "a", "b", "a"],
+        "trial": [1, 2, 3, 4, 5, 6],
+        "more": [None] * 6,
+    }
+)
+COUNTS = pd.DataFrame({"subject": ["a", "a", "b"], "s1": [0, 0, 1], "s2": [1, 2, 3], "n_equal": [1, 2, 3], "n_trials": [4, 5, 6]})
+
+
+def as_pandas(frame, folder):
+    return frame
+
+
+def as_polars(frame, folder):
+    columns = {name: [None if value is None or value != value else value for value in frame[name].tolist()] for name in frame}
+    return pytest.importorskip("polars").DataFrame(columns, strict=False)
+
+
+def as_parquet(frame, folder, **how):
+    pytest.importorskip("pyarrow")
+    frame.to_parquet(folder / "study.parquet", index=False, **how)
+    return folder / "study.parquet"
+
+
+def as_split_parquet(frame, folder):
+    return as_parquet(frame, folder, row_group_size=2, use_dictionary=False, compression="zstd")
+
+
+SOURCES = {
+    as_pandas: ("pandas DataFrame", 0),
+    as_polars: ("polars DataFrame", 0),
+    as_parquet: ("Parquet", 1),
+    as_split_parquet: ("Parquet", 1),
+}
+EVERY = pytest.mark.parametrize("made", SOURCES)
+
+
+def content(study):
+    counts = [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_equal.tolist(), one.n_trials.tolist(), one.intervals) for one in study]
+    looked_at = {
+        name: (of.keys.tolist(), of.n_equal.tolist(), None if of.block is None else of.block.tolist(), of.blocks)
+        for name, of in study.reading.answers.items()
+    }
+    return counts, looked_at, study.reading.read, study.reading.ignored
+
+
+def problems(source, read=bt.read_study, options=None):
+    with pytest.raises(bt.InputError) as caught:
+        read(source, *([] if options is None else [options]))
+    return list(caught.value.problems)
+
+
+@EVERY
+@pytest.mark.parametrize("frame", [TRIALS, COUNTS], ids=["trials", "counts"])
+def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
+    read, plain = bt.read_study(made(frame, tmp_path)), bt.read_study(write_table(frame.replace("'=q", "''=q"), tmp_path / "study.csv"))
+    form = SOURCES[made][0]
+    assert read.source == ("study.parquet" if form == "Parquet" else form)
+    assert str(content(read)).replace("'=q", "''=q") == str(content(plain))  # a spreadsheet's apostrophe is taken off in CSV files alone
+    assert read.notes == tuple(note.replace("comma-separated, UTF-8", form) for note in plain.notes)
+
+
+@EVERY
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"s1": [0.0, None, 0.0]}, "row {}, column s1: found '', allowed: a finite number"),
+        ({"s2": [1.0, float("inf"), 3.0]}, "row {}, column s2: found 'inf', allowed: a finite number"),
+        ({"subject": ["1", None, "7"]}, "row {}, column subject: found '', allowed: a text that is not empty"),
+        ({"subject": ["a", "a\0b", "b"]}, "row {}, column subject: found 'a\\x00b', allowed: text without NUL characters"),
+        ({"s1": ["0", "0,3", "0"]}, "row {}, column s1: found '0,3', allowed: a finite number, without thousands separators"),
+        ({"n_equal": [1, 7, 3]}, "row {}, column n_equal: found '7', allowed: 0 to n_trials = 5"),
+        ({"s1": [None, b"x", None]}, "row {}, column s1: found \"b'x'\" of type bytes, allowed: text, numbers or truth values"),
+    ],
+    ids=["missing", "infinite", "name", "nul", "comma", "count", "bytes"],
+)
+def test_what_cannot_be_used_is_refused_by_row_and_column(tmp_path, made, change, said):
+    (problem,) = problems(made(COUNTS.assign(**change), tmp_path))
+    form, first = SOURCES[made]
+    assert problem == f"{'study.parquet' if form == 'Parquet' else form}: {said.format(first + 1)}"
+
+
+def test_columns_that_are_missing_or_hold_something_else_or_nothing(tmp_path):
+    frame = COUNTS.rename(columns={"subject": "participant"})
+    assert problems(frame)[0].endswith("or ReadOptions(columns={'subject': 'participant'})"), "in words of Python"
+    assert bt.read_study(frame, bt.ReadOptions(columns={"subject": "participant"})).names == ("a", "b")
+    (problem,) = problems(as_parquet(COUNTS.drop(columns="s2"), tmp_path))
+    assert problem.startswith("study.parquet: schema, column s2: missing, found 'subject', 's1', 'n_equal', 'n_trials', allowed: a column")
+    assert problem.endswith("--columns s2=NAME")
+    dates = COUNTS.assign(subject=pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]"), s2=[[1.0], [2.0], [3.0]])
+    assert problems(as_parquet(dates, tmp_path)) == [
+        f"study.parquet: row 1, column {name}: found {found}, allowed: text, numbers or truth values"
+        for name, found in (("subject", "'2024-01-01 00:00:00' of type Timestamp"), ("s2", "'[1.0]' of type list"))
+    ]
+    assert problems(as_parquet(COUNTS[:0].astype(str), tmp_path)) == [
+        "study.parquet: schema: found no row below it, allowed: at least one row"
+    ]
+    assert problems(COUNTS[:0]) == ["pandas DataFrame: columns: found no row below it, allowed: at least one row"]
+    for wrong, found in ((TRIALS.to_dict("list"), "dict"), (3, "int")):
+        assert problems(wrong) == [f"found {found!r}, allowed: the path of a file, or a pandas or polars DataFrame"]
+    lazy = pytest.importorskip("polars").DataFrame({"subject": ["a"]}).lazy()
+    assert problems(lazy) == ["LazyFrame: found a lazy frame, allowed: a frame, which its collect() gives"]
+
+
+def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
+    frame = pd.DataFrame(
+        {
+            " who": pd.Categorical(["b", "a", "b"], categories=["a", "b"]),
+            "i.1": np.array([0.1, 0.2, 0.1], np.float32),  # 0.1, not its nearest neighbour among the doubles
+            "s2": [Decimal("0.30"), Decimal("0.25"), Decimal("0.30")],
+            "response": [True, False, False],
+            "synthetic": [True] * 3,
+        }
+    )
+    study = bt.read_study(as_parquet(frame, tmp_path), bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}))
+    assert study.synthetic
+    assert [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_equal.tolist()) for one in study] == [
+        ("b", [0.1], [0.3], [1]),
+        ("a", [0.2], [0.25], [0]),
+    ]
+    floats = pd.DataFrame({"subject": [1008.0, 1008.0, np.nan], "s1": [0, 0, 0], "s2": [0, 1, 0], "response": [1.0, 0.0, np.nan]})
+    study = bt.read_study(floats)
+    assert study.names == ("1008",), "whole numbers keep their digits whatever pandas made of them"
+    assert study[1008] is study["1008"] is study[np.int64(1008)]
+    answers = pd.DataFrame({"subject": pd.Categorical(["x"] * 2), "s1": 0, "s2": [0, 1], "response": pd.array([True, False], "boolean")})
+    assert bt.read_study(answers)["x"].n_equal.tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("isi", [None, [0.5, 2.0]])
+def test_a_study_gives_the_frame_that_it_is_read_from(isi):
+    study = bt.simulate(2, batches=3, isi=isi, seed=1).study
+    again = bt.read_study(study.frame())
+    assert again.synthetic
+    assert content(again)[0] == content(study)[0]
+
+
+def test_small_tables_come_as_frames_and_parquet_too(tmp_path):
+    people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
+    for source in (people, as_parquet(people, tmp_path)):
+        assert bt.read_covariates(source).values == {"age": {"01": 20.5}, "group": {"01": "x", "NA": "y"}}
+
+
+# --- Files that are damaged, too large, or none --------------------------------------------------------------
+
+
+def test_a_damaged_parquet_file_is_one_line(tmp_path):
+    pytest.importorskip("pyarrow")
+    path = write_table(COUNTS, tmp_path / "study.parquet")
+    whole, random_bytes, plain = path.read_bytes(), random.Random(1), content(bt.read_study(path))
+    for at in random_bytes.sample(range(len(whole)), 150):
+        path.write_bytes(whole[:at])
+        assert len(problems(path)) == 1
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << random_bytes.randrange(8)]) + whole[at + 1 :])
+        with suppress(bt.InputError):  # in what is not read, such as statistics, a change does no harm
+            assert content(bt.read_study(path)) == plain
+    path.write_bytes(b"subject,s1,s2,response\na,0,0,equal\n")
+    done = inside("check", path)
+    assert (done.returncode, done.stdout, len(done.stderr.strip().splitlines())) == (2, "", 1)
+    assert "study.parquet: found a damaged Parquet file" in done.stderr
+
+
+def test_more_rows_than_a_file_can_hold_are_refused_unread(tmp_path):
+    path = as_parquet(pd.DataFrame({"subject": "a", "age": np.zeros(2**22 + 1)}), tmp_path)
+    assert path.stat().st_size < 2**20
+    (problem,) = problems(path, bt.read_covariates)
+    assert problem.startswith("study.parquet: found 4194305 rows of ")
+    assert problem.endswith("allowed: 4194304 rows, 33554432 bytes")
+
+
+def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
+    path = as_parquet(COUNTS, tmp_path)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    said = "found a Parquet file and no pyarrow, allowed: pip install 'bayes_toe[parquet]', or a CSV file"
+    assert problems(path) == [f"study.parquet: {said}"]
+    with pytest.raises(bt.InputError, match="no pyarrow"):
+        write_table(COUNTS, tmp_path / "t.parquet")
+    refused = inside("asymmetry", "there is no such study.csv", "-o", tmp_path / "t.parquet")
+    assert (refused.returncode, refused.stderr) == (2, f"error: t.parquet: {said}\n"), "before the work"
+
+
+def test_a_damaged_matlab_file_that_ends_the_process_that_reads_it_is_one_line(tmp_path):
+    columns = {"subject": "M1", "s1": np.array([0.0, 0.3, 0.0]), "s2": np.array([0.3, 0.0, 0.0]), "response": np.array([1, 0, 1])}
+    savemat(tmp_path / "trials.mat", columns)
+    assert bt.read_study(tmp_path / "trials.mat")["M1"].n_equal.tolist() == [1, 1, 0]
+    whole = bytearray((tmp_path / "trials.mat").read_bytes())
+    whole[172] = 9  # of the type of a variable's flags: scipy 1.17 reads beyond its memory, and dies of signal 11
+    (tmp_path / "trials.mat").write_bytes(whole)
+    (problem,) = problems(tmp_path / "trials.mat")
+    assert problem.startswith("trials.mat: found a damaged MATLAB file (")
+    assert problem.endswith("), allowed: one that MATLAB has saved with '-v7'")
+
+
+def test_files_without_an_end_and_files_that_are_too_large(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        assert "a pipe or device, not a file" in problems(path)[0]
+    with pytest.raises(IsADirectoryError):
+        input_bytes(tmp_path)
+    (tmp_path / "file").write_bytes(b"a\n1\n")
+    assert input_bytes(tmp_path / "file", 4) == b"a\n1\n"
+    with pytest.raises(bt.InputError, match="4 bytes, more than 3"):
+        read_table(tmp_path / "file", {"a"}, 3)
+
+
+LONG = 300 * "x"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("check", LONG),
+        ("check", f"{LONG}.mat"),
+        ("check", "example.csv", f"{LONG}.csv"),
+        ("simulate", "-o", "out.csv", "--design", LONG),
+        ("simulate", "-o", "out.csv", "--population", f"{LONG}.csv"),
+        ("methods", LONG),
+        ("predict", LONG, "pairs.csv"),
+    ],
+)
+def test_a_name_that_is_too_long_for_a_file_is_one_line(tmp_path, command):
+    bt.example_study().frame().to_csv(tmp_path / "example.csv", index=False)
+    done = call(*command, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stderr.startswith("error: ")
+
+
+def test_commands_read_and_write_parquet(tmp_path):
+    pytest.importorskip("pyarrow")
+    study, table = tmp_path / "study.parquet", tmp_path / "a.parquet"
+    assert inside("simulate", "-o", study, "--subjects", 2, "--batches", 2, "--seed", 1).returncode == 0
+    assert inside("asymmetry", study, "-o", table).returncode == 0
+    assert set(pd.read_parquet(table)["subject"]) >= {"S01", "S02"}
