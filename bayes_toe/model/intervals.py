@@ -129,28 +129,9 @@ class Scales(NamedTuple):
         """The scales of pairs, shape (points, pairs), given the place of each pair's interval, shape (pairs,) or (points, pairs)."""
         return Scales(_at_pairs(self.pull, which), _at_pairs(self.width, which))
 
-    def to_reference(self, points: FloatArray, offset: int, log_width: int) -> FloatArray:
-        """Points, shape (points, k), whose offset and width are those at one interval, that of these scales, with those at t = 1."""
-        moved = points.copy()
-        moved[:, offset] /= self.pull[:, 0]
-        moved[:, log_width] -= np.log(self.width[:, 0])
-        return moved
-
 
 #: At one interval, and of a model that does not mention the interval: exactly 1.
 UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
-
-
-def grouped_intervals(isi: FloatArray) -> tuple[FloatArray, IndexArray]:
-    """Distinct intervals, seconds, and the place of each pair's among them.
-
-    Examples
-    --------
-    >>> [part.tolist() for part in grouped_intervals(np.array([2.0, 0.5, 2.0]))]
-    [[0.5, 2.0], [1, 0, 1]]
-    """
-    seconds, which = np.unique(isi, return_inverse=True)
-    return seconds, which.reshape(isi.shape)
 
 
 def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Never
 
 import numpy as np
@@ -25,7 +26,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.intervals import UNSCALED, Growth, Propagator, Scales, grouped_intervals, reference_interval, typical_interval
+from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval, typical_interval
 from bayes_toe.model.levelling import Funnel, Levelling
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
 from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
@@ -153,32 +154,42 @@ class Posterior:
     prior: Prior = field(default_factory=Prior)
     centre: float | None = None
     interval: float | None = None
-    sbar: float = field(init=False)
-    reference: float = field(init=False)
-    _parts: tuple[tuple[Block, slice], ...] = field(init=False, repr=False)
-    _places: Mapping[str, int] = field(init=False, repr=False)
-    _offset_place: int | None = field(init=False, repr=False)
-    _intervals: tuple[FloatArray, IndexArray] | None = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        subject, ends = self.subject, np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
-        known = subject.isi is not None and self.model.knows_intervals
-        places = {name: i for i, name in enumerate(self.model.coordinates)}
-        reference = reference_interval(subject, self.prior.reference_interval) if self.interval is None else self.interval
-        for key, value in {
-            "sbar": float(np.average(subject.s1, weights=subject.n_trials)) if self.centre is None else self.centre,
-            "_parts": tuple((block, slice(i, j)) for block, i, j in zip(self.model.free, ends[:-1], ends[1:], strict=True)),
-            "_places": places,
-            "_offset_place": next((places[name] for name in _OFFSETS if name in places), None),
-            "reference": reference,
-            "_intervals": grouped_intervals(np.asarray(subject.isi) / reference) if known else None,
-        }.items():
-            object.__setattr__(self, key, value)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the k unconstrained coordinates."""
         return self.model.coordinates
+
+    @cached_property
+    def sbar(self) -> float:
+        """Intensity from which the offset counts, natural-log units."""
+        return float(np.average(self.subject.s1, weights=self.subject.n_trials)) if self.centre is None else self.centre
+
+    @cached_property
+    def reference(self) -> float:
+        """Reference interval, seconds."""
+        return reference_interval(self.subject, self.prior.reference_interval) if self.interval is None else self.interval
+
+    @cached_property
+    def _places(self) -> Mapping[str, int]:
+        return {name: i for i, name in enumerate(self.coordinates)}
+
+    @cached_property
+    def _parts(self) -> tuple[tuple[Block, slice], ...]:
+        ends = np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
+        return tuple((block, slice(*part)) for block, part in zip(self.model.free, pairwise(ends), strict=True))
+
+    @cached_property
+    def _offset_place(self) -> int | None:
+        return next((self._places[name] for name in _OFFSETS if name in self._places), None)
+
+    @cached_property
+    def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
+        """Distinct intervals over the reference, and the place of each pair's among them; None where the interval does not matter."""
+        if self.subject.isi is None or self.model.propagator is None:
+            return None
+        intervals, which = np.unique(np.asarray(self.subject.isi) / self.reference, return_inverse=True)
+        return intervals, which.reshape(np.shape(self.subject.isi))
 
     # --- Densities ------------------------------------------------------------------------------------
 
@@ -274,9 +285,11 @@ class Posterior:
         gradient[:, self._places["log_width"]] += _over_pairs(steep, z)
         if _SLOPE in self._places:
             gradient[:, self._places[_SLOPE]] += _over_pairs(_finished(steep, np.atleast_2d(self._middle)), z)
-        if self._intervals is not None and self.model.propagator is not None:
-            pulled, growth = per * (pull * lever - offset[0]), self._growth(self.model.propagator, x)
-            for name, of_pull, of_width in zip(self.model.propagator.coordinates, *growth, strict=True):
+        propagator = self.model.propagator
+        if self._intervals is not None and propagator is not None:
+            pulled, (intervals, which) = per * (pull * lever - offset[0]), self._intervals
+            growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
+            for name, of_pull, of_width in zip(propagator.coordinates, *growth, strict=True):
                 moved = _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width)
                 gradient[:, self._places[name]] += _over_pairs(moved, z)
         for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
@@ -304,7 +317,10 @@ class Posterior:
             points[:, self._offset_place] = self._offset_prior.score(points[:, self._offset_place])
         if self._offset_place is not None and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
-        points = self._from_typical_interval(points)
+        if self._intervals is not None:  # offset and width are those at the typical interval: what they are at the reference
+            at = self._scales_at(points, typical_interval(np.asarray(subject.isi) / self.reference, subject.n_trials))
+            points[:, self._places["offset"]] /= at.pull[:, 0]
+            points[:, self._places["log_width"]] -= np.log(at.width[:, 0])
         some = np.isfinite(self.log_density(points))
         return points[some] if some.any() else self._refuse(points)
 
@@ -348,9 +364,8 @@ class Posterior:
 
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
-        propagator, pull = self.model.propagator, self._pull(x)
-        scale = UNSCALED.pull if propagator is None else self._scales_at(propagator, x, seconds / self.reference).pull
-        return np.asarray(1.0 - np.broadcast_to(pull * scale, (len(x), len(seconds))))
+        scale = self._scales_at(x, seconds / self.reference).pull
+        return np.asarray(1.0 - np.broadcast_to(self._pull(x) * scale, (len(x), len(seconds))))
 
     def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
@@ -434,19 +449,18 @@ class Posterior:
 
     def _scales(self, x: FloatArray) -> Scales:
         """Pull and width of every pair over those at the reference; one row and column of 1 where nothing depends on the interval."""
-        propagator = self.model.propagator
-        if self._intervals is None or propagator is None:
+        if self._intervals is None:
             return UNSCALED
-        return self._scales_at(propagator, x, self._intervals[0]).of_pairs(self._intervals[1])
+        return self._scales_at(x, self._intervals[0]).of_pairs(self._intervals[1])
 
-    def _scales_at(self, propagator: Propagator, x: FloatArray, intervals: FloatArray) -> Scales:
+    def _scales_at(self, x: FloatArray, intervals: FloatArray) -> Scales:
         """Pull and width at intervals in units of the reference over those at it, (points, k) and (intervals,) -> (points, intervals)."""
-        return propagator.scales(*(x[:, self._places[name]] for name in propagator.coordinates), intervals)
+        propagator = self.model.propagator
+        return UNSCALED if propagator is None else propagator.scales(*self._columns(x, propagator), intervals)
 
-    def _growth(self, propagator: Propagator, x: FloatArray) -> Growth:
-        assert self._intervals is not None
-        seconds, which = self._intervals
-        return propagator.growth(*(x[:, self._places[name]] for name in propagator.coordinates), seconds).of_pairs(which)
+    def _columns(self, x: FloatArray, propagator: Propagator) -> list[FloatArray]:
+        """The coordinates that a propagator depends on, shape (points,) each."""
+        return [x[:, self._places[name]] for name in propagator.coordinates]
 
     def _between_pairs(self, point: FloatArray) -> FloatArray:
         """Copies of a point with offsets between those that put a pair on the axis, shape (offsets, k).
@@ -458,14 +472,6 @@ class Posterior:
         moved, offsets = np.repeat(point[None], len(walls) - 1, axis=0), 0.5 * (walls[1:] + walls[:-1])
         moved[:, self._offset_place] = self._offset_prior.score(offsets) if "offset_score" in self._places else offsets
         return moved
-
-    def _from_typical_interval(self, points: FloatArray) -> FloatArray:
-        """Points whose offset and width are those at the typical interval, the geometric mean, with those at the reference."""
-        propagator = self.model.propagator
-        if propagator is None or self.subject.isi is None:
-            return points
-        scale = self._scales_at(propagator, points, typical_interval(self.subject.isi / self.reference, self.subject.n_trials))
-        return scale.to_reference(points, self._places["offset"], self._places["log_width"])
 
 
 @lru_cache(maxsize=4)

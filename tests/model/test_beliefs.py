@@ -33,13 +33,6 @@ def test_two_stimuli_are_the_papers_model(s1, s2, mu1, sigma_p, gamma):
     assert shift == pytest.approx(z, rel=1e-9, abs=50 * EPS / sigma_p)
 
 
-def test_the_probability_of_a_trial():
-    view = trial_view(0.0, 0.4, -0.5, 0.3, 0.2)
-    assert float(0.9 * 2 ** -(view.distance**2)) == pytest.approx(
-        float(bt.model.equal_probability(0.0, 0.4, -0.5, 0.3, 0.2, 0.9)), rel=1e-13
-    )
-
-
 def test_the_unsimplified_equations_of_appendix_b():
     mu1, v1, vl, vp, s = 0.7, 0.5, 0.3, 0.9, -0.4  # any prior variance, not only the self-consistent one
     vx = 1 / (1 / v1 + 1 / vl + 1 / vp)
@@ -84,32 +77,6 @@ def test_a_sequence_is_the_conditional_of_one_big_gaussian():
         assert view.before.variance[t] == pytest.approx(state[t, t] - pull @ state[:t, t], rel=1e-12)
 
 
-def test_the_steady_variance_stays():
-    s = np.random.default_rng(0).normal(size=200)
-    view = sequence_view(s, 0.0, 0.3, 0.2)
-    ratio = float(model.variance_ratio((0.2 / 0.3) ** 2))
-    assert view.before.variance == pytest.approx(np.full(200, ratio * 0.3**2), rel=1e-12)
-    assert view.before.mean.shape == view.after.mean.shape == view.distance.shape == (200,)
-
-
-def test_another_prior_settles_on_the_steady_variance():
-    vague = Gaussian(np.asarray(3.0), np.asarray(1e6))
-    view = sequence_view(np.zeros(60), 3.0, 0.3, 0.2, prior=vague)
-    assert view.before.variance[0] == 1e6
-    assert view.before.variance[-1] == pytest.approx(float(steady_prior(3.0, 0.3, 0.2).variance), rel=1e-12)
-    assert abs(view.before.mean[-1]) < 1e-12
-
-
-def test_a_sequence_of_two_is_a_trial_and_draws_broadcast():
-    mu1, sigma_p, sigma_l = np.array([0.1, 0.4, 0.7]), np.array([0.3, 0.2, 0.5]), np.array([0.1, 0.1, 0.3])
-    trial = trial_view(0.0, 0.3, mu1, sigma_p, sigma_l)
-    view = sequence_view([0.0, 0.3], mu1, sigma_p, sigma_l)
-    assert view.before.mean.shape == (3, 2)
-    assert view.before.mean[:, 1] == pytest.approx(trial.evolved.mean, rel=1e-15)
-    assert view.after.variance[:, 1] == pytest.approx(trial.after_second.variance, rel=1e-15)
-    assert view.distance[:, 1] == pytest.approx(trial.distance, rel=1e-13)
-
-
 @pytest.mark.parametrize("bad", [{"intervals": [1.0, 1.0]}, {"intervals": [-1.0]}, {"intervals": [np.nan]}])
 def test_bad_intervals_are_refused(bad):
     with pytest.raises(InputError, match="2 stimuli need 1 finite"):
@@ -121,22 +88,6 @@ def test_bad_sequences_and_parameters_are_refused():
         sequence_view([], 0.0, 0.3, 0.1)
     with pytest.raises(NumericalError, match="sigma_p"):
         trial_view(0.0, 0.1, 0.0, 0.0, 0.1)
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    s1=st.floats(-2, 2), s2=st.floats(-2, 2), mu1=st.floats(-5, 5), sigma_p=st.floats(-2, 3).map(lambda e: 10.0**e),
-    gamma=st.floats(-30, 0).map(lambda e: 10.0**e), q0=st.floats(0, 1),
-)  # fmt: skip
-def test_two_stimuli_are_noticed_as_in_the_papers_model(s1, s2, mu1, sigma_p, gamma, q0):
-    sigma_l = sigma_p * np.sqrt(gamma)
-    found = bt.noticed([s1, s2], mu1, sigma_p, sigma_l, q0)
-    assert found.shape == (1,)
-    assert found[0] == pytest.approx(1 - float(bt.model.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)), abs=1e-12)
-    if 0 < q0 < 1:  # and to the relative digits of the stable form, where 1 - q is small
-        z = model.normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
-        log_rest = float(model.log_different(z, np.log(q0) - np.log1p(-q0)))
-        assert found[0] == pytest.approx(np.exp(log_rest), rel=1e-12, abs=1e-13)
 
 
 def test_a_stream_at_another_pace_is_the_papers_model_with_more_diffusion():

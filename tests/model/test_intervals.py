@@ -1,16 +1,24 @@
-"""The model at several intervals against the filter's own equations, solved step by step, and against high precision."""
+"""The model at several intervals: the filter step by step, scales exactly 1 at one second, and the equations of their moments."""
 
-import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, update
-from bayes_toe.model.closed_form import equal_probability, width
+from bayes_toe.model.closed_form import MAX_PULL, equal_probability, pull, width
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.intervals import at_interval, equal_probability_at, gain_at
+from bayes_toe.model.intervals import (
+    MEAN_REVERSION,
+    RANDOM_WALK,
+    at_interval,
+    equal_probability_at,
+    gain_at,
+    mean_reverting_scales,
+    random_walk_scales,
+)
 
 OBSERVER = Natural(*map(np.asarray, (-0.6, 0.21, 0.14, 0.93)))
 
@@ -56,31 +64,63 @@ def test_gain_rises_with_the_interval_and_the_width_is_least_where_gamma_is_two(
     assert float(width(at_interval(OBSERVER, shortest).sigma_p, 2.0)) == pytest.approx(2.0 * float(OBSERVER.sigma_l), rel=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
-@given(sigma_p=st.floats(-150, 150), gamma=st.floats(-300, 0), isi=st.floats(-120, 120), pair=st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
-def test_distance_agrees_with_high_precision_at_extremes(sigma_p, gamma, isi, pair):
-    sigma, t = 10.0**sigma_p, 10.0**isi
-    sigma_l = sigma * 10.0 ** (gamma / 2)
-    if sigma_l < 1e-150:
-        return
-    theta = Natural(*map(np.asarray, (0.7, sigma, sigma_l, 1.0)))
-    with mpmath.workdps(700):
-        noise, diffusion = mpmath.mpf(sigma_l) ** 2, mpmath.mpf(sigma) ** 2 * mpmath.mpf(t)
-        prior = (diffusion + mpmath.sqrt(diffusion**2 + 4 * diffusion * noise)) / 2
-        kept = prior * noise / (prior + noise)
-        mean = kept * (mpmath.mpf(pair[0]) / noise + mpmath.mpf(0.7) / prior)
-        later = kept + diffusion
-        z = (mpmath.mpf(pair[1]) - mean) / (mpmath.sqrt(later) + noise / mpmath.sqrt(later))
-        # What rounding the stimuli's difference and the pull may cost.
-        room = (abs(pair[0]) + abs(pair[1]) + 0.7) / (mpmath.sqrt(later) + noise / mpmath.sqrt(later)) * mpmath.mpf(2) ** -50
-        low, high = (mpmath.mpf(2) ** -(v**2) for v in (abs(z) + room, max(abs(z) - room, 0)))
-        pull = 1 - float(prior / (prior + noise))
-    found = float(equal_probability_at(pair[0], pair[1], t, theta))
-    assert float(low) * (1 - 1e-12) - 1e-300 <= found <= float(high) * (1 + 1e-12)
-    assert 1.0 - float(gain_at(theta, t)) == pytest.approx(pull, abs=1e-15)
-
-
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_an_interval_is_positive(bad):
     with pytest.raises(InputError, match="positive finite"):
         at_interval(OBSERVER, [1.0, bad])
+
+
+FAR = st.floats(-700.0, 700.0)
+
+
+def one(scales, *coordinates):
+    return [float(part[0, 0]) for part in scales(*(np.array([value]) for value in coordinates))]
+
+
+@given(a=FAR, split=FAR)
+def test_one_second_is_exactly_one(a, split):
+    assert one(RANDOM_WALK.scales, a, 1.0) == [1.0, 1.0]
+    assert one(MEAN_REVERSION.scales, a, split, 1.0) == [1.0, 1.0]
+
+
+@given(a=st.floats(-600, 30), t=st.floats(1e-3, 1e3))
+def test_random_walk_is_the_closed_form_of_its_interval(a, t):
+    p = MAX_PULL / (1 + np.exp(-a))
+    theta = Natural(np.array(0.0), np.array(1.0), np.array(np.sqrt(p) / (1 - p)), np.array(0.9))
+    there = at_interval(theta, t)
+    expected = pull(there.gamma) / p, width(there.sigma_p, there.gamma) / width(1.0, theta.gamma)
+    assert one(random_walk_scales, a, t) == pytest.approx([float(value) for value in expected], rel=1e-12)
+
+
+SIGMA1, SIGMA_L, RHO = 0.7, 0.4, 0.55
+GAIN = SIGMA1**2 / (SIGMA1**2 + SIGMA_L**2)
+
+
+def of_memory(t):
+    """Weight and width of the memory with these parameters after t seconds, by the scales from those at one second."""
+    weight = GAIN * RHO
+    sd = np.sqrt(SIGMA1**2 * (1 - RHO**2 * GAIN))
+    a, split = np.log(1 / weight - 1), np.log(np.log(RHO) / np.log(GAIN))
+    r, v = one(mean_reverting_scales, a, split, t)
+    return 1 - r * (1 - weight), v * (sd + SIGMA_L**2 / sd)
+
+
+@pytest.mark.parametrize("t", [0.05, 0.3, 1.0, 2.5, 9.0])
+def test_mean_reversion_solves_the_equations_of_its_moments(t):
+    # dm/dt = -(m - mu1)/tau and dV/dt = 2 (sigma1^2 - V)/tau, with tau = -1/ln rho, from the belief right after a stimulus at mu1 + 1.
+    tau = -1 / np.log(RHO)
+    start = [GAIN, GAIN * SIGMA_L**2]
+    found = solve_ivp(lambda _, y: [-y[0] / tau, 2 * (SIGMA1**2 - y[1]) / tau], (0, t), start, rtol=1e-11, atol=1e-13).y[:, -1]
+    sd = np.sqrt(found[1])
+    assert of_memory(t) == pytest.approx((found[0], sd + SIGMA_L**2 / sd), rel=1e-8)
+
+
+def test_mean_reversion_begins_with_the_gain_and_ends_with_the_prior():
+    assert of_memory(1e-12) == pytest.approx((GAIN, (v := np.sqrt(GAIN) * SIGMA_L) + SIGMA_L**2 / v), rel=1e-9)
+    assert of_memory(1e6) == pytest.approx((0.0, SIGMA1 + SIGMA_L**2 / SIGMA1), rel=1e-12, abs=1e-12)
+
+
+def test_the_two_memories_disagree_on_what_an_interval_does_to_the_order_effect():
+    seconds, a = np.array([0.25, 0.5, 2.0, 4.0]), np.array([-1.0, 1.0])
+    assert (np.diff(random_walk_scales(a, seconds).pull) < 0).all()
+    assert (np.diff(mean_reverting_scales(a, a, seconds).pull) > 0).all()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
 from scipy.integrate import cubature
-from scipy.special import expit, logit, logsumexp
-from scipy.stats import binom, halfnorm, norm, uniform
+from scipy.special import logit, logsumexp
+from scipy.stats import halfnorm, norm, uniform
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError, NumericalError
@@ -19,9 +19,7 @@ from bayes_toe.inference.modes import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import (
     CONSTANT_BIAS,
-    DIFFERENCING,
     FREE_WEIGHTING,
-    MEAN_REVERTING,
     MODELS,
     NO_LAPSES,
     SYMMETRIC,
@@ -113,45 +111,6 @@ def test_free_weighting_is_hellstroms_form():
     assert target.distance(np.array(x))[0] == pytest.approx(expected, rel=1e-12)
 
 
-def test_mean_reverting_memory_against_its_filter():
-    subject = STUDY["S03"]
-    target = posterior_of(subject, model=MEAN_REVERTING)
-    x = target.sample_prior(np.random.default_rng(3), 500)
-    x = x[np.abs(x[:, 1]) < 12]
-    named = target.judged(x)
-    log_equal = target.log_answers(x)[0]
-    for i in range(0, len(x), 10):
-        mu1, sigma1, sigma_l, rho = (named[key][i] for key in ("mu1", "sigma1", "sigma_l", "rho"))
-        # Product of the prior and the measurement, then a step of the Ornstein-Uhlenbeck process about the prior.
-        precision = 1 / sigma1**2 + 1 / sigma_l**2
-        mean, variance = (mu1 / sigma1**2 + subject.s1 / sigma_l**2) / precision, 1 / precision
-        mu2 = mu1 + rho * (mean - mu1)
-        sigma2 = np.sqrt(rho**2 * variance + (1 - rho**2) * sigma1**2)
-        z = (subject.s2 - mu2) / (sigma2 + sigma_l**2 / sigma2)
-        # Differences of large terms: the literal route loses digits, the closed form does not.
-        scale = (np.abs(mu1) + 1) / (sigma2 + sigma_l**2 / sigma2)
-        assert target.distance(x[i : i + 1])[0] == pytest.approx(z, rel=1e-8, abs=1e-11 * scale)
-        assert log_equal[i] == pytest.approx(np.log(expit(x[i, 4])) - np.log(2) * z**2, rel=1e-7, abs=1e-9 * scale * (1 + np.abs(z).max()))
-
-
-def test_differencing_against_its_definition():
-    subject = STUDY["S03"]
-    offset, width, peak = 0.05, 0.2, 0.9
-    k, delta = norm.ppf(0.5 * (1 + peak)), (subject.s2 - subject.s1 - offset) / width
-    q = norm.cdf(k - delta) - norm.cdf(-k - delta)
-    target = posterior_of(subject, PLAIN, model=DIFFERENCING)
-    expected = binom.logpmf(subject.n_equal, subject.n_trials, q) - binom.logpmf(subject.n_equal, subject.n_trials, 0.5)
-    found = target.pair_log_likelihood([[offset, np.log(width), np.log(peak / (1 - peak))]])[0] + subject.n_trials * np.log(2)
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
-
-
-def test_no_lapses_is_the_limit_of_h1():
-    subject = CASES["q0 = 1"]
-    x = np.array([[-0.05, 0.3, -1.2]])
-    limit = posterior_of(subject).log_likelihood(np.append(x, [[600.0]], axis=1))
-    assert posterior_of(subject, model=NO_LAPSES).log_likelihood(x) == pytest.approx(limit, rel=1e-12)
-
-
 # --- Evidence ---------------------------------------------------------------------------------------
 
 
@@ -169,19 +128,6 @@ def _natural_evidence(subject, q_of, box, log_prior):
     found = cubature(lambda theta: np.exp(log_joint(theta) - top), *box, rtol=1e-5, max_subdivisions=20_000)
     assert found.status == "converged"
     return top + np.log(found.estimate)
-
-
-def test_two_dimensions_against_quadrature():
-    subject = STUDY["S03"]
-
-    def q_of(theta):
-        w, q0 = theta[:, :1], theta[:, 1:2]
-        return q0 * 2.0 ** -(((subject.s2 - subject.s1) / w) ** 2)
-
-    exact = _natural_evidence(subject, q_of, ([0.02, 1e-9], [1.5, 1 - 1e-9]), lambda t: halfnorm.logpdf(t[:, 0]))
-    value, error, _ = evidence_of(subject, SYMMETRIC)
-    assert value == pytest.approx(exact, abs=4.5 * error + 1e-3)
-    assert 4.5 * error < 0.02
 
 
 @pytest.mark.parametrize("name", ["constant bias", "differencing"])

@@ -16,11 +16,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.model import posterior as module
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
-from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.intervals import equal_probability_at
 from bayes_toe.model.ladder import (
     MEAN_REVERTING,
     MODELS,
@@ -60,18 +57,6 @@ def evidence_of(subject, model, prior=None):
 # --- What each says ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=lambda model: model.name)
-@pytest.mark.parametrize("case", ["funnel", "all equal", "stimuli offset by 100"])
-def test_one_second_everywhere_is_the_model_without_intervals(model, case):
-    plain = CASES[case]
-    timed = Subject(plain.name, plain.s1, plain.s2, plain.n_equal, plain.n_trials, isi=np.ones(plain.n_pairs))
-    without, with_isi = posterior_of(plain, model=model), posterior_of(timed, model=model)
-    x = without.sample_prior(np.random.default_rng(1), 500)
-    assert with_isi.log_density(x) == pytest.approx(without.log_density(x), rel=1e-12, abs=1e-12)
-    assert with_isi.distance(x) == pytest.approx(without.distance(x), rel=1e-12, abs=1e-12)
-    assert with_isi.starts() == pytest.approx(without.starts(), rel=1e-12, abs=1e-12)
-
-
 @pytest.mark.parametrize("model", IGNORING, ids=lambda model: model.name)
 def test_models_without_a_memory_pool_the_answers_over_intervals(model):
     pooled = Subject.from_counts("a", OF_WALK.s1, OF_WALK.s2, OF_WALK.n_equal, OF_WALK.n_trials)
@@ -79,21 +64,6 @@ def test_models_without_a_memory_pool_the_answers_over_intervals(model):
     x = posterior_of(pooled, model=model).sample_prior(np.random.default_rng(1), 500)
     assert posterior_of(OF_WALK, model=model).log_density(x) == pytest.approx(posterior_of(pooled, model=model).log_density(x), rel=1e-12)
     assert model.of_intervals == IGNORES_INTERVALS
-
-
-def test_which_models_know_intervals():
-    assert [model.name for model in MODELS if model.knows_intervals] == ["no lapses", "predictive update", "mean-reverting memory"]
-    assert "sigma_p^2 over the reference interval" in PREDICTIVE_UPDATE.of_intervals
-    assert "rho^t" in MEAN_REVERTING.of_intervals
-
-
-def test_no_lapses_is_the_closed_form_of_h1_at_each_interval():
-    target = posterior_of(OF_WALK, SECOND, model=NO_LAPSES)
-    x = np.random.default_rng(2).normal(size=(200, 3)) * [0.2, 2.0, 0.4] + [0.0, 0.0, -1.0]
-    named = target.judged(x)
-    theta = Natural(*(named[key][:, None] for key in ("mu1", "sigma_p", "sigma_l")), np.ones(1))
-    q = equal_probability_at(OF_WALK.s1, OF_WALK.s2, OF_WALK.isi, theta)
-    assert np.exp(target.log_answers(x)[0]) == pytest.approx(q, rel=1e-9, abs=1e-300)
 
 
 def test_mean_reverting_memory_is_its_filter_at_each_interval():
@@ -109,16 +79,6 @@ def test_mean_reverting_memory_is_its_filter_at_each_interval():
     # Differences of large terms: the literal route loses digits, the closed form does not.
     room = 1e-11 * (np.abs(mu1) + 1) / (evolved.sd + sigma_l**2 / evolved.sd)
     assert (np.abs(target.distance(x) - z) < 1e-8 * np.abs(z) + room).all()
-
-
-def test_without_the_column_nothing_of_this_runs(monkeypatch):
-    def never(*_):
-        raise AssertionError("evaluated without intervals")
-
-    monkeypatch.setattr(module, "grouped_intervals", never)
-    subject = CASES["funnel"]
-    for model in RUNGS:
-        assert np.isfinite(posterior_of(subject, model=model).log_density(np.zeros((1, len(model.coordinates))))).all()
 
 
 # --- Evidence ---------------------------------------------------------------------------------------

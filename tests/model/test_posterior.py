@@ -1,46 +1,23 @@
-"""The log posterior against fifty-digit arithmetic on formulas written another way."""
+"""Value and gradient of every rung and of compositions with every part against hundreds of digits, and over the whole range of floats."""
 
 import mpmath
 import numpy as np
 import pytest
-from definitions import terms
-from hypothesis import given, settings
+from definitions import assert_agrees, terms
+from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
+from scipy.special import logit
 
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
+from bayes_toe.model.ladder import MODELS, posterior_of
+from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import hessian, one_sided
 
 CASES = hard_cases()
-
-
-def slack(posterior, x):
-    """What rounding each pair's displacement to double may cost, in nats: its error in z times the slope of both logs there.
-
-    |d log q / dz| = 2 ln2 |z| and |d log(1 - q) / dz| <= 2 ln2 |z| / ((1 - q0) + ln2 z^2 / 2) where z is small.
-    """
-    (c, a, b, top), subject = x, posterior.subject
-    parts = np.abs(subject.s2 - subject.s1) + 0.382 / (1 + np.exp(-a)) * np.abs(subject.s1 - posterior.sbar) + abs(c)
-    error = 4 * np.finfo(float).eps * parts * np.exp(-b)
-    z = np.abs(posterior.distance(np.array([x]))[0]) + error
-    lapse = 1 / (1 + np.exp(top))
-    steep = 2 * np.log(2) * z
-    return float(np.sum(error * steep * (subject.n_equal + (subject.n_trials - subject.n_equal) / (lapse + np.minimum(z**2, 1) / 3))))
-
-
-moderate = st.tuples(st.floats(-1, 1), st.floats(-20, 20), st.floats(-4, 3), st.floats(-10, 30))
-
-
-@pytest.mark.parametrize("name", ["all equal", "funnel", "one batch", "stimuli offset by 100", "a hundred million trials"])
-@settings(max_examples=25, deadline=None)
-@given(x=moderate)
-def test_value_agrees_with_fifty_digits(name, x):
-    posterior = posterior_of(CASES[name])
-    with mpmath.workdps(60):
-        truth = float(mpmath.fsum(terms(posterior, [mpmath.mpf(v) for v in x])))
-    assert float(posterior.log_density([x])[0]) == pytest.approx(truth, rel=1e-12, abs=1e-12 + slack(posterior, x))
 
 
 def test_points_in_blocks_are_points_one_by_one():
@@ -93,3 +70,154 @@ def test_an_answer_never_given_costs_nothing_even_where_it_is_impossible():
     # All 'different' at z^2 = inf: P(different) is 1, so the log likelihood is exactly 0, not 0 times infinity.
     posterior = posterior_of(CASES["all different"])
     assert posterior.log_likelihood([[0.1, 0.0, -400.0, 0.0]])[0] == 0.0
+
+
+RUNGS = [model.name for model in MODELS if isinstance(model, Model)]
+COMPOSED = [
+    "none + sloped + both ways",
+    "constant error + sloped + both ways + exponent",
+    "constant error + both ways + differencing",
+    "update + sloped + both ways",
+    "update + no lapses + exponent + beta-binomial",
+    "free weighting + both ways + beta-binomial",
+    "mean-reverting + sloped + exponent + beta-binomial",
+]
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, offset_sd=1.0, reference_interval=1.0)
+FLAT = Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0)
+INTERVALS = pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
+
+
+def subject(name, isi, scale=1.0):
+    """Beta-binomial answers go one by one: there a fifth of them, for time's sake."""
+    s1, s2 = [0.0, 0.0, 0.5, 0.25, 0.125], [0.0, 0.5, 0.0, 0.375, 0.75]
+    scale = 0.2 if "beta-binomial" in name else scale
+    return Subject("S", s1, s2, *((scale * np.array(part)).astype(int) for part in ([45, 20, 15, 30, 2], [50, 50, 50, 40, 50])), isi)
+
+
+@INTERVALS
+@pytest.mark.parametrize("name", RUNGS + COMPOSED)
+@settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
+@given(data=st.data())
+def test_every_rung(name, isi, data):
+    target = posterior_of(subject(name, isi), PRIOR, model=name)
+    ranges = {"offset": (-0.6, 0.6), "offset_score": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
+    ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
+    # Subnormal ones left out: a displacement that underflows lies beyond the kink that an exponent of 1 has at z = 0.
+    x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0)), allow_subnormal=False), label=key) for key in target.coordinates]
+    z = target.distance(np.array([x]))[0]
+    # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
+    assume((np.abs(z) > 1e-2).all() if "exponent" in name else ((z == 0.0) | (np.abs(z) > 1e-2)).all())
+    assert_agrees(target, x)
+
+
+FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0, 100.0], "logit_gain": [-30.0, 30.0]}
+FAR |= {"noise_slope": [-40.0, 40.0], "logit_lapse_rate": [-60.0, 30.0], "log_exponent": [-1.6, 3.0], "logit_icc": [-60.0, 30.0]}
+MIDDLE = {"offset": 0.31, "offset_score": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
+MIDDLE |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
+
+
+@INTERVALS
+@pytest.mark.parametrize("name", RUNGS + COMPOSED)
+def test_far_out(name, isi):
+    target = posterior_of(subject(name, isi, scale=1000.0), FLAT, model=name)
+    for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
+        for value in values if key in target.coordinates else ():
+            x = [value if other == key else MIDDLE[other] for other in target.coordinates]
+            if key == "logit_pull" and value < -30:
+                x[0] = 1e-20  # mu1 within reach
+            assert_agrees(target, x, digits=300)
+
+
+@pytest.mark.parametrize("name", ["predictive update", "constant error + sloped + both ways + exponent", "update + sloped + both ways"])
+def test_a_hessian_by_differences(name):
+    target = posterior_of(subject(name, None), PRIOR, model=name)
+    x = np.array([[MIDDLE[key] for key in target.coordinates]])
+    with mpmath.workdps(80):
+        h, unit, k = mpmath.mpf(10) ** -20, np.eye(x.shape[1], dtype=int), range(x.shape[1])
+
+        def value(steps):
+            return mpmath.fsum(terms(target, [mpmath.mpf(float(v)) + int(s) * h for v, s in zip(x[0], steps, strict=True)]))
+
+        def bend(e, f):
+            return (value(e + f) - value(e - f) - value(f - e) + value(-e - f)) / (4 * h**2)
+
+        exact = np.array([[float(bend(unit[i], unit[j])) for j in k] for i in k])
+
+    def gradient(x):
+        return target.gradient(x)[1]
+
+    assert np.abs(hessian(gradient, x)[0] - exact).max() < 1e-7 * np.abs(exact).max()
+    slopes, bends = one_sided(gradient, x, np.abs(np.diag(exact))[None])
+    assert (slopes == gradient(x)).all()
+    assert np.abs(bends[0] - exact).max() < 1e-5 * np.abs(exact).max()
+
+
+DIGITS = 650
+
+
+def point(mu1, gamma, sigma_p, lapse, sbar):
+    """Unconstrained coordinates of an observer; 1 - q0 may be far below machine precision."""
+    p = float(pull(gamma))
+    log_width = np.log(sigma_p) + 1.5 * np.log(float(variance_ratio(gamma)))
+    return [p * (mu1 - sbar), float(logit(p / MAX_PULL)), log_width, float(np.log1p(-lapse) - np.log(lapse))]
+
+
+powers = st.floats(-300, -1e-9).map(lambda e: 10.0**e)
+counts = st.integers(0, 10**9)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@given(
+    gamma=powers,
+    sigma_p=st.floats(-150, 150).map(lambda e: 10.0**e),
+    lapse=st.one_of(powers, st.floats(0.01, 0.99)),
+    z=st.one_of(st.just(0.0), st.floats(-160, 2).map(lambda e: 10.0**e), st.floats(2, 149).map(lambda e: 10.0**e)),
+    mu1=st.floats(-20, 20),
+    answers=st.tuples(counts, counts),
+)
+def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, answers):
+    equal, different = answers
+    if equal + different == 0:
+        equal = 1
+    assume(different < 1e300 * lapse)  # beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be
+    width = sigma_p * float(variance_ratio(gamma)) ** 1.5
+    # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus is placed z widths away.
+    step = z * width + float(pull(gamma)) * mu1
+    subject = Subject("S", [0.0], [step], [equal], [equal + different])
+    posterior = posterior_of(subject)
+    x = point(mu1, gamma, sigma_p, lapse, 0.0)
+    # Rounding the displacement itself costs what its cancellation costs: only well-conditioned displacements are held to 1e-12.
+    if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
+        x[0] = x[0] if z else step
+        assert_agrees(posterior, x, digits=DIGITS)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
+@given(
+    gamma=st.floats(-12, -0.001).map(lambda e: 10.0**e),
+    sigma_p=st.floats(0.1, 2),
+    lapse=st.floats(-12, -0.1).map(lambda e: 10.0**e),
+    mu1=st.floats(-3, 3),
+    offset=st.sampled_from([0.0, 0.5, 1e6]),
+    scale=st.sampled_from([1, 1000, 10**7]),
+)
+def test_many_pairs_wherever_the_stimuli_lie(gamma, sigma_p, lapse, mu1, offset, scale):
+    # Multiples of 2^-6 stay exact when a million is added.
+    grid = np.array([0, 9, 20, 28, 32]) / 64 + offset
+    s1 = np.concatenate([grid, np.full(4, grid[0]), grid[1:]])
+    s2 = np.concatenate([grid, grid[1:], np.full(4, grid[0])])
+    equal = scale * np.array([45, 40, 42, 44, 46, 30, 20, 9, 3, 41, 35, 22, 12])
+    posterior = posterior_of(Subject("S", s1, s2, equal, np.full(13, 50 * scale)))
+    x = point(mu1 + posterior.sbar, gamma, sigma_p, lapse, posterior.sbar)
+    z = posterior.distance(np.array([x]))[0]
+    if np.abs(z).min() > 1e-3:
+        assert_agrees(posterior, x, digits=DIGITS)
+
+
+@pytest.mark.parametrize("a", [-1e4, -745.0, 745.0, 1e4])
+@pytest.mark.parametrize("top", [-1e4, -745.0, 745.0, 1e4])
+def test_far_beyond_any_float_nothing_is_nan(a, top):
+    s1, s2 = np.array([0.0, 0.0, 0.3]), np.array([0.0, 0.3, 0.0])
+    posterior = posterior_of(Subject("S", s1, s2, [5, 2, 3], [10, 10, 10]))
+    for c in (0.0, 1e-320, 0.5):
+        assert not np.isnan(posterior.log_density([[c, a, 0.0, top]])[0])

@@ -1,4 +1,4 @@
-"""One declaration of a prior: a number added in one place shows up everywhere; general families against mpmath; families against SciPy."""
+"""One declaration of a prior: a number added in one place shows up everywhere; general families against mpmath and SciPy; contraction."""
 
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
@@ -174,17 +174,6 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
 
 
-def test_it_is_in_the_posterior(small_study):
-    posterior, plain, x = (*(bt.posterior_of(small_study["A"], prior) for prior in (CHI, PRIORS[0])), points())
-    theta = posterior.natural(x)
-    by_hand = stats.chi.logpdf(theta.sigma_p, 3.0, scale=0.3) - stats.halfnorm.logpdf(theta.sigma_p, scale=0.3)
-    assert posterior.log_density(x) - plain.log_density(x) == pytest.approx(by_hand, rel=1e-7, abs=1e-9)
-    _, gradient = posterior.gradient(x)
-    for i, step in enumerate(1e-5 * np.eye(4)):
-        slope = (posterior.log_density(x + step) - posterior.log_density(x - step)) / 2e-5
-        assert gradient[:, i] == pytest.approx(slope, rel=1e-5, abs=1e-4)
-
-
 def test_what_it_may_not_be():
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(bt.InputError, match=r"prior: sigma_p_shape=.*, allowed: a positive finite number"):
@@ -305,10 +294,6 @@ def test_a_share_keeps_its_digits_at_both_ends(distribution):
     assert slope[[0, -1]] == pytest.approx([a, -b])
 
 
-def test_a_small_pull_keeps_its_gradient():
-    assert np.isfinite(of(Prior())[1](np.array([[1e-150, -345.0, -1.0, 2.0]]))).all()
-
-
 def test_the_limit_of_gamma_is_inside_the_support():
     x = [[0.1, a, -1.0, top] for a in (30.0, 37.0, 40.0, 700.0) for top in (37.0, 700.0)]
     assert np.isfinite(of(Prior())[0](np.array(x))).all()
@@ -397,3 +382,30 @@ def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution
     inside = np.abs(values - 0.5) < 0.5 - 1e-12  # nearer to an edge a float rounds them
     expected = (np.arange(len(values)) + 0.5) / len(values)
     assert np.abs(prior.distribution(name).cdf(values) - expected)[inside].max() < 0.035  # Kolmogorov: passes by chance in all but 1e-4
+
+
+PRIOR = bt.Prior(0.4, 2.5, 0.3)
+TARGET = bt.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)
+
+
+def test_for_normal_densities_it_is_one_minus_the_ratio_of_variances():
+    half_width = 1.6448536269514722 * 0.5
+    assert contraction(TARGET, "mu1", 1.0 - half_width, 1.0 + half_width) == pytest.approx(1.0 - 0.5**2 / 2.5**2, rel=1e-12)
+
+
+def test_a_point_is_all_contraction_and_a_wider_range_is_negative():
+    assert contraction(TARGET, "q0", 0.7, 0.7) == 1.0
+    assert contraction(TARGET, "gamma", 0.01, 0.99) < 0.0
+
+
+def test_the_summary_says_what_the_prior_rules(small_study):
+    # one trial a pair tells nearly nothing of gamma; fifty thousand tell everything
+    s1, s2 = small_study["A"].s1, small_study["A"].s2
+    few = bt.Subject("few", s1, s2, np.ones(len(s1), int), np.ones(len(s1), int))
+    many = bt.Subject("many", s1, s2, 1000 * small_study["A"].n_equal, 1000 * small_study["A"].n_trials)
+    summary = bt.sample(bt.Study([few, many]), draws=500, seed=1, workers=1).summary()
+    assert "contraction" in summary.columns
+    of = summary.set_index(["subject", "parameter"])["contraction"]
+    assert (of["many"] > 0.99).all()
+    assert of["few"]["gamma"] < 0.3
+    assert (of["few"] < of["many"]).all()

@@ -1,13 +1,13 @@
-"""Spreads of counts: the beta-binomial against scipy and fifty digits, and what is asked of it beside its likelihood."""
+"""Spreads of counts against SciPy and many digits, what is asked of them beside their likelihood, and Polya's urn."""
 
-import mpmath as mp
+import mpmath
 import numpy as np
 import pytest
 from scipy.special import gammaln
 from scipy.stats import beta, betabinom
 
 from bayes_toe.data.study import Subject
-from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL
+from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, log_drawn, rising
 
 COUNTS = np.array([0, 1, 17, 49, 50, 0, 1])
 TRIALS = np.array([50, 50, 50, 50, 50, 1, 1])
@@ -29,25 +29,6 @@ def test_likelihood_is_scipys(icc):
     total = 1 / icc - 1
     expected = betabinom.logpmf(COUNTS, TRIALS, total * P[0], total * (1 - P[0])) - ways(SUBJECT)
     assert BETA_BINOMIAL.log_likelihood(SUBJECT, ANSWERS, own(icc))[0] == pytest.approx(expected, rel=1e-10, abs=1e-10)
-
-
-@pytest.mark.parametrize("logit_icc", [-690.0, -40.0, -1.0, 20.0, 690.0])
-@pytest.mark.parametrize("log_p", [-1e5, -600.0, -30.0, -0.7, -1e-12, -1e-200])
-def test_likelihood_at_its_ends_against_many_digits(logit_icc, log_p):
-    with mp.workdps(700):
-        p = mp.exp(mp.mpf(log_p)) if log_p > -1e4 else mp.mpf(0)  # beyond the digits of every sum but its own
-        other = -mp.expm1(mp.mpf(log_p))
-        log_other = mp.log(other)
-        eps = mp.exp(mp.mpf(logit_icc))
-
-        def rising(log, size, n):
-            return mp.fsum([log if j == 0 else mp.log(size + j * eps) for j in range(n)])
-
-        truth = []
-        for k, n in zip(COUNTS.tolist(), TRIALS.tolist(), strict=True):
-            truth.append(float(rising(mp.mpf(log_p), p, k) + rising(log_other, other, n - k) - rising(mp.mpf(0), mp.mpf(1), n)))
-        answers = np.full((1, 7), log_p), np.full((1, 7), float(log_other))
-    assert BETA_BINOMIAL.log_likelihood(SUBJECT, answers, np.array([[logit_icc]]))[0] == pytest.approx(truth, rel=1e-12, abs=1e-300)
 
 
 def test_without_correlation_it_is_the_binomial_and_with_all_of_it_one_answer():
@@ -97,3 +78,54 @@ def test_realised_answers_where_sessions_are_all_or_nothing():
     one, _ = BETA_BINOMIAL.realised(np.random.default_rng(6), answers, np.full((20_000, 1), 690.0))
     assert np.isin(np.exp(one), [0.0, 1.0]).all()
     assert np.exp(one).mean(axis=0) == pytest.approx(P[0], abs=4.5 * 0.5 / np.sqrt(20_000))
+
+
+SIDES = [-1e-300, -1e-20, -1e-9, -0.011, -0.3, -2.0, -26.0, -300.0, -900.0]  # log P, with Q = 1 - P
+
+
+def exact(log_p, v, n, before):
+    """Log probability and sums of slopes in exact terms, and log Q."""
+    with mpmath.workdps(500):
+        p, q, eps = mpmath.exp(log_p), -mpmath.expm1(log_p), mpmath.exp(v)
+        drawn = mpmath.fsum(mpmath.log((p + j * eps) / (1 + (before + j) * eps)) for j in range(n))
+        share = [p / (p + j * eps) for j in range(n)]
+        sums = [mpmath.fsum(share), mpmath.fsum(1 - t for t in share)]
+        return float(mpmath.log(q)), float(drawn), [float(one) for one in sums]
+
+
+@pytest.mark.parametrize("v", [-600.0, -60.0, -11.0, -2.0, 0.0, 3.0, 40.0, 600.0])
+@pytest.mark.parametrize("swapped", [False, True], ids=["first", "other"])
+def test_every_digit_of_likely_and_unlikely_answers(v, swapped):
+    for log_p in SIDES:
+        for n, before in ((0, 3), (1, 0), (2, 0), (17, 40), (50, 7)):
+            log_q, drawn, sums = exact(log_p, v, n, before)
+            if swapped:
+                with mpmath.workdps(500):
+                    p, eps = -mpmath.expm1(log_p), mpmath.exp(v)
+                    drawn = float(mpmath.fsum(mpmath.log((p + j * eps) / (1 + (before + j) * eps)) for j in range(n)))
+            sides = [np.array([[one]]) for one in ((log_q, log_p) if swapped else (log_p, log_q))]
+            found = log_drawn(tuple(sides), np.array([[v]]), np.array([n]), np.array([before]))
+            assert found[0, 0] == pytest.approx(drawn, rel=1e-13, abs=0.0)
+            if not swapped:
+                assert [one[0, 0] for one in rising(sides[0], np.array([[v]]), np.array([n]))] == pytest.approx(sums, rel=1e-12, abs=1e-290)
+
+
+def test_many_answers_do_not_underflow():
+    n, v = np.array([5000]), np.array([[-18.0], [1.0]])
+    log_p = np.full((2, 1), -40.0)
+    found = log_drawn((log_p, np.log1p(-np.exp(log_p))), v, n, np.array([100]))
+    for value, one in zip(found[:, 0], v[:, 0], strict=True):
+        assert value == pytest.approx(exact(-40.0, one, 5000, 100)[1], rel=1e-12)
+
+
+def test_a_crowd_has_the_sums_of_its_points():
+    rng = np.random.default_rng(3)
+    n, before, log_p = rng.integers(0, 9, (4, 3)), rng.integers(0, 9, (4, 3)), np.log(rng.uniform(size=(4, 3)))
+    answers, v = (log_p, np.log(-np.expm1(log_p))), rng.normal(size=(4, 1))
+    crowd, slopes = log_drawn(answers, v, n, before), rising(log_p, v, n)
+    for i in range(4):
+        at = slice(i, i + 1)
+        alone = log_drawn((answers[0][at], answers[1][at]), v[at], n[i], before[i])
+        np.testing.assert_array_equal(crowd[at], alone)
+        for one, other in zip(slopes, rising(log_p[at], v[at], n[i]), strict=True):
+            np.testing.assert_array_equal(one[at], other)
