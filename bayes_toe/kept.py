@@ -6,28 +6,30 @@ and seed, and the versions of the libraries. What does not fit is computed again
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain, compress
+from itertools import compress
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TextIO, TypeVar
 
-from bayes_toe.data.places import make_folders, naming, remove_empty, reporting, shown
-from bayes_toe.data.unfinished import Standing, flocked, sweep, under_way
+from threadpoolctl import threadpool_info
+
+from bayes_toe.data.places import make_folders, remove_empty, reporting, shown, sweep
+from bayes_toe.data.unfinished import Standing, under_way
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.records import fingerprint, is_whole, packed, unpacked
+from bayes_toe.records import fingerprint, packed, unpacked
 from bayes_toe.seeds import root_seed
 from bayes_toe.version import library_versions
 from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
 
 Result = TypeVar("Result")
 _SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # or a lock that leads elsewhere would be written there
 
 
 @dataclass(frozen=True)
@@ -87,24 +89,25 @@ class Kept:
         self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
     ) -> Done[Result]:
         """Do the jobs whose results are not here, and keep each as it comes."""
-        files = [self.folder / f"{fingerprint((_versions(), job))}{_SUFFIX}" for job in jobs]
-        there = [_is_whole(file) for file in files]
-        missing = [index for index, taken in enumerate(there) if not taken]
-        failed: dict[int, Failed] = {}
+        files = [self.folder / f"{fingerprint((versions(), job))}{_SUFFIX}" for job in jobs]
+        there = [_can_be_read(file) for file in files]
+        missing, failed = [index for index, taken in enumerate(there) if not taken], dict[int, Failed]()
         under_way[self.folder] = Standing(sum(there), sum(there), len(jobs), self.what)
-        tell(progress, chain.from_iterable(compress(names, there)))
-        for at, result in run_jobs([jobs[index] for index in missing], workers):
-            index = missing[at]
-            if isinstance(result, Failed):
-                failed[index] = result
-            else:
-                self._put(files[index], packed(result))
-                under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
-            tell(progress, names[index])
+        for name in compress(names, there):
+            tell(progress, name)
+        with closing(run_jobs([jobs[index] for index in missing], workers)) as found:
+            for at, result in found:
+                index = missing[at]
+                if isinstance(result, Failed):
+                    failed[index] = result
+                else:
+                    self._put(files[index], packed(result))
+                    under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
+                tell(progress, names[index])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
     def _put(self, file: Path, content: bytes) -> None:
-        with naming(file, self.folder), whole_file(file, overwrite=True) as target:
+        with reporting(self.folder, hidden=file), whole_file(file, overwrite=True) as target:
             target.write_bytes(content)
 
 
@@ -121,12 +124,12 @@ def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept 
         yield Unkept()
         return
     path = Path(folder)
-    with ExitStack() as made, ExitStack() as held:
+    with ExitStack() as made:
         make_folders(path, made)
         made.callback(_remove_unless_used, path)
         sweep(path)
-        _hold(path, held)
-        yield Kept(path, what)
+        with _held(path):
+            yield Kept(path, what)
         made.pop_all()
 
 
@@ -150,43 +153,52 @@ def _remove_unless_used(folder: Path) -> None:
             discard(folder)
 
 
-def _is_whole(file: Path) -> bool:
-    with suppress(OSError):
-        return is_whole(file.read_bytes())
-    return False
+def _can_be_read(file: Path) -> bool:
+    """Whether a result is there; one that is damaged, or in which there is anything else, is computed again."""
+    try:
+        unpacked(file.read_bytes())
+    except Exception:
+        return False
+    return True
 
 
 @cache
-def _versions() -> tuple[str, ...]:
+def versions() -> tuple[str, ...]:
     """Everything outside a job that decides its result; the last digits also by the kind of processor, for which BLAS has its kernels."""
-    from threadpoolctl import threadpool_info
-
     kernels = sorted({one["architecture"] for one in threadpool_info() if one.get("architecture")})
     return (*library_versions().values(), platform.python_version(), platform.machine(), *kernels)
 
 
-def _hold(folder: Path, held: ExitStack) -> None:
-    """Take the lock of a folder, which says who has it; it ends with the process, however that ends."""
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder, which says who has it; it ends with the process, however that ends."""
     with reporting(folder):
-        opened = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    held.callback(os.close, opened)
-    holder = _holder(os.read(opened, 4096))
-    if flocked(opened) is False or holder.get("host", platform.node()) != platform.node():
-        who = f"process {holder.get('pid')} on {holder.get('host')}" if holder else "another process"
-        raise OutputError(f"{shown(folder)}: in use by {who}; wait for it, or remove {shown(folder / _LOCK)} if that is gone")
-    with reporting(folder):
-        os.ftruncate(opened, 0)
-        os.pwrite(opened, json.dumps({"host": platform.node(), "pid": os.getpid()}).encode(), 0)
-    held.callback(_release, opened)
+        lock = os.fdopen(os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_APPEND | _NO_LINK, 0o666), "a+", encoding="utf-8")
+    with lock:
+        lock.seek(0)
+        host, _, pid = lock.read(1000).partition(" ")
+        if not _locked(lock) or host not in ("", platform.node()):
+            who = f"process {pid} on {host}" if pid else "another process"
+            raise OutputError(f"{shown(folder)}: in use by {who}; wait for it, or remove {shown(folder / _LOCK)} if that is gone")
+        with reporting(folder):
+            lock.truncate(0)
+            lock.write(f"{platform.node()} {os.getpid()}")
+            lock.flush()
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                lock.truncate(0)
 
 
-def _release(opened: int) -> None:
-    with suppress(OSError):
-        os.ftruncate(opened, 0)
-
-
-def _holder(content: bytes) -> dict[str, Any]:
-    with suppress(ValueError):
-        found = json.loads(content)
-        return found if isinstance(found, dict) else {}
-    return {}
+def _locked(lock: TextIO) -> bool:
+    """Whether this process has the lock now; nobody knows where the system has no such locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

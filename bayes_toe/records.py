@@ -55,16 +55,10 @@ def unpacked(content: bytes) -> Any:
         If the bytes are not whole, or hold something else than records of this package.
     """
     body = content[len(_MAGIC) + _DIGEST :]
-    if not is_whole(content):
+    if content[: len(_MAGIC) + _DIGEST] != _MAGIC + hashlib.sha256(body).digest():
         raise InputError("damaged: it does not fit its checksum")
     with np.load(io.BytesIO(body), allow_pickle=False) as members:
         return _made(json.loads(str(members["text"])), members)
-
-
-def is_whole(content: bytes) -> bool:
-    """Whether bytes are as :func:`packed` made them."""
-    head = len(_MAGIC) + _DIGEST
-    return content[:head] == _MAGIC + hashlib.sha256(content[head:]).digest()
 
 
 def fingerprint(value: object) -> str:

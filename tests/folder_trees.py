@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_toe.data.whole_folders import MANIFEST
+from bayes_toe.data.whole_files import MANIFEST
 
 
 def tree(folder: Path) -> dict[str, str]:

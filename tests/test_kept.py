@@ -1,11 +1,14 @@
 """Finished work that is kept: taken where all that decides it is the same, computed again where anything is not."""
 
+import hashlib
 import os
 import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from io import BytesIO
 
+import numpy as np
 import pytest
 import xarray as xr
 from conftest import few_pairs
@@ -95,7 +98,7 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
 
 def test_other_versions_are_computed_again(few, tmp_path, monkeypatch, computed):
     for versions in (("1",), ("1",), ("2",)):
-        monkeypatch.setattr(store, "_versions", lambda versions=versions: versions)
+        monkeypatch.setattr(store, "versions", lambda versions=versions: versions)
         bt.evidence(few, seed=3, keep=tmp_path, **QUICK)
     assert computed == [3, 0, 3]
 
@@ -110,8 +113,32 @@ def test_a_damaged_result_is_computed_again(few, tmp_path, computed):
     assert file.read_bytes() == content
 
 
+def test_a_whole_file_with_something_else_in_it_is_computed_again(few, tmp_path, computed):
+    """Its checksum is right: a program that was changed meanwhile, or somebody, has written it."""
+    bt.evidence(few, seed=3, keep=tmp_path, **QUICK)
+    file = next(tmp_path.glob("*.kept"))
+    content = file.read_bytes()
+    for text in ("{}", '{"record": "bayes_toe.data.study:Subject", "fields": {"age": 7}}', '{"array": 7}', "[", '{"record": "os:system"}'):
+        body = BytesIO()
+        np.savez(body, text=np.array(text))
+        file.write_bytes(b"bayes-toe record 1\n" + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
+        del computed[:]
+        bt.evidence(few, seed=3, keep=tmp_path, **QUICK)
+        assert computed == [1]
+        assert file.read_bytes() == content
+
+
+def test_a_lock_that_leads_elsewhere_is_not_followed(tmp_path):
+    (tmp_path / "victim").write_text("precious")
+    (tmp_path / "out.partial").mkdir()
+    (tmp_path / "out.partial" / "lock").symlink_to(tmp_path / "victim")
+    with pytest.raises(OutputError, match=r"out\.partial: cannot be written"), keeping(tmp_path / "out.partial"):
+        pass
+    assert (tmp_path / "victim").read_text() == "precious"
+
+
 def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "run_jobs", lambda jobs, workers: iter([(0, Failed("died")), (1, 8)]))
+    monkeypatch.setattr(store, "run_jobs", lambda jobs, workers: (one for one in [(0, Failed("died")), (1, 8)]))
     with keeping(tmp_path) as kept:
         done = kept.work([partial(pow, 2, 2), partial(pow, 2, 3)], 1, None, [("a",), ("b",)])
         assert (list(done), dict(done.failed)) == ([8], {0: Failed("died")})
@@ -130,7 +157,7 @@ def test_a_folder_in_use_is_refused_and_one_of_a_dead_process_is_not(tmp_path):
 
 
 def test_a_folder_that_another_machine_holds_is_refused(tmp_path):
-    (tmp_path / "lock").write_text('{"host": "elsewhere", "pid": 7}')
+    (tmp_path / "lock").write_text("elsewhere 7")
     with pytest.raises(OutputError, match="in use by process 7 on elsewhere; wait for it, or remove"), keeping(tmp_path):
         pass
 

@@ -12,8 +12,9 @@ from types import FrameType
 
 from bayes_toe.cli.caches import require_caches
 from bayes_toe.cli.standard_output import guarded_streams
-from bayes_toe.data.places import finished, shown
-from bayes_toe.data.unfinished import HIDDEN, said_kept
+from bayes_toe.data.places import shown
+from bayes_toe.data.unfinished import said_kept
+from bayes_toe.data.whole_files import finished
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _PATIENCE = 3.0  # seconds for tidying up after a signal
@@ -75,5 +76,4 @@ def _ignore(heard: list[signal.Signals]) -> None:
 
 def _said_finished() -> str:
     """What has its final name already; what belongs into unfinished folders vanished, or vanishes with them."""
-    names = [shown(path) for path in finished if os.path.lexists(path) and not any(part.startswith(HIDDEN) for part in path.parts)]
-    return f"written: {', '.join(names)}" if names else "nothing written"
+    return f"written: {', '.join(map(shown, finished))}" if finished else "nothing written"

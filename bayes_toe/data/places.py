@@ -1,17 +1,21 @@
-"""Places of outputs: whether one can be written to, its missing folders, and the step by which a finished file takes its name."""
+"""Places of outputs: whether one can be written to, what stands there unfinished, and the step by which a finished file takes its name."""
 
 from __future__ import annotations
 
 import os
+import platform
+import re
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from bayes_toe.data.stores import is_store
 from bayes_toe.errors import OutputError
 
-#: Files and folders that this process has finished, for whoever has to say so when it is stopped.
-finished: list[Path] = []
+#: How the name of a folder begins whose files are not finished; the machine and the process that writes them follow.
+HIDDEN = ".bayes_toe-"
 
 
 def refuse_impossible(target: Path) -> None:
@@ -33,25 +37,16 @@ def shown(path: Path) -> str:
 
 
 @contextmanager
-def reporting(target: Path) -> Iterator[None]:
-    """Turn what the operating system says into one line with the path and a way out."""
+def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
+    """Turn what the operating system says into one line with the path and a way out; a hidden path in it becomes that path."""
     try:
         yield
-    except OutputError:
-        raise
     except OSError as error:
-        reason = error.strerror if error.strerror is not None else str(error)
-        raise OutputError(f"{shown(target)}: cannot be written ({reason}), choose another place") from error
-
-
-@contextmanager
-def naming(hidden: Path, target: Path) -> Iterator[None]:
-    """The same for what is written elsewhere: with the path that a reader knows in place of the other."""
-    try:
-        with reporting(target):
-            yield
-    except OutputError as error:
-        raise OutputError(str(error).replace(shown(hidden), shown(target))) from error
+        if isinstance(error, OutputError):
+            said = str(error)
+        else:
+            said = f"{shown(target)}: cannot be written ({error.strerror or error}), choose another place"
+        raise OutputError(said if hidden is None else said.replace(shown(hidden), shown(target))) from error
 
 
 def make_folders(folder: Path, made: ExitStack) -> None:
@@ -63,61 +58,73 @@ def make_folders(folder: Path, made: ExitStack) -> None:
         made.callback(remove_empty, part)
 
 
-def require_room(place: Path, needed: int) -> None:
-    """Refuse now what will not fit on the disk, with a tenth to spare; `needed` is an estimate, in bytes."""
-    with reporting(place):
-        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
-    if 1.1 * needed > free:
-        sizes = f"about {1.1 * needed / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
-        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
-
-
-def probe(path: Path) -> None:
-    """Create and remove a file, the only test of permission that holds on every system; refuse a disk that is full."""
-    require_room(path.parent, 2**16)
-    with reporting(path.parent):
-        try:
-            path.touch(exist_ok=False)
-        finally:
-            path.unlink(missing_ok=True)
-
-
-def put_in_place(new: Path, final: Path, overwrite: bool) -> None:
-    """Give a finished file, or a store, its name; without `overwrite`, never at the cost of a file that appeared meanwhile.
-
-    The temporary name may remain: whoever made it removes it.
-    """
-    if overwrite or (new.is_dir() and not os.path.lexists(final)):  # a folder has no second name, and replaces none
-        os.replace(new, final)
-        return
-    try:
-        os.link(new, final)  # unlike a rename, a link never replaces
-    except FileExistsError:
-        raise taken(final) from None
-    except OSError:
-        _claim(new, final)
-
-
-def _claim(new: Path, final: Path) -> None:
-    """The same on file systems without hard links: take the name first, then replace what is ours."""
-    try:
-        final.touch(exist_ok=False)
-    except FileExistsError:
-        raise taken(final) from None
-    try:
-        os.replace(new, final)
-    except BaseException:
-        remove(final)
-        raise
-
-
-def remove(path: Path) -> None:
-    """Remove a file where that is possible."""
-    with suppress(OSError):
-        path.unlink()
-
-
 def remove_empty(folder: Path) -> None:
     """Remove a folder where it is empty."""
     with suppress(OSError):
         folder.rmdir()
+
+
+def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
+    """Refuse now what will not fit on the disk, with a tenth to spare: about `needed` bytes, of which the folder `used` holds some."""
+    with reporting(place):
+        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
+        there = sum(file.stat().st_size for file in used.iterdir()) if used is not None and used.is_dir() else 0
+    wanted = 1.1 * needed - there
+    if wanted > free:
+        sizes = f"about {wanted / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
+        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
+
+
+@contextmanager
+def unfinished(home: Path) -> Iterator[Path]:
+    """A new folder in another one, which is made where it is missing; both vanish in the end, the latter where nothing is in it.
+
+    Entering it tells whether anything can be written there, and sweeps what processes that were killed have left.
+    """
+    with ExitStack() as cleanup:  # left in reverse order
+        make_folders(home, cleanup)
+        require_room(home, 2**16)
+        sweep(home)
+        folder = home / f"{HIDDEN}{_here()}-{os.getpid()}-{secrets.token_hex(8)}"
+        cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
+        with reporting(home):
+            folder.mkdir()
+        yield folder
+
+
+def sweep(home: Path) -> None:
+    """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one."""
+    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]+)-[0-9a-f]{{16}}")
+    with suppress(OSError):
+        for path in list(home.iterdir()):
+            match = ours.fullmatch(path.name)
+            if match is not None and not path.is_symlink() and not _alive(int(match[1])):
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def put_in_place(new: Path, final: Path, *, overwrite: bool) -> None:
+    """Give a finished file, or a store, its name."""
+    with reporting(final):
+        if os.path.lexists(final) and not overwrite:
+            raise taken(final)
+        if is_store(final):  # a folder cannot be replaced, but goes with the unfinished ones
+            os.replace(final, new.with_name(f"{new.name}.old"))
+        os.replace(new, final)
+
+
+def _here() -> str:
+    """The machine, as a part of a name."""
+    return re.sub(r"\W", "_", platform.node())
+
+
+def _alive(pid: int) -> bool:
+    """Whether there is such a process; assumed where that cannot be asked without harm."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass
+    return True

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 from folder_trees import failing, tree
 
-from bayes_toe.data.whole_files import require_writable, whole_file
-from bayes_toe.data.whole_folders import whole_folder
+from bayes_toe.data.places import HIDDEN, unfinished
+from bayes_toe.data.whole_files import require_writable, whole_file, whole_folder
 from bayes_toe.errors import OutputError
 
 
@@ -23,15 +25,14 @@ def write(path: Path, text: str | None, *, overwrite: bool = False, meanwhile: C
         meanwhile()
 
 
-@pytest.mark.usefixtures("links")
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_file_appears_whole(tmp_path: Path, overwrite: bool) -> None:
     target = tmp_path / "new" / "deep" / "fit.nc"
     with whole_file(target, overwrite=overwrite) as temporary:
         assert not target.exists()
         assert not temporary.exists()
-        assert temporary.parent == target.parent
-        assert temporary.suffix == ".nc"
+        assert temporary.parent.parent == target.parent
+        assert temporary.name == target.name
         temporary.write_text("whole")
     assert tree(tmp_path) == {"new/deep/fit.nc": "whole"}
 
@@ -44,7 +45,6 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"a.csv": "mine"}
 
 
-@pytest.mark.usefixtures("links")
 def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     target = tmp_path / "a.csv"
     with pytest.raises(OutputError, match=r"a\.csv: exists"):
@@ -90,7 +90,6 @@ def test_folders_that_others_use_meanwhile_stay(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"new/theirs": "x"}
 
 
-@pytest.mark.usefixtures("links")
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_nothing_written_is_an_error(tmp_path: Path, overwrite: bool) -> None:
     with pytest.raises(OutputError, match=r"a\.csv: cannot be written"):
@@ -128,10 +127,14 @@ def test_impossible_places(tmp_path: Path, name: str, reason: str, overwrite: bo
 
 
 def test_places_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def touch(path: Path, **_: object) -> None:
-        raise PermissionError(13, "Permission denied", str(path))
+    real = Path.mkdir
 
-    monkeypatch.setattr(Path, "touch", touch)
+    def mkdir(path: Path, **how: bool) -> None:
+        if path.name.startswith(HIDDEN):
+            raise PermissionError(13, "Permission denied", str(path))
+        real(path, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
     message = re.escape(f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place")
     with pytest.raises(OutputError, match=f"^{message}$"):
         require_writable(tmp_path / "new" / "a.csv", overwrite=False)
@@ -159,3 +162,25 @@ def test_relative_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     with whole_folder(".", ["b"]) as folder:
         (folder / "b").write_text("y")
     assert tree(tmp_path) == {"a.csv": "x", "b": "y"}
+
+
+KILLED = """
+import os, signal, sys
+from bayes_toe.data.whole_files import whole_file
+with whole_file(sys.argv[1]) as path:
+    path.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="asks for processes as POSIX does")
+def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "a.csv")], check=False)
+    (left,) = tmp_path.iterdir()
+    assert (left / "a.csv").read_text() == "half"
+    elsewhere = left.with_name(left.name.replace(HIDDEN, f"{HIDDEN}elsewhere"))
+    elsewhere.mkdir()
+    (tmp_path / f"{HIDDEN}mine").write_text("mine")
+    with unfinished(tmp_path) as ours:
+        require_writable(tmp_path / "a.csv", overwrite=False)
+        assert sorted(tmp_path.iterdir()) == sorted([ours, elsewhere, tmp_path / f"{HIDDEN}mine"])
