@@ -18,8 +18,7 @@ from typing import Generic, TextIO, TypeVar
 
 from threadpoolctl import threadpool_info
 
-from bayes_toe.data.places import make_folders, remove_empty, reporting, shown, sweep
-from bayes_toe.data.unfinished import Standing, under_way
+from bayes_toe.data.places import Standing, make_folders, remove_empty, reporting, shown, sweep, under_way
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, packed, unpacked

@@ -9,7 +9,7 @@ import sys
 
 import bayes_toe as bt
 from bayes_toe.cli.synthetic import PRODUCTS, verdict_lines, write_calibration
-from bayes_toe.data.whole_folders import require_folder
+from bayes_toe.data.whole_files import require_folder
 
 
 def main() -> int:

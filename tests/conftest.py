@@ -3,6 +3,7 @@
 import gc
 import importlib
 import os
+import signal
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,12 @@ REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure(config):
+    """Tests may be started in the background, where interrupts are ignored, by processes that they start as well."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    import_arviz_once(config)
+
+
+def import_arviz_once(config):
     """ArviZ 0.23 notes the day of its warning in a file at its first import: two processes at once end in FileNotFoundError."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         with warnings.catch_warnings():

@@ -47,16 +47,16 @@ def members(session):
     return found
 
 
-def kill_workers(running, deaths):
-    """Kill that many workers of a command as they appear, one after the other."""
+def kill_workers(running, times):
+    """Kill all workers of a command that many times, as soon as there are two: the first jobs are under way, then the first one alone."""
     killed = set()
-    while len(killed) < deaths and running.poll() is None:
+    for _ in range(times):
+        until(lambda: len(set(workers(running.pid)) - killed) > 1, running)
         for pid in set(workers(running.pid)) - killed:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
             killed.add(pid)
-        time.sleep(0.05)
-    assert len(killed) == deaths
+    assert len(killed) == 2 * times
 
 
 def die(main, marks, deaths):

@@ -74,7 +74,7 @@ def run(
         raise bt.InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
     if explore:
         require_few(len(read), "subjects")
-    _require_room(task, output / f"posterior.{store}", read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
+    _require_room(task, output / f"posterior.{store}", keep, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
@@ -129,7 +129,7 @@ def sample(
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
-    _require_room(task, output, read, prior, model)
+    _require_room(task, output, keep, read, prior, model)
     say_study(task.console, read)
     say_prior(task.console, record.describe(prior))
     say_doubts(task.console, read, prior)
@@ -152,10 +152,13 @@ def _require_store(file: Path) -> None:
         require_library()
 
 
-def _require_room(task: Task, file: Path, study: bt.Study, prior: bt.Prior, model: str = "predictive update", *, others: int = 0) -> None:
+def _require_room(
+    task: Task, file: Path, keep: Path, study: bt.Study, prior: bt.Prior, model: str = "predictive update", *, others: int = 0
+) -> None:
     """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
 
-    Two copies, since the draws of each subject are kept until all are in one file; three for a store, which is written from that file.
+    Two copies, since the draws of each subject are kept until all are in one file, of which some are there already; three for a store,
+    which is written from that file.
     """
     from bayes_toe.data.places import require_room
     from bayes_toe.data.stores import named_store
@@ -163,7 +166,8 @@ def _require_room(task: Task, file: Path, study: bt.Study, prior: bt.Prior, mode
     from bayes_toe.inference.sampling import SamplerSettings
 
     copies = 3 if named_store(file) else 2
-    require_room(file, copies * stored_bytes(study, prior, SamplerSettings(task.draws), model) + others * (len(study) + 1))
+    needed = copies * stored_bytes(study, prior, SamplerSettings(task.draws), model) + others * (len(study) + 1)
+    require_room(file, needed, used=keep)
 
 
 def evidence(

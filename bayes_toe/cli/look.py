@@ -104,7 +104,7 @@ def corner(
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
     """
     from bayes_toe.cli.results_folder import corner_files, opened
-    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.plots.figure_files import require_formats
     from bayes_toe.workers import of_this_machine, run_in_order
 

@@ -97,7 +97,7 @@ def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
     from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.planning.observers import observers_from, shares_from
     from bayes_toe.planning.power_of_studies import power_of_studies

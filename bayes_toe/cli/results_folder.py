@@ -17,7 +17,7 @@ from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import file_stems, write_table
-from bayes_toe.data.whole_folders import whole_folder
+from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
 from bayes_toe.groups.population_table import pooled_subjects

@@ -110,7 +110,7 @@ def write_calibration(table: CalibrationTable, folder: str | Path, *, overwrite:
         If the folder cannot be written or holds products already; nothing is changed then.
     """
     from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_folders import whole_folder
+    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
     from bayes_toe.plots.figure_files import save_figure
 

@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     StudyFileOrExample,
 )
 from bayes_toe.data.messages import visible
-from bayes_toe.data.unfinished import said_kept, under_way
+from bayes_toe.data.places import said_kept, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
@@ -167,17 +167,15 @@ class Task:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
         from bayes_toe.data.text_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
-        from bayes_toe.data.whole_folders import put_back
 
         self._require_unread(*files)
         for file in files:
             require_parquet(file)
-            put_back(file.parent)
             require_writable(file, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:
         """The same for a folder and what it will hold."""
-        from bayes_toe.data.whole_folders import require_folder
+        from bayes_toe.data.whole_files import require_folder
 
         self._require_unread(*(folder / name for name in products))
         require_folder(folder, products, overwrite=self.overwrite)
@@ -190,7 +188,7 @@ class Task:
 
     def together(self, *files: Path) -> AbstractContextManager[Path]:
         """A folder to write files to under their names, which appear all together or not at all."""
-        from bayes_toe.data.whole_folders import whole_together
+        from bayes_toe.data.whole_files import whole_together
 
         return whole_together(*files, overwrite=self.overwrite)
 

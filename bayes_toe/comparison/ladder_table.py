@@ -18,7 +18,7 @@ from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tabl
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
-from bayes_toe.data.whole_folders import whole_together
+from bayes_toe.data.whole_files import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.kept import keeping

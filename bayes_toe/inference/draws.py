@@ -22,8 +22,7 @@ from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
 from bayes_toe.data.places import reporting, shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject, as_name
-from bayes_toe.data.whole_files import whole_file
-from bayes_toe.data.whole_folders import whole_together
+from bayes_toe.data.whole_files import whole_file, whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws_file import ALLOWED, AT_ONCE, read_tree, unreadable
 from bayes_toe.inference.draws_layout import Head, Region, filled, regions, skeleton, taken_apart

@@ -16,7 +16,7 @@ from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.data.whole_folders import whole_folder
+from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws

@@ -25,7 +25,7 @@ def folder(tmp_path):
 
 def end_after(deaths, *args, folder):
     running = start(*args, "--seed", "1", "--workers", "2", cwd=folder)
-    kill_workers(running, deaths)
+    kill_workers(running, deaths)  # the first is at A, or has it tried again; so is who follows it
     out, errors = running.communicate()
     assert errors == ""
     return running.returncode, out

@@ -3,28 +3,12 @@
 import os
 import resource
 import shutil
-import signal
 import subprocess
-import sys
 
 import pytest
 from commands import PROGRAM, call, inside
 
-#: The command line, killed when so many files (the first argument) have been put in their places.
-KILLED = """
-import os, signal, sys
-from bayes_toe.cli.app import main
-from bayes_toe.data import whole_folders
-real, left = whole_folders.put_in_place, int(sys.argv.pop(1))
-def put(*given):
-    global left
-    left -= 1
-    if left < 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    real(*given)
-whole_folders.put_in_place = put
-main()
-"""
+from bayes_toe.errors import OutputError
 
 
 @pytest.fixture(scope="module")
@@ -103,19 +87,28 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
     assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))
 
 
-@pytest.mark.parametrize("moved", [0, 1, 2])
-def test_killed_between_two_renames_is_all_or_nothing(tmp_path, moved):
-    study, truth = tmp_path / "study.csv", tmp_path / "truth.csv"
-    study.write_text("old study")
-    truth.write_text("old truth")
-    words = ["simulate", "-o", study, "--truth", truth, "--subjects", 1, "--batches", 1, "--seed", 1]
-    done = subprocess.run([sys.executable, "-c", KILLED, str(moved), *map(str, words), "--overwrite"], capture_output=True)
-    assert done.returncode == (0 if moved == 2 else -signal.SIGKILL)
-    assert (study.read_text() != "old study") is (moved > 0)
-    assert "exists" in one_line(inside(*words))  # and puts back what was there
-    news = [text != f"old {name}".encode() for name, text in (("study", study.read_bytes()), ("truth", truth.read_bytes()))]
-    assert news == [moved == 2] * 2
-    assert sorted(content(tmp_path)) == ["study.csv", "truth.csv"]
+def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
+    words = ("sample", place / "study.csv", "-o", tmp_path / "out.nc", "--resume", "-q")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))
+    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: (_ for _ in ()).throw(OutputError("the work began")))
+    assert "MB are needed, " in one_line(inside(*words))
+    kept = tmp_path / "out.nc.partial" / "0.kept"
+    kept.parent.mkdir()
+    with kept.open("wb") as file:
+        file.truncate(10**9)
+    assert "the work began" in one_line(inside(*words))
+
+
+def test_a_log_that_is_closed_costs_no_subject(place, tmp_path):
+    """Nor do workers lose theirs."""
+    study = tmp_path / "study.csv"
+    assert inside("simulate", "-o", study, "--subjects", 3, "--batches", 20, "--seed", 3, "-q").returncode == 0
+    words = [*PROGRAM, "evidence", str(study), "--seed", "1", "--workers", "2", "-o"]
+    for number, ending in enumerate(("", "2>&-", ">&- 2>&-", "<&- >&- 2>&-")):
+        out = tmp_path / f"{number}.csv"
+        done = subprocess.run(["sh", "-c", f'"$@" {ending}', "sh", *words, str(out)], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert out.read_bytes() == (tmp_path / "0.csv").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,13 @@ import sys
 
 import pytest
 
-from bayes_toe.cli import stopping
-from bayes_toe.data.unfinished import free_name
-from bayes_toe.data.whole_files import whole_file
-from bayes_toe.data.whole_folders import whole_folder
+from bayes_toe.data.places import HIDDEN, unfinished
+from bayes_toe.data.whole_files import finished, whole_file, whole_folder
 
 DEAF = """
 import time
-from bayes_toe.cli.stopping import _listen
-_listen()
+from bayes_toe.cli.stopping import listen
+listen()
 while True:
     try:
         print("ready", flush=True)
@@ -24,9 +22,9 @@ while True:
 """
 UNDER_NOHUP = """
 import signal
-from bayes_toe.cli.stopping import _listen
+from bayes_toe.cli.stopping import listen
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
-assert signal.SIGTERM not in _listen()
+assert signal.SIGTERM not in listen()
 signal.raise_signal(signal.SIGTERM)
 """
 
@@ -44,17 +42,16 @@ def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
 
 
-def test_what_has_its_name_already_is_said_and_what_is_inside_an_unfinished_folder_is_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(stopping, "finished", found := [])
-    monkeypatch.setattr("bayes_toe.data.whole_files.finished", found)
-    monkeypatch.setattr("bayes_toe.data.whole_folders.finished", found)
-    with whole_file(free_name(tmp_path, "") / "a.csv") as path:
+def test_what_has_its_name_already_is_known_and_what_is_inside_an_unfinished_folder_is_not(tmp_path):
+    del finished[:]
+    with unfinished(tmp_path) as inside, whole_file(inside / "a.csv") as path:
         path.touch()
     with pytest.raises(ValueError, match="not done"), whole_folder(tmp_path / "broken", ["a"]):
         raise ValueError("not done")
-    assert stopping._said_finished() == "nothing written"
+    assert finished == []
     with whole_folder(tmp_path / "out", ["b"]) as folder:
         (folder / "b").touch()
     with whole_file(tmp_path / "c.csv") as path:
         path.touch()
-    assert stopping._said_finished() == f"written: {tmp_path / 'out'}, {tmp_path / 'c.csv'}"
+    assert finished == [tmp_path / "out", tmp_path / "c.csv"]
+    assert not list(tmp_path.glob(f"{HIDDEN}*"))
