@@ -26,7 +26,7 @@ from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, Wanted, fitted_result, infer, weighted_fit
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
-from bayes_toe.kept import Done, Kept, Unkept, keeping
+from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
@@ -322,7 +322,7 @@ def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, s
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept | Unkept
+    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept
 ) -> tuple[Study, Done[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
     done = kept.work(jobs, workers, progress, [(name,) for name in study.names])

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import compress
+from itertools import chain, compress
 from pathlib import Path
 from typing import Generic, TextIO, TypeVar
 
@@ -49,69 +49,58 @@ class Done(Generic[Result]):
         return (self.read(index) for index in range(self.size) if index not in self.failed)
 
 
-class Unkept:
-    """In place of :class:`Kept`, where nothing is kept."""
-
-    draws: Path | None = None
-    seed = staticmethod(root_seed)
-
-    def work(
-        self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
-    ) -> Done[Result]:
-        """Do all jobs, as :func:`bayes_toe.workers.run_or_fail` does."""
-        results = run_or_fail(jobs, workers, progress, names)
-        failed = {index: one for index, one in enumerate(results) if isinstance(one, Failed)}
-        return Done(len(jobs), failed, results.__getitem__)  # type: ignore[arg-type]  # those that failed are left out
-
-
 class Kept:
-    """A folder of finished results, held by this process: see :func:`keeping`."""
+    """A folder of finished results, held by this process, see :func:`keeping`; without one nothing is kept."""
 
-    def __init__(self, folder: Path, what: str) -> None:
+    def __init__(self, folder: Path | None = None, what: str = "subjects") -> None:
         self.folder, self.what = folder, what
 
     @property
-    def draws(self) -> Path:
+    def draws(self) -> Path | None:
         """Where draws are put together."""
-        return self.folder / _DRAWS
+        return None if self.folder is None else self.folder / _DRAWS
 
     def seed(self, seed: int | None) -> int:
         """The root seed: the one given, or else the one that the results here were made with, or a fresh one."""
-        file = self.folder / _SEED
+        if self.folder is None:
+            return root_seed(seed)
         with suppress(OSError, ValueError, InputError):
-            seed = int(file.read_text(encoding="utf-8")) if seed is None else seed
+            seed = int((self.folder / _SEED).read_text(encoding="utf-8")) if seed is None else seed
         root = root_seed(seed)
-        self._put(file, str(root).encode())
+        _put(self.folder / _SEED, str(root).encode())
         return root
 
     def work(
         self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
     ) -> Done[Result]:
-        """Do the jobs whose results are not here, and keep each as it comes."""
+        """Do the jobs whose results are not here, and keep each as it comes; progress is told a job's names when it is done."""
+        if self.folder is None:
+            results = run_or_fail(jobs, workers, progress, names)
+            failed = {index: one for index, one in enumerate(results) if isinstance(one, Failed)}
+            return Done(len(jobs), failed, results.__getitem__)  # type: ignore[arg-type]  # those that failed are left out
         files = [self.folder / f"{fingerprint((versions(), job))}{_SUFFIX}" for job in jobs]
         there = [_can_be_read(file) for file in files]
-        missing, failed = [index for index, taken in enumerate(there) if not taken], dict[int, Failed]()
-        under_way[self.folder] = Standing(sum(there), sum(there), len(jobs), self.what)
-        for name in compress(names, there):
-            tell(progress, name)
+        missing, failed = [index for index, taken in enumerate(there) if not taken], {}
+        standing = under_way[self.folder] = Standing(sum(there), sum(there), len(jobs), self.what)
+        tell(progress, chain.from_iterable(compress(names, there)))
         with closing(run_jobs([jobs[index] for index in missing], workers)) as found:
             for at, result in found:
-                index = missing[at]
                 if isinstance(result, Failed):
-                    failed[index] = result
+                    failed[missing[at]] = result
                 else:
-                    self._put(files[index], packed(result))
-                    under_way[self.folder] = replace(under_way[self.folder], done=under_way[self.folder].done + 1)
-                tell(progress, names[index])
+                    _put(files[missing[at]], packed(result))
+                    standing = under_way[self.folder] = replace(standing, done=standing.done + 1)
+                tell(progress, names[missing[at]])
         return Done(len(jobs), failed, lambda index: unpacked(files[index].read_bytes()))
 
-    def _put(self, file: Path, content: bytes) -> None:
-        with reporting(self.folder, hidden=file), whole_file(file, overwrite=True) as target:
-            target.write_bytes(content)
+
+def _put(file: Path, content: bytes) -> None:
+    with reporting(file.parent, hidden=file), whole_file(file, overwrite=True) as target:
+        target.write_bytes(content)
 
 
 @contextmanager
-def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept | Unkept]:
+def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept]:
     """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it.
 
     Raises
@@ -120,7 +109,7 @@ def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept 
         If another process holds it, or it cannot be written to.
     """
     if folder is None:
-        yield Unkept()
+        yield Kept()
         return
     path = Path(folder)
     with ExitStack() as made:

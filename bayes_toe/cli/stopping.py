@@ -50,8 +50,9 @@ def main() -> None:
         finally:
             _ignore(heard)
     except Stopped as stop:
-        written = f"written: {', '.join(map(shown, finished))}" if finished else "nothing written"
-        print(f"stopped by {signal.Signals(stop.number).name}: {said_kept() or written}", file=sys.stderr)
+        there = ", ".join(shown(path) for path in finished if os.path.lexists(path))
+        said = said_kept() or (f"written: {there}" if there else "nothing written")
+        print(f"stopped by {signal.Signals(stop.number).name}: {said}", file=sys.stderr)
         raise SystemExit(128 + stop.number) from None
     sys.stdout.flush()
     if output.failed is not None and output.failed.errno != errno.EPIPE:  # a reader may go away, as `head` does

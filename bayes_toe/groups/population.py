@@ -28,7 +28,7 @@ from bayes_toe.groups.scatter import scatter_named
 from bayes_toe.groups.subjects import GroupLikelihood, NormalApproximation, Unpooled, funnel_of, unpooled, unpooled_from_draws
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws
-from bayes_toe.kept import Kept, Unkept, keeping
+from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
@@ -305,7 +305,7 @@ def _unpooled(
     *,
     workers: Workers,
     progress: Progress | None,
-    kept: Kept | Unkept,
+    kept: Kept,
 ) -> tuple[list[Unpooled], dict[str, str]]:
     """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
     model, centre, seed = _model(settings.model), mean_first(study), settings.seed

@@ -12,7 +12,7 @@ from scipy.special import log_softmax
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.kept import Unkept
+from bayes_toe.kept import Kept
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import AIMS, Task, built, exchanged, information, scattered, trials_of
 from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
@@ -240,7 +240,7 @@ def optimal_design(
     maker = _Maker(different, trials, asked, people, root, prior)
     candidates = maker.candidates()
     designs = {name: one.design for name, one in candidates.items()}
-    rows, failed = each_observer(Unkept(), simulated, designs.items(), judges, root, prior, workers, progress)
+    rows, failed = each_observer(Kept(), simulated, designs.items(), judges, root, prior, workers, progress)
     return maker.chosen(candidates, PowerTable(rows, tuple(designs), root, failed))
 
 

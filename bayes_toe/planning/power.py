@@ -22,7 +22,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, fitted_result
-from bayes_toe.kept import Kept, Unkept, keeping
+from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import PLAIN, SAID, UPDATE, Observer, assumed, prior_of
@@ -282,7 +282,7 @@ def power(
 
 
 def each_observer(
-    kept: Kept | Unkept,
+    kept: Kept,
     job: Callable[..., Row],
     designs: Iterable[tuple[str, StudyDesign]],
     people: Sequence[Any],
