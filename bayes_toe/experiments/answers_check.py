@@ -170,7 +170,8 @@ def _accuracy(n: IntArray, k: IntArray, same: BoolArray, level: float) -> _Rule:
     share = (equal + 0.5) / (answers + 1)
     most = share[0] - share[1] - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
     said = "'equal' to {:.0%} of the equal and {:.0%} of the different pairs".format(*equal / answers)
-    if hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]) <= level:
+    turned = equal[0] * answers[1] < equal[1] * answers[0]  # else it is at least a half
+    if turned and hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]) <= level:
         yield "reversed_answers", f"Answers look reversed, {said}: does --equal-code name the other answer?"
     elif most < NEAR_CHANCE:
         yield "chance_accuracy", f"Accuracy is near chance, {said}."

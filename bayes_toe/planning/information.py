@@ -5,6 +5,9 @@ information of all trials it makes a normal approximation of the posterior, of c
 the update with sloped noise and lapses both ways, so that a design pays for what these parts leave open; parts that an observer does not
 have are small there, not known to be absent. The pull counts as it is, with the variance of its prior: near the end of its range, where
 observers who clearly update are, its logit would take that end for knowledge.
+
+Designs are made of it by exchange: trials move, a portion at a time, to the pair where they tell most, until none is better off elsewhere
+(Fedorov 1972).
 """
 
 from __future__ import annotations
@@ -41,6 +44,9 @@ SMALL_PULL = 1e-3  # of those who do not update
 #: Share of the score for what is not asked: pairs that the aim could spare keep q0 and width from being guessed.
 _SHARED = 0.2
 _INTEREST = ("offset", "logit_pull", "log_width", "logit_q0")
+#: Portions in which trials move, for each pair that a design may have.
+_PORTIONS = 2
+_SWEEPS, _GAIN = 30, 1e-7  # at most so often through all portions; by how much a move has to raise the score
 
 
 class _Change:
@@ -216,9 +222,7 @@ def _direction(aim: str, x: FloatArray, pull: FloatArray, places: dict[str, int]
     return found
 
 
-#: Portions in which trials move, for each pair that a design may have.
-_PORTIONS = 2
-_SWEEPS, _GAIN = 30, 1e-7  # at most so often through all portions; by how much a move has to raise the score
+# --- Exchange -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

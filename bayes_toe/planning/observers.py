@@ -59,6 +59,11 @@ _RANGES = {
 _OPTIONAL = ("noise_slope", "lapse_rate", _SHARE)
 _NEEDED = {NONE: ("width", "q0"), CONSTANT_ERROR: ("offset", "width", "q0"), UPDATE: ("pull", "offset", "width", "q0")}
 _LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]; share = NUMBER"
+_NEVER = 0.01  # P(equal) below which an answer is practically certain
+_NO_LAPSES = 1e-12
+#: What helps where nobody ever says 'equal': with observers who are stated, and with those who are assumed amid all designs.
+_STATED = "observers stated for such stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
+_AMID_ALL = "designs of neighbouring stimuli, amid which these observers are assumed; each of the others by itself"
 
 
 @dataclass(frozen=True)
@@ -305,11 +310,7 @@ def of_kind(observers: Sequence[Observer], kind: str) -> list[Observer]:
     return [one for one in observers if one.kind == kind]
 
 
-_NEVER = 0.01  # P(equal) below which an answer is practically certain
-_NO_LAPSES = 1e-12
-#: What helps where nobody ever says 'equal': with observers who are stated, and with those who are assumed amid all designs.
-_STATED = "observers stated for such stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
-_AMID_ALL = "designs of neighbouring stimuli, amid which these observers are assumed; each of the others by itself"
+# --- Amid what is shown ---------------------------------------------------------------------------
 
 
 def assumed(

@@ -32,6 +32,14 @@ UTILITIES: Mapping[str, str] = {
     "mu1": "minus log expected sd of mu1",
     "width": "minus log expected sd of log width",
 }
+#: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
+ASSUMED, JUDGED = 20, 20
+_STARTS = 4  # at random, beside those that are built
+_MOST_PAIRS = 20_000  # admissible ones
+_FEWEST = 4  # trials, and pairs, without which four parameters cannot be told
+_PILOT = 10  # simulated observers who update, of whom a design has to name one
+_HOPELESS, _LITTLE = 0.05, 0.7  # share named below which, and posterior over prior sd above which, a range tells nothing
+_LEVELS = 5  # of the full factorial
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +92,7 @@ def _middle(values: FloatArray, share: FloatArray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-#: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
-ASSUMED, JUDGED = 20, 20
-_STARTS = 4  # at random, beside those that are built
-_MOST_PAIRS = 20_000  # admissible ones
-_FEWEST = 4  # trials, and pairs, without which four parameters cannot be told
-_PILOT = 10  # simulated observers who update, of whom a design has to name one
-_HOPELESS, _LITTLE = 0.05, 0.7  # share named below which, and posterior over prior sd above which, a range tells nothing
-_LEVELS = 5  # of the full factorial
+# --- The design -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

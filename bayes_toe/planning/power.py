@@ -46,6 +46,10 @@ NAMED, WRONG = f"named, P > {CERTAIN}", f"another named, P > {CERTAIN}"
 #: Kinds in a sentence.
 WORDS = {"none": "no order effect", "constant error": "a constant error", UPDATE: "an update"}
 _LEVEL = 0.95  # of the intervals of Monte Carlo error
+Row = TypeVar("Row")
+TRIALS, DATA_SETS = (325, 650, 1300), 100
+#: Independent draws behind each evidence.
+DRAWS = 4000
 
 
 @dataclass(frozen=True)
@@ -227,10 +231,7 @@ def mean(values: Sequence[float]) -> tuple[float, float, float]:
     return middle, middle - error, middle + error
 
 
-Row = TypeVar("Row")
-TRIALS, DATA_SETS = (325, 650, 1300), 100
-#: Independent draws behind each evidence.
-DRAWS = 4000
+# --- Simulation -----------------------------------------------------------------------------------
 
 
 def power(

@@ -45,6 +45,20 @@ STUDY_COLUMNS = ("design", "trials", "observers", "subjects", "studies", "named"
 SUBJECTS = (4, 8, 16)
 _WHAT = {kind: f"{words} as the most frequent kind" for kind, words in WORDS.items()}
 _WHAT[MIXED] = "the most frequent kind of the mixed population"
+#: Columns of power_population.csv.
+POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
+STUDIES = 20
+#: What is counted, and quantities of which the expected width of the 90 % interval is told.
+ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
+WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
+_WHO = {
+    NONE: "subjects without one",
+    CONSTANT_ERROR: "subjects with a constant error",
+    UPDATE: "subjects who update",
+    MIXED: "the mixed population",
+}
+_DIRECTION, _BAND = 0.975, 0.95
+_DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
 
 @dataclass(frozen=True)
@@ -131,20 +145,7 @@ def _named(evidence: FloatArray) -> str | None:
     return list(PLAIN)[int(found.argmax())] if found.max() > CERTAIN else None
 
 
-#: Columns of power_population.csv.
-POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
-STUDIES = 20
-#: What is counted, and quantities of which the expected width of the 90 % interval is told.
-ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
-WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
-_WHO = {
-    NONE: "subjects without one",
-    CONSTANT_ERROR: "subjects with a constant error",
-    UPDATE: "subjects who update",
-    MIXED: "the mixed population",
-}
-_DIRECTION, _BAND = 0.975, 0.95
-_DRAWS = 200  # effective ones of everything: chains that agree have many more of most
+# --- By the analysis of the group -----------------------------------------------------------------
 
 
 @dataclass(frozen=True)

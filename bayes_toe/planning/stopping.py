@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 ENOUGH = 0.5
 #: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
 _POOR = 0.25
+#: Columns of power_stopping.csv.
+STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "named", "p_none", "p_constant_error", "p_update")
+_DRAWS = 4000
+_INTERVAL = 1.0
 
 
 @dataclass(eq=False)
@@ -129,10 +133,7 @@ class Particles:
             self.answered(more)
 
 
-#: Columns of power_stopping.csv.
-STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "named", "p_none", "p_constant_error", "p_update")
-_DRAWS = 4000
-_INTERVAL = 1.0
+# --- Rules ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

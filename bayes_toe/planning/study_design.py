@@ -18,11 +18,13 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, Design, full_design, reference_design
+from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.seeds import generator
 
 #: Columns of a design's file; isi where there are intervals.
 DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
+#: Equal pairs that may follow each other.
+MOST_EQUAL = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +161,6 @@ def read_study_design(path: str | Path) -> StudyDesign:
         raise InputError(f"{path}: {error}") from error
 
 
-def _with_batches(design: Design, trials: int | None) -> StudyDesign:
-    made = StudyDesign(design.s1, design.s2, np.full(len(design.s1), design.batches), design.isi)
-    return made if trials is None else made.with_total(trials)
-
-
 def paper_study_design(trials: int | None = None) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, or so many in all.
 
@@ -172,12 +169,9 @@ def paper_study_design(trials: int | None = None) -> StudyDesign:
     >>> paper_study_design().total
     650
     """
-    return _with_batches(reference_design(), trials)
-
-
-def full_study_design(trials: int) -> StudyDesign:
-    """Every ordered pair of the paper's five stimuli."""
-    return _with_batches(full_design(PAPER_AMPLITUDES), trials)
+    paper = reference_design()
+    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi)
+    return made if trials is None else made.with_total(trials)
 
 
 def narrow_study_design(first: FloatArray, steps: FloatArray, trials: int) -> StudyDesign:
@@ -192,8 +186,7 @@ def narrow_study_design(first: FloatArray, steps: FloatArray, trials: int) -> St
     return StudyDesign(s1, s1 + np.tile(steps, len(first)), apportioned(np.ones(len(s1)), trials))
 
 
-#: Equal pairs that may follow each other.
-MOST_EQUAL = 3
+# --- The order of trials --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
