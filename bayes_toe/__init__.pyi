@@ -9,7 +9,7 @@ from .classical.fit_table import fit as fit
 from .classical.fit_table import uncertainty_table as uncertainty_table
 from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
-from .comparison.ladder_table import compare as compare
+from .comparison.model_comparison import compare as compare
 from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.covariates import read_covariates as read_covariates
@@ -28,7 +28,7 @@ from .experiments.calibration_table import calibrate as calibrate
 from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability
 from .experiments.prior_predictive import prior_predictive as prior_predictive
-from .experiments.synthetic_study import simulate as simulate
+from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior
 from .groups.hyperprior import read_hyperprior as read_hyperprior

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
 from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.comparison.presets import UnderPresets, under_presets
+from bayes_toe.comparison.reweighting import UnderPresets, under_presets
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError

@@ -15,15 +15,14 @@ from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, Subject
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit_table import FIT_COLUMNS, SubjectFit
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
-from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS
+from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.parts_sensitivity import COLUMNS as PARTS_SENSITIVITY_COLUMNS
 from bayes_toe.comparison.parts_sensitivity import PartsRow
-from bayes_toe.comparison.parts_table import PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.experiments.calibration import RANKED
+from bayes_toe.experiments.calibration_statistics import Reliability
 from bayes_toe.experiments.calibration_table import ABOUT, ESTIMATORS, EvidenceRow, RankRow
-from bayes_toe.experiments.reliability import Reliability
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS

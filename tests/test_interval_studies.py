@@ -16,9 +16,7 @@ from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_subject, describe
-from bayes_toe.experiments.recipes import design_from, trial_frame
-from bayes_toe.experiments.simulate import Design, at_intervals, reference_design, simulate_trials
-from bayes_toe.experiments.sloppiness import fisher_information
+from bayes_toe.experiments.simulate import Design, at_intervals, design_from, reference_design, simulate_trials, trial_frame
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
@@ -364,7 +362,6 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
         lambda study, analysis: bt.plots.plane_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: fisher_information(study["S01"], Natural(*(v[0] for v in OBSERVERS))),
     ],
 )
 def test_what_knows_one_interval_refuses_several(call, study, analysis):

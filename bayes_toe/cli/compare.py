@@ -18,7 +18,7 @@ from bayes_toe.data.messages import listed
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bayes_toe.comparison.ladder_table import ModelComparison
+    from bayes_toe.comparison.model_comparison import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
@@ -40,7 +40,7 @@ def compare(
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
-    from bayes_toe.comparison.ladder_table import beside
+    from bayes_toe.comparison.model_comparison import beside
     from bayes_toe.model.ladder import require_models
     from bayes_toe.plots.comparison import save_comparison
     from bayes_toe.plots.figure_files import picture_beside
@@ -158,7 +158,7 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
 
 def _say_parts(console: Console, table: ModelComparison, shown: Sequence[str]) -> None:
     """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
-    from bayes_toe.comparison.parts_table import STUDY
+    from bayes_toe.comparison.model_comparison import STUDY
     from bayes_toe.inference.predictive_checks import MISFIT
 
     best, rows, places = table.best_compositions(), list[dict[Any, Any]](), {name: i for i, name in enumerate(table.subjects)}

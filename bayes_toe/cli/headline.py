@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.presets import Orders, UnderPresets
+from bayes_toe.comparison.reweighting import Orders, UnderPresets
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study

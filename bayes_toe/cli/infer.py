@@ -60,7 +60,7 @@ def run(
     """
     from bayes_toe.cli.headline import in_short, scale_first
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
-    from bayes_toe.comparison.presets import say_presets
+    from bayes_toe.comparison.reweighting import say_presets
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
     if explore:

@@ -16,12 +16,10 @@ from markupsafe import Markup
 
 from bayes_toe.cli.methods_of_models import compared_facts, other_priors, varied_facts
 from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit, templates
-from bayes_toe.comparison.comparison_file import ComparisonFile, read_comparison
-from bayes_toe.comparison.evidence_file import read_evidence
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
-from bayes_toe.comparison.sensitivity_file import read_parts_sensitivity, read_sensitivity
+from bayes_toe.comparison.saved_tables import ComparisonFile, read_comparison, read_evidence, read_parts_sensitivity, read_sensitivity
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import is_store

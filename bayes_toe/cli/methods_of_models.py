@@ -10,11 +10,11 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.cli.headline import p_value
-from bayes_toe.comparison.comparison_file import ComparisonFile
+from bayes_toe.comparison.model_comparison import STUDY, PartTable
 from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
-from bayes_toe.comparison.parts_table import STUDY, PartTable
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 from bayes_toe.comparison.reweighting import RESAMPLED
+from bayes_toe.comparison.saved_tables import ComparisonFile
 from bayes_toe.comparison.words import KINDS, POSITIVE, STATED, compared, order_effect
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.inference.draws import Draws

@@ -194,7 +194,7 @@ def trials(
 
     [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
     """
-    from bayes_toe.experiments.recipes import subject_names
+    from bayes_toe.experiments.simulate import subject_names
     from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
     from bayes_toe.seeds import root_seed
 

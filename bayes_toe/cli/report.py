@@ -20,7 +20,7 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
-from bayes_toe.comparison.presets import say_presets
+from bayes_toe.comparison.reweighting import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals

@@ -52,8 +52,7 @@ def simulate(  # each is a choice of its own, and has a default
     [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --subjects 8 --seed 1
     """
     from bayes_toe.data.tables import write_table
-    from bayes_toe.experiments.recipes import design_from, population_from, trial_frame, truth_frame
-    from bayes_toe.experiments.simulate import simulate_trials
+    from bayes_toe.experiments.simulate import design_from, population_from, simulate_trials, trial_frame, truth_frame
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
 
@@ -138,8 +137,8 @@ def _calibration_text(table: CalibrationTable) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     from bayes_toe.experiments.calibration import DESIGNS, DRAWS
+    from bayes_toe.experiments.calibration_statistics import MARGIN
     from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM
-    from bayes_toe.experiments.reliability import MARGIN
     from bayes_toe.model.prior import Prior
     from bayes_toe.version import library_versions
 
@@ -209,8 +208,8 @@ def say_calibration(console: Console, table: CalibrationTable) -> None:
 
 def verdict_lines(table: CalibrationTable) -> list[str]:
     """The verdict in a few lines: what failed, or that nothing did; what did not converge; what was withheld."""
+    from bayes_toe.experiments.calibration_statistics import MARGIN
     from bayes_toe.experiments.calibration_table import DEFAULT, FALSE_ALARM
-    from bayes_toe.experiments.reliability import MARGIN
 
     lines = [f"NOT calibrated: {failure}" for failure in table.failures]
     if table.ranks:

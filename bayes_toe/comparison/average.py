@@ -20,6 +20,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
+from bayes_toe.inference.evidence import Evidence, weighed
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer
@@ -153,11 +154,11 @@ def average(
     ----------
     study : Study
     models : str or sequence of str or record
-        As in :func:`bayes_toe.comparison.ladder_table.compare`; free frequencies do not count.
+        As in :func:`bayes_toe.comparison.model_comparison.compare`; free frequencies do not count.
     draws : int
         Effective draws to reach under every model, and how many the average has.
     seed, prior, workers, progress
-        As in :func:`bayes_toe.comparison.ladder_table.compare`; with the same seed the weights are those of its evidences.
+        As in :func:`bayes_toe.comparison.model_comparison.compare`; with the same seed the weights are those of its evidences.
 
     Raises
     ------
@@ -178,36 +179,36 @@ def average(
     jobs = [partial(_draw, model.posterior(subject, chosen), root, sampler) for subject in study for model in records]
     names = [(f"{subject.name}: {model.name}",) for subject in study for model in records]
     done = run_in_order(jobs, workers, progress, names)
-    found = [_averaged(subject, done[i * len(records) : (i + 1) * len(records)], draws) for i, subject in enumerate(study)]
+    found = [averaged(subject, done[i * len(records) : (i + 1) * len(records)], draws) for i, subject in enumerate(study)]
     rows = tuple(one for one in found if isinstance(one, Average))
     withheld = {subject.name: one for subject, one in zip(study, found, strict=True) if isinstance(one, str)}
     return Averages(rows, withheld, root, chosen, study.synthetic)
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
-    """One model of one subject: log evidence, some draws in unconstrained coordinates, and what is wrong with them."""
+class Drawn:
+    """One model of one subject: evidence, some draws in unconstrained coordinates, and what is wrong with them."""
 
     target: Posterior
-    log_evidence: float | None
+    evidence: Evidence
     x: FloatArray
     not_converged: str
 
 
-def _draw(target: Posterior, seed: int, sampler: SamplerSettings) -> _Drawn:
+def _draw(target: Posterior, seed: int, sampler: SamplerSettings) -> Drawn:
     result = infer(target, seed, Wanted(sampler, EVIDENCE_DRAWS))
     assert result.evidence is not None  # it was asked for, as was the other
     assert result.chains is not None
     x = result.chains.x.reshape(-1, len(target.coordinates))
-    return _Drawn(target, result.evidence.value, _thinned(x, sampler.draws), "" if result.chains.converged else result.chains.reason)
+    return Drawn(target, result.evidence, _thinned(x, sampler.draws), "" if result.chains.converged else result.chains.reason)
 
 
-def _averaged(counts: Subject, found: Sequence[_Drawn], draws: int) -> Average | str:
+def averaged(counts: Subject, found: Sequence[Drawn], draws: int) -> Average | str:
     """The average of one subject, or why there is none."""
-    missing = [one.target.model.name for one in found if one.log_evidence is None]
-    if missing:
-        return f"no evidence of {', '.join(missing)}"
-    weights = softmax(np.array([one.log_evidence for one in found], np.float64))
+    values = weighed([one.evidence.value for one in found], [one.evidence.bound for one in found])
+    if np.isnan(values).any():
+        return f"no evidence of {', '.join(one.target.model.name for one, value in zip(found, values, strict=True) if np.isnan(value))}"
+    weights = softmax(values)
     sizes = np.diff(np.rint(draws * np.cumsum(weights)).astype(np.int64), prepend=0).tolist()  # each within one of its share
     poor = [f"{one.target.model.name}: {one.not_converged}" for one, size in zip(found, sizes, strict=True) if size and one.not_converged]
     if poor:

@@ -16,7 +16,7 @@ import numpy as np
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.inference.evidence import Evidence
+from bayes_toe.inference.evidence import Evidence, said_of_bound, weighed
 from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
@@ -48,6 +48,8 @@ EVIDENCE_COLUMNS = (
     *("log_evidence_symmetric", "log_evidence_constant_error", "p_none", "p_constant_error", "p_update", "predictive_p"),
 )
 _COUNTS = ("n_pairs", "n_trials")
+#: Log evidences of the models that differ in their order effect alone.
+ORDERS = {"log_evidence_symmetric": "symmetric", "log_evidence_constant_error": "constant error", "log_evidence_h1": "H1"}
 _NO_FIT = "H1: goodness of fit withheld with the weights of its draws"
 _INTERVALS = (
     "order effect: H1 knows what an inter-stimulus interval does, the other two models ignore it, so that their probabilities also ask "
@@ -64,6 +66,8 @@ class SubjectEvidence:
     ----------
     fit : FitSummary or None
         Goodness of fit of H1.
+    without_weight : tuple of str
+        Which of the log evidences of orders are withheld but leave their model without weight, by what they are at most.
     notes : tuple of str
         What is withheld, and why; with intervals, what else the probabilities ask.
     footnotes : tuple of str
@@ -85,13 +89,14 @@ class SubjectEvidence:
     log_evidence_symmetric: float | None
     log_evidence_constant_error: float | None
     fit: FitSummary | None
+    without_weight: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
 
     @property
     def log_evidence_orders(self) -> tuple[float, float, float] | None:
-        """Of the models without order effect, with a constant error, with the update (H1); None where one is withheld."""
-        none, constant, update = self.log_evidence_symmetric, self.log_evidence_constant_error, self.log_evidence_h1
+        """Of the models without order effect, with a constant error, with the update (H1); -inf without weight, None if one may count."""
+        none, constant, update = (-np.inf if key in self.without_weight else getattr(self, key) for key in ORDERS)
         return None if none is None or constant is None or update is None else (none, constant, update)
 
     @property
@@ -193,7 +198,9 @@ def subject_evidence(
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
-    subject, rivals = posterior.subject, dict(zip(("symmetric", "constant error"), others, strict=True)) if others else {}
+    subject, known = posterior.subject, (*(others or ()), found)
+    values = weighed([one.value for one in known], [one.bound for one in known])
+    orders = [*zip(ORDERS, known, values, strict=True)] if others else [("log_evidence_h1", found, values[0])]
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
     bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
@@ -210,12 +217,17 @@ def subject_evidence(
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=found.efficiency,
         pareto_k=found.pareto_k,
-        log_evidence_symmetric=rivals["symmetric"].value if rivals else None,
-        log_evidence_constant_error=rivals["constant error"].value if rivals else None,
+        log_evidence_symmetric=others[0].value if others else None,
+        log_evidence_constant_error=others[1].value if others else None,
         fit=fit,
+        without_weight=tuple(key for key, _, value in orders if np.isneginf(value)),
         notes=(
-            *(f"{model}: {one.why_not}" for model, one in {"H1": found, **rivals}.items() if one.why_not),
-            *(() if fit or not rivals else (_NO_FIT,)),
+            *(
+                f"{ORDERS[key]}: {one.why_not}" + (f"; {said_of_bound(one.bound, values)}" if np.isneginf(value) else "")
+                for key, one, value in orders
+                if one.why_not
+            ),
+            *(() if fit or not others else (_NO_FIT,)),
             *(() if subject.isi is None else (_INTERVALS,)),
         ),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),

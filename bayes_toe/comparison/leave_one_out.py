@@ -7,16 +7,23 @@ first needs two values a pair, however many trials there are:
     elpd = sum over pairs of n_Eq ln p(equal | others) + n_Diff ln p(different | others).
 
 Models with draws: Pareto-smoothed importance sampling (Vehtari, Gelman, Gabry 2017; Vehtari et al. 2024), withheld where k-hat says that
-it cannot be trusted; of pairs by the draws of a proposal with wide tails where there is one (:mod:`bayes_toe.comparison.left_out_pairs`).
-Free frequencies (H0): in closed form, because there the weights of a left-out pair fail always.
+it cannot be trusted. Pairs: by the proposal that was fitted to all answers, where there is one. Its draws are independent, its cover and
+its share of the prior reach beyond the posterior, and a mean of their weights without a pair is the evidence of the other answers. Where
+too few of them count, a proposal is fitted to these answers, beginning with the one for all. Free frequencies (H0): in closed form, because
+there the weights of a left-out pair fail always.
+
+Where stimuli that seem the same are never called 'different', a pair that was is a wall between offsets, and the other answers may have
+their mass beyond it, where no draw is: nothing that is computed from draws would tell. Maxima that all answers together make hopeless do:
+where one of them comes near the best without the pair, a proposal is fitted to the other answers from the maxima to which they lead.
 
 Values are natural logs, without binomial coefficients as the evidences are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -24,9 +31,15 @@ import numpy.typing as npt
 from scipy.special import betaln
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
+from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
-from bayes_toe.inference.proposal import efficiency
+from bayes_toe.inference.evidence import Evidence, importance_evidence
+from bayes_toe.inference.modes import Maxima, find_maxima
+from bayes_toe.inference.proposal import FittedProposal, efficiency
+from bayes_toe.model.target import Target
+from bayes_toe.seeds import generator
 
 Unit = Literal["trial", "pair"]
 ANSWERS = ("equal", "different")
@@ -34,6 +47,13 @@ ANSWERS = ("equal", "different")
 LARGEST_K = 0.7
 #: Share of weighted draws that must count for a left-out pair: below it one in fifty values is off by more than their scatter tells.
 LEAST_SHARE = 0.1
+#: Values of one array of log probabilities; draws are thinned to stay below, to no fewer than the least.
+VALUES, LEAST_DRAWS = 5_000_000, 1000
+_MOST_REFITS = 10  # a model that more pairs surprise describes the answers badly, which the other columns show
+#: Nats below the best at which a maximum still has draws, and at which one may matter once it has moved; by how much it rises at least.
+_SHOWN, _NEAR, _RISEN = 5.0, 8.0, 3.0
+_JUDGING = 5000  # draws behind the evidence without a pair: uncertain by less than 0.01 then
+_START, _LEAST_START = 5000, 20.0  # draws with which a refit begins, and how many must count: fewer do not show where to look
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +64,6 @@ class LeaveOneOut:
     ----------
     unit : 'trial' or 'pair'
         What is left out at a time.
-    elpd : float
-        Sum over units, natural log; NaN where withheld.
-    se : float
-        Standard error of the sum as an estimate for new data, from the spread over units; NaN with a single unit.
-    largest_k : float
-        Largest Pareto k-hat; -inf where nothing had to be weighted.
     values : array
         Per left-out unit, natural log: shape (2, pairs) for trials, one 'equal' and one 'different' answer; (1, pairs) for pairs.
         NaN where no such answer was given, or withheld.
@@ -58,17 +72,24 @@ class LeaveOneOut:
     pareto_k : array, same shape
         Of each value; -inf where nothing had to be weighted, NaN where no such answer was given.
     note : str
-        Why the value is withheld, or empty.
+        Why values are withheld, or empty.
     """
 
     unit: Unit
-    elpd: float
-    se: float
-    largest_k: float
     values: FloatArray
     counts: IntArray
     pareto_k: FloatArray
     note: str = ""
+
+    @cached_property
+    def elpd(self) -> float:
+        """Sum over units, natural log; NaN where a value is withheld."""
+        return _sum(self.values, self.counts)[0]
+
+    @cached_property
+    def se(self) -> float:
+        """Standard error of the sum as an estimate for new data, from the spread over units; NaN with a single unit."""
+        return _sum(self.values, self.counts)[1]
 
     def minus(self, other: LeaveOneOut) -> tuple[float, float]:
         """Difference of elpd to another model on the same answers, with the standard error of the paired difference.
@@ -86,25 +107,11 @@ class LeaveOneOut:
     def joined(cls, parts: Sequence[LeaveOneOut]) -> LeaveOneOut:
         """One model over several subjects: all their units together."""
         values, counts, k = (np.concatenate([getattr(one, key) for one in parts], axis=1) for key in ("values", "counts", "pareto_k"))
-        return cls(parts[0].unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k)
-
-    def filled(self, exact: Mapping[int, float]) -> LeaveOneOut:
-        """The same with values of left-out pairs, by index, from another route in the place of those that were withheld."""
-        values = self.values.copy()
-        for pair, value in exact.items():
-            values[0, pair] = value
-        elpd, se = _sum(values, self.counts)
-        return replace(self, elpd=elpd, se=se, values=values, note=self.note if np.isnan(elpd) else "")
+        return cls(parts[0].unit, values, counts, k)
 
 
 def leave_one_out(
-    log_equal: npt.ArrayLike,
-    log_different: npt.ArrayLike,
-    n_equal: npt.ArrayLike,
-    n_trials: npt.ArrayLike,
-    *,
-    unit: Unit = "trial",
-    pairs: Sequence[str] | None = None,
+    log_equal: npt.ArrayLike, log_different: npt.ArrayLike, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial"
 ) -> LeaveOneOut:
     """Expected log predictive density from posterior draws.
 
@@ -115,8 +122,6 @@ def leave_one_out(
     n_equal, n_trials : array_like of int, shape (pairs,)
     unit : 'trial' or 'pair'
         What is left out at a time.
-    pairs : sequence of str, optional
-        Names of the pairs for the note; numbers from 1 by default.
 
     Raises
     ------
@@ -132,14 +137,14 @@ def leave_one_out(
     """
     counts = _counts(n_equal, n_trials)
     logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)])
-    _require_possible(logs, counts)
+    _require_possible(logs, counts, [repr(answer) for answer in ANSWERS])
     if _require_unit(unit) == "trial":
-        return _weighted(unit, logs, counts, pairs)
+        return _smoothed(unit, logs, counts)
     given = counts[:, :, None] > 0  # an answer never given contributes 0, also where its probability is 0
-    return leave_one_pair_out(np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0).T, n_trials, pairs=pairs)
+    return leave_one_pair_out(np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0).T, n_trials)
 
 
-def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike, *, pairs: Sequence[str] | None = None) -> LeaveOneOut:
+def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike) -> LeaveOneOut:
     """The same by pair for answers that need not be independent: from the log likelihood of each pair, shape (draws, pairs).
 
     Raises
@@ -149,21 +154,144 @@ def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike, *
     """
     tried = (np.asarray(n_trials)[None] > 0).astype(np.int64)
     logs = _logs("likelihood", log_likelihood, tried)[None]
-    _require_possible(logs, tried, "this")
-    return _weighted("pair", logs, tried, pairs)
+    _require_possible(logs, tried, ["this"])
+    return _smoothed("pair", logs, tried)
 
 
-def _weighted(unit: Unit, logs: FloatArray, counts: IntArray, pairs: Sequence[str] | None) -> LeaveOneOut:
+def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
+    """The same for H0, one free frequency per pair with a uniform prior, in closed form.
+
+    A left-out 'equal' answer has probability n_Eq/(n + 1), a left-out 'different' one n_Diff/(n + 1). Nothing is known of a left-out pair:
+    ln B(n_Eq + 1, n_Diff + 1), so that the sum over pairs is the log evidence of H0.
+
+    Raises
+    ------
+    InputError
+        If counts do not fit.
+
+    Examples
+    --------
+    >>> found = leave_one_out_frequencies([1], [2])  # one of each: two times 1/3
+    >>> round(found.elpd, 12) == round(2 * float(np.log(1 / 3)), 12)
+    True
+    """
+    counts = _counts(n_equal, n_trials)
+    if _require_unit(unit) == "pair":
+        tried = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
+        values, counts = np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan), tried
+    else:
+        with np.errstate(divide="ignore"):  # log 0 is not used where no such answer was given
+            values = np.where(counts > 0, np.log(counts) - np.log1p(counts.sum(axis=0)), np.nan)
+    return LeaveOneOut(unit, values, counts, np.where(counts > 0, -np.inf, np.nan))
+
+
+def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
+    """Difference of elpd to the best of several models of the same answers, at most 0, with the standard error of the paired difference.
+
+    0 and 0 for the best itself; NaN where a value is withheld.
+
+    Examples
+    --------
+    >>> free, sure = leave_one_out_frequencies([3, 4], [5, 5]), leave_one_out(*np.log(np.full((2, 100, 2), 0.5)), [3, 4], [5, 5])
+    >>> [[round(value, 2) for value in pair] for pair in below_best([free, sure])]
+    [[-0.76, 1.42], [0.0, 0.0]]
+    """
+    elpd = np.array([one.elpd for one in models])
+    if np.isnan(elpd).all():
+        return [(np.nan, np.nan)] * len(models)
+    best = int(np.nanargmax(elpd))
+    return [(0.0, 0.0) if i == best else one.minus(models[best]) for i, one in enumerate(models)]
+
+
+def trusted_k(draws: int) -> float:
+    """Largest Pareto k-hat that so many draws allow, min(0.7, 1 - 1/log10(draws)). Source: Vehtari et al. 2024."""
+    return min(LARGEST_K, 1.0 - 1.0 / float(np.log10(draws)))
+
+
+def _smoothed(unit: Unit, logs: FloatArray, counts: IntArray) -> LeaveOneOut:
     """From log probabilities of shape (answers, pairs, draws), of each unit given all that stays."""
-    names = _numbers(counts) if pairs is None else tuple(pairs)
-    if len(names) != counts.shape[1]:
-        raise InputError(f"pairs: {len(names)} names, allowed are {counts.shape[1]}")
     values, k = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
-    for answer, pair in np.argwhere(counts > 0):
-        values[answer, pair], k[answer, pair] = _left_out(logs[answer, pair])
-    bad = k > trusted_k(logs.shape[-1])
-    values[bad] = np.nan
-    return LeaveOneOut(unit, *_sum(values, counts), float(np.nanmax(k)), values, counts, k, _note(unit, bad, k, names))
+    for unit_at in map(tuple, np.argwhere(counts > 0)):
+        log_p = logs[unit_at]
+        if np.ptp(log_p) == 0.0:
+            values[unit_at], k[unit_at] = log_p[0], -np.inf  # all weights are equal: no tail to smooth
+        else:
+            smoothed = smoothed_weights(-log_p)
+            values[unit_at], k[unit_at] = log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
+    values[k > trusted_k(logs.shape[-1])] = np.nan
+    return LeaveOneOut(unit, values, counts, k, _note(unit, values, counts, k))
+
+
+def _sum(values: FloatArray, counts: IntArray) -> tuple[float, float]:
+    """Sum over units and its standard error, sqrt(N var)."""
+    given = counts > 0
+    v, n = values[given], counts[given].astype(np.float64)
+    total = n.sum()
+    if total < 2:
+        return float(n @ v), float("nan")
+    return float(n @ v), float(np.sqrt(total * (n @ np.square(v - n @ v / total)) / (total - 1.0)))
+
+
+def _note(unit: Unit, values: FloatArray, counts: IntArray, k: FloatArray) -> str:
+    bad = np.argwhere(np.isnan(values) & (counts > 0))
+    if not len(bad):
+        return ""
+    which = [f"pair {i + 1}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}" for a, i in bad]
+    listed = ", ".join(which[:5]) + (f" and {len(which) - 5} more" if len(which) > 5 else "")
+    return f"leave-one-out by {unit} withheld: importance weights are unreliable (Pareto k-hat: {listed})"
+
+
+def _require_unit(unit: Unit) -> Unit:
+    if unit not in get_args(Unit):
+        raise InputError(f"unit={unit!r}: allowed are 'trial' and 'pair'")
+    return unit
+
+
+def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
+    """Counts of 'equal' and 'different', shape (2, pairs)."""
+    k, n = np.asarray(n_equal), np.asarray(n_trials)
+    if k.ndim != 1 or k.shape != n.shape or not np.all((k >= 0) & (k <= n)) or not np.any(n > 0):
+        raise InputError("n_equal and n_trials: allowed are two rows of the same length with 0 <= n_equal <= n_trials, not all 0")
+    return np.stack([k, n - k]).astype(np.int64)
+
+
+def _logs(name: str, values: npt.ArrayLike, counts: IntArray) -> FloatArray:
+    """Checked log probabilities of one answer, shape (pairs, draws), so that the draws of a pair lie side by side in memory."""
+    logs = np.asarray(values, np.float64)
+    if logs.ndim != 2 or logs.shape[1] != counts.shape[1] or len(logs) < 100:
+        raise InputError(f"log_{name} of shape {logs.shape}: allowed is (draws, {counts.shape[1]}) with at least 100 draws")
+    if not np.all(logs <= 1e-12):  # a logarithm of 1 - q may round up
+        raise InputError(f"log_{name}: a log probability is NaN or above 0")
+    return np.ascontiguousarray(logs.T)
+
+
+def _require_possible(logs: FloatArray, counts: IntArray, names: Sequence[str]) -> None:
+    for answer, pair in np.argwhere((logs.min(axis=-1) == -np.inf) & (counts > 0)):
+        raise InputError(f"pair {pair + 1}: {names[answer]} was answered but has probability 0 in some draw of the posterior")
+
+
+# --- pairs, by the proposal ---------------------------------------------------------------------------------------------------------
+
+
+def left_out_pairs(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, seed: int) -> LeaveOneOut:
+    """Leave-one-out by pair of a model whose proposal can be trusted; values where weights fail come from refits, at most ten.
+
+    `maxima` are those of the posterior of all answers.
+    """
+    target, subject = fitted.proposal.posterior, fitted.proposal.posterior.subject
+    some = fitted.draws.part(slice(None, None, thinning(len(fitted.draws.x), subject.n_pairs)))
+    elsewhere = _elsewhere(target, maxima)
+    log_likelihood, log_weights = target.pair_log_likelihood(some.x), some.log_prior - some.log_proposal
+    found = weighted_pairs(log_likelihood, log_weights, subject.n_trials, withheld=elsewhere)
+    failed = np.flatnonzero(np.isnan(found.values[0]) & (subject.n_trials > 0)).tolist()
+    if evidence.value is None or not 0 < len(failed) <= _MOST_REFITS:
+        return found
+    values = found.values.copy()
+    for pair in failed:
+        rng = generator(seed, subject.name, target.model.name, "left out", pair)
+        rest = log_evidence_without(target, pair, rng, fitted=None if elsewhere[pair] else fitted, starts=maxima.all)
+        values[0, pair] = np.nan if rest is None else evidence.value - rest
+    return replace(found, values=values, note=found.note if np.isnan(values[found.counts > 0]).any() else "")
 
 
 def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials: npt.ArrayLike, *, withheld: BoolArray) -> LeaveOneOut:
@@ -193,117 +321,47 @@ def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials
         smoothed, k[0, pair] = smoothed_unnormalised(rest)
         if not withheld[pair] and k[0, pair] <= trusted_k(len(rest)) and efficiency(rest) >= LEAST_SHARE:
             values[0, pair] = log_all - log_sum(smoothed)
-    bad = np.isnan(values) & (tried > 0)
-    return LeaveOneOut("pair", *_sum(values, tried), float(np.nanmax(k)), values, tried, k, _note("pair", bad, k, _numbers(tried)))
+    return LeaveOneOut("pair", values, tried, k, _note("pair", values, tried, k))
 
 
-def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
-    """Difference of elpd to the best of several models of the same answers, at most 0, with the standard error of the paired difference.
+def log_evidence_without(
+    target: Target, pair: int, rng: np.random.Generator, *, fitted: FittedProposal | None = None, starts: FloatArray | None = None
+) -> float | None:
+    """Of all answers but those to one pair, by a fit without it; None where that is withheld.
 
-    0 and 0 for the best itself; NaN where a value is withheld.
-
-    Examples
-    --------
-    >>> free, sure = leave_one_out_frequencies([3, 4], [5, 5]), leave_one_out(*np.log(np.full((2, 100, 2), 0.5)), [3, 4], [5, 5])
-    >>> [[round(value, 2) for value in pair] for pair in below_best([free, sure])]
-    [[-0.76, 1.42], [0.0, 0.0]]
+    It begins with `fitted`, that to all answers, or with the maxima to which `starts` lead. Beginning at the maxima of all answers, where
+    a wall falls, loses none that the grid of starts would find, and costs a third.
     """
-    elpd = np.array([one.elpd for one in models])
-    if np.isnan(elpd).all():
-        return [(np.nan, np.nan)] * len(models)
-    best = int(np.nanargmax(elpd))
-    return [(0.0, 0.0) if i == best else one.minus(models[best]) for i, one in enumerate(models)]
+    subject, kept = target.subject, np.arange(target.subject.n_pairs) != pair
+    if not kept.any():
+        return 0.0  # no answers: their probability is 1
+    isi = None if subject.isi is None else subject.isi[kept]
+    rest = target.for_subject(Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept], isi))
+    moved = None if fitted is None else _moved(fitted, rest)
+    return importance_evidence(fit_proposal(rest, rng, start=moved or find_maxima(rest, starts), draws=_JUDGING)).value
 
 
-def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
-    """The same for H0, one free frequency per pair with a uniform prior, in closed form.
-
-    A left-out 'equal' answer has probability n_Eq/(n + 1), a left-out 'different' one n_Diff/(n + 1). Nothing is known of a left-out pair:
-    ln B(n_Eq + 1, n_Diff + 1), so that the sum over pairs is the log evidence of H0.
-
-    Raises
-    ------
-    InputError
-        If counts do not fit.
-
-    Examples
-    --------
-    >>> found = leave_one_out_frequencies([1], [2])  # one of each: two times 1/3
-    >>> round(found.elpd, 12) == round(2 * float(np.log(1 / 3)), 12)
-    True
-    """
-    counts = _counts(n_equal, n_trials)
-    if _require_unit(unit) == "pair":
-        tried = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
-        values, counts = np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan), tried
-    else:
-        with np.errstate(divide="ignore"):  # log 0 is not used where no such answer was given
-            values = np.where(counts > 0, np.log(counts) - np.log1p(counts.sum(axis=0)), np.nan)
-    k = np.where(counts > 0, -np.inf, np.nan)
-    return LeaveOneOut(unit, *_sum(values, counts), -np.inf, values, counts, k)
+def thinning(draws: int, pairs: int) -> int:
+    """Every so-many-th draw is enough where pairs are many."""
+    return max(1, -(-draws // max(LEAST_DRAWS, VALUES // pairs)))
 
 
-def trusted_k(draws: int) -> float:
-    """Largest Pareto k-hat that so many draws allow, min(0.7, 1 - 1/log10(draws)). Source: Vehtari et al. 2024."""
-    return min(LARGEST_K, 1.0 - 1.0 / float(np.log10(draws)))
+def _elsewhere(target: Target, maxima: Maxima) -> BoolArray:
+    """Pairs, shape (pairs,), without which a maximum that draws do not show rises, and is near the best even before it has moved."""
+    x = maxima.all
+    value = target.log_density(x)
+    without = value[:, None] - target.pair_log_likelihood(x)
+    shown = value > value.max() - _SHOWN
+    below = without[~shown] - without[shown].max(axis=0)
+    risen = below - (value[~shown, None] - value.max())
+    return np.asarray(((below > -_NEAR) & (risen > _RISEN)).any(axis=0))
 
 
-def _left_out(log_p: FloatArray) -> tuple[float, float]:
-    """Log predictive density of a unit whose log probability in every draw is given, and k-hat."""
-    if np.ptp(log_p) == 0.0:
-        return float(log_p[0]), -np.inf  # all weights are equal: no tail to smooth
-    smoothed = smoothed_weights(-log_p)
-    return log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
-
-
-def _sum(values: FloatArray, counts: IntArray) -> tuple[float, float]:
-    """Sum over units and its standard error, sqrt(N var)."""
-    given = counts > 0
-    v, n = values[given], counts[given].astype(np.float64)
-    total = n.sum()
-    if total < 2:
-        return float(n @ v), float("nan")
-    return float(n @ v), float(np.sqrt(total * (n @ np.square(v - n @ v / total)) / (total - 1.0)))
-
-
-def _note(unit: Unit, bad: BoolArray, k: FloatArray, names: tuple[str, ...]) -> str:
-    if not bad.any():
-        return ""
-    which = [f"pair {names[i]}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}" for a, i in np.argwhere(bad)]
-    listed = ", ".join(which[:5]) + (f" and {len(which) - 5} more" if len(which) > 5 else "")
-    return f"leave-one-out by {unit} withheld: importance weights are unreliable (Pareto k-hat: {listed})"
-
-
-def _numbers(counts: IntArray) -> tuple[str, ...]:
-    return tuple(str(i + 1) for i in range(counts.shape[1]))
-
-
-def _require_unit(unit: Unit) -> Unit:
-    if unit not in get_args(Unit):
-        raise InputError(f"unit={unit!r}: allowed are 'trial' and 'pair'")
-    return unit
-
-
-def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
-    """Counts of 'equal' and 'different', shape (2, pairs)."""
-    k, n = np.asarray(n_equal), np.asarray(n_trials)
-    if k.ndim != 1 or k.shape != n.shape or not np.all((k >= 0) & (k <= n)) or not np.any(n > 0):
-        raise InputError("n_equal and n_trials: allowed are two rows of the same length with 0 <= n_equal <= n_trials, not all 0")
-    return np.stack([k, n - k]).astype(np.int64)
-
-
-def _logs(name: str, values: npt.ArrayLike, counts: IntArray) -> FloatArray:
-    """Checked log probabilities of one answer, shape (pairs, draws), so that the draws of a pair lie side by side in memory."""
-    logs = np.asarray(values, np.float64)
-    if logs.ndim != 2 or logs.shape[1] != counts.shape[1] or len(logs) < 100:
-        raise InputError(f"log_{name} of shape {logs.shape}: allowed is (draws, {counts.shape[1]}) with at least 100 draws")
-    if not np.all(logs <= 1e-12):  # a logarithm of 1 - q may round up
-        raise InputError(f"log_{name}: a log probability is NaN or above 0")
-    return np.ascontiguousarray(logs.T)
-
-
-def _require_possible(logs: FloatArray, counts: IntArray, *names: str) -> None:
-    impossible = (logs.min(axis=-1) == -np.inf) & (counts > 0)
-    for answer, pair in np.argwhere(impossible):
-        said = names[answer] if names else repr(ANSWERS[answer])
-        raise InputError(f"pair {pair + 1}: {said} was answered but has probability 0 in some draw of the posterior")
+def _moved(fitted: FittedProposal, rest: Target) -> FittedProposal | None:
+    """The proposal and draws of it as those of another posterior of the model; None where too few of them count."""
+    some = fitted.draws.part(slice(_START))
+    draws = replace(some, log_posterior=rest.log_likelihood(some.x) + some.log_prior)
+    share = efficiency(draws.log_weights)
+    if share * len(draws.x) < _LEAST_START:
+        return None
+    return FittedProposal(replace(fitted.proposal, posterior=rest), draws, share, pareto_k=float("nan"))

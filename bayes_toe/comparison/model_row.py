@@ -9,8 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best, leave_one_out, leave_one_out_frequencies, leave_one_pair_out
-from bayes_toe.comparison.left_out_pairs import left_out_pairs, thinning
+from bayes_toe.comparison.leave_one_out import (
+    LeaveOneOut,
+    Unit,
+    below_best,
+    leave_one_out,
+    leave_one_out_frequencies,
+    leave_one_pair_out,
+    left_out_pairs,
+    thinning,
+)
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import Evidence
@@ -20,7 +28,7 @@ from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
 from bayes_toe.model.ladder import Record
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Answering, Conjugate, Target
+from bayes_toe.model.target import Conjugate, Target
 from bayes_toe.seeds import generator
 
 _EQUAL_DRAWS = 2500  # at least, so that a k-hat of 0.7 is allowed
@@ -67,6 +75,8 @@ class ModelRow:
         By unit, the values behind the leave-one-out columns; empty where draws did not converge.
     failed : bool
         Whether the work was lost, and all values with it.
+    bound : float
+        What a withheld log evidence is at most, nats.
     """
 
     subject: str
@@ -81,6 +91,7 @@ class ModelRow:
     differences: Mapping[str, float] = field(default_factory=dict)
     left_out: Mapping[Unit, LeaveOneOut] = field(default_factory=dict, compare=False, repr=False)
     failed: bool = False
+    bound: float = np.inf
 
     def cell(self, column: str) -> object:
         """The entry of a column of compare.csv."""
@@ -96,13 +107,27 @@ def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior
     target = model.posterior(subject, prior)
     settings = SamplerSettings(draws=draws, max_quantile_error=np.inf)
     found = _exact(target, settings, seed) if isinstance(target, Conjugate) else _fitted(target, settings, seed)
-    notes = [*_of_intervals(target), *(note for note in (found.evidence.why_not,) if note)]
-    notes += [one.note for one in found.left_out.values() if one.note]
+    evidence, fit = found.evidence, found.fit
+    # Models that do not know the intervals of a subject say so.
+    notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
+    notes += [note for note in (evidence.why_not, *(one.note for one in found.left_out.values())) if note]
     if found.reason:
         notes += [f"draws did not converge: {found.reason}", "leave-one-out and predictive checks withheld with the draws"]
-    evidence = found.evidence.value, found.evidence.se, found.evidence.pareto_k
-    checks = Checks() if found.fit is None else _checks(found.left_out["trial"], found.left_out["pair"], found.fit)
-    return ModelRow(subject.name, target.model.name, len(target.coordinates), *evidence, checks, tuple(notes), left_out=found.left_out)
+    scores = {f"elpd_loo_{unit}{end}": value for unit, one in found.left_out.items() for end, value in (("", one.elpd), ("_se", one.se))}
+    known = {name: value for name, value in scores.items() if not np.isnan(value)}
+    checks = Checks() if fit is None else Checks(**known, p_predictive=fit.p_overall, p_worst_pair=fit.worst_p)
+    return ModelRow(
+        subject=subject.name,
+        model=target.model.name,
+        parameters=len(target.coordinates),
+        log_evidence=evidence.value,
+        log_evidence_se=evidence.se,
+        pareto_k=evidence.pareto_k,
+        checks=checks,
+        notes=tuple(notes),
+        left_out=found.left_out,
+        bound=evidence.bound,
+    )
 
 
 def failed_row(subject: Subject, model: Record, reason: str, *, prior: Prior) -> ModelRow:
@@ -124,11 +149,6 @@ def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:
 def difference_columns(unit: Unit) -> tuple[str, str]:
     """Columns of the difference to the best model and of its error."""
     return f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
-
-
-def _of_intervals(target: Answering) -> tuple[str, ...]:
-    """The note of a model that does not know the intervals of a subject that has them."""
-    return () if target.subject.isi is None or target.model.knows_intervals else (target.model.of_intervals,)
 
 
 class _Found(NamedTuple):
@@ -181,8 +201,3 @@ def _equal_draws(fitted: FittedProposal, settings: SamplerSettings, seed: int) -
     places = (np.arange(size) + generator(seed, target.subject.name, target.model.name, "equal draws").uniform()) / size
     kept = np.searchsorted(below[:-1], places * below[-1], side="right")
     return draws.x[kept], draws.log_posterior[kept] - draws.log_prior[kept], ""
-
-
-def _checks(trial: LeaveOneOut, pair: LeaveOneOut, summary: FitSummary) -> Checks:
-    values = [None if np.isnan(value) else value for value in (trial.elpd, trial.se, pair.elpd, pair.se)]
-    return Checks(values[0], values[1], values[2], values[3], summary.p_overall, summary.worst_p)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.parts_table import STUDY, part_tables
+from bayes_toe.comparison.model_comparison import STUDY, part_tables
 from bayes_toe.comparison.prior_sensitivity import moved
 from bayes_toe.comparison.reweighting import RESAMPLED, reweighted, under
 from bayes_toe.data.study import Study, Subject
@@ -136,7 +136,7 @@ def parts_sensitivity(
     ----------
     study : Study
     models : str or sequence of str or record
-        As :func:`bayes_toe.comparison.ladder_table.compare` takes them.
+        As :func:`bayes_toe.comparison.model_comparison.compare` takes them.
     prior : Prior, optional
         The middle of the range; varied is every number of it that some model uses.
     factors : sequence of float

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +11,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.comparison.evidence_table import SubjectEvidence
 from bayes_toe.experiments.calibration import DESIGNS, RANKED, KnownEvidence, Outcome, Plan, Ranks, simulate_and_analyse
-from bayes_toe.experiments.rank_bands import POINTS, ecdf_difference, uniformity
-from bayes_toe.experiments.reliability import Reliability, log_score, reliability
+from bayes_toe.experiments.calibration_statistics import POINTS, Reliability, ecdf_difference, log_score, reliability, uniformity
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -268,20 +266,19 @@ def log_odds(found: Sequence[KnownEvidence], estimator: str) -> tuple[FloatArray
 
 
 def _evidence_row(design: str, estimator: str, found: Sequence[KnownEvidence], seed: int) -> EvidenceRow:
-    odds, from_h1, known = log_odds(found, estimator)
-    missing = [one.from_h1 for one, there in zip(found, known, strict=True) if not there]
-    pairs = [(ESTIMATORS[estimator](one.evidence), ESTIMATORS[DEFAULT](one.evidence), one.from_h1) for one in found]
-    both = [(value, default, true) for value, default, true in pairs if value is not None and default is not None]
-    shifts = [value - default for value, default, _ in both]
+    values, defaults = (np.array([ESTIMATORS[name](one.evidence) for one in found], np.float64) for name in (estimator, DEFAULT))
+    from_h1, known = np.array([one.from_h1 for one in found]), ~np.isnan(values)
+    both = known & ~np.isnan(defaults)
+    shifts = (values - defaults)[both]
     return EvidenceRow(
         design=design,
         batches=DESIGNS[design],
         estimator=estimator,
         data_sets=len(found),
-        missing_h1=sum(missing),
-        missing_h0=len(missing) - sum(missing),
-        judged=reliability(odds, from_h1, generator(seed, design, estimator, "reliability")) if len(odds) else None,
-        log_score_default=log_score([default for _, default, _ in both], [true for *_, true in both]) if both else None,
-        median_shift=median(shifts) if shifts else None,
-        largest_shift=max(shifts, key=abs) if shifts else None,
+        missing_h1=int((from_h1 & ~known).sum()),
+        missing_h0=int((~from_h1 & ~known).sum()),
+        judged=reliability(values[known], from_h1[known], generator(seed, design, estimator, "reliability")) if known.any() else None,
+        log_score_default=log_score(defaults[both], from_h1[both]) if both.any() else None,
+        median_shift=float(np.median(shifts)) if both.any() else None,
+        largest_shift=float(shifts[np.abs(shifts).argmax()]) if both.any() else None,
     )

@@ -33,6 +33,7 @@ PARAMETERS = 4
 FULL = "predictive update"
 #: Relative singular value below which a direction counts as absent; stimuli that are equal up to rounding stay well below it.
 _TOLERANCE = 1e-7
+_STEP = 1e-5  # of differences, whose error is then a thousandth of that
 #: Generic parameter values on the scale of the design: offset, pull as a share of the largest, width. No two are special.
 _GENERIC = ((0.37, 0.31, 0.83), (-0.59, 0.67, 1.13), (0.13, 0.89, 1.71))
 
@@ -76,7 +77,7 @@ def identifiability(subject: Subject) -> Identifiability:
     told = np.ones(len(_NAMES), np.bool_)
     rank = 0
     for c, share, w in _GENERIC:
-        here, open_directions = _split(_jacobian_at(lever, step, isi, (c, MAX_PULL * share, w)))
+        here, open_directions = _split(_jacobian(lever, step, isi, (c, MAX_PULL * share, w)))
         told &= np.abs(_gradients(c, MAX_PULL * share) @ open_directions).max(axis=1, initial=0.0) < 1e-5
         rank = max(rank, here)
     several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one"
@@ -96,32 +97,21 @@ def _points(subject: Subject) -> tuple[FloatArray, FloatArray]:
     return (lever / extent, step / extent) if extent > 0 else (lever, step)
 
 
-def _jacobian_at(lever: FloatArray, step: FloatArray, isi: FloatArray, at_one: tuple[float, float, float]) -> FloatArray:
-    """Derivatives in offset, pull, log width and log q0 at one second, of pairs at intervals of isi seconds, shape (pairs, 4).
+def _jacobian(lever: FloatArray, step: FloatArray, isi: FloatArray, at: tuple[float, float, float]) -> FloatArray:
+    """Central differences of log q in offset, pull, log width and log q0 at one second, of pairs at intervals of isi seconds, (pairs, 4).
 
-    gamma_t = gamma/t gives p_t; c_t = c p_t/p and w_t = w t^(1/2) (G_t/G_1)^(3/2). With d log p/d log gamma = (1 - p)/(1 + p) and
-    d log G/d log gamma = p/(1 + p) these have closed derivatives in p, for which d log gamma/dp = (1 + p)/(p (1 - p)).
+    gamma_t = gamma/t gives p_t; c_t = c p_t/p and w_t = w t^(1/2) (G_t/G_1)^(3/2), G = 1/(1 - p). The rank is that of the derivatives of q
+    itself, which differ by factors q > 0.
     """
-    c, p, w = at_one
-    gamma = p / (1.0 - p) ** 2
-    rows = np.empty((len(step), PARAMETERS))
-    for t in np.unique(isi):
-        pt = float(pull(np.asarray(gamma / t)))
-        wt = w * np.sqrt(t) * ((1.0 - p) / (1.0 - pt)) ** 1.5
-        by_p = (1.0 + p) / (p * (1.0 - p))
-        p_slope = by_p * pt * (1.0 - pt) / (1.0 + pt)
-        chain = np.eye(PARAMETERS)
-        chain[0, :2] = pt / p, c * (p_slope - pt / p) / p
-        chain[1, 1], chain[2, 1] = p_slope, 1.5 * by_p * (pt / (1.0 + pt) - p / (1.0 + p))
-        here = isi == t
-        rows[here] = _jacobian(lever[here], step[here], c * pt / p, pt, wt) @ chain
-    return rows
+    c, p, w = at
 
+    def log_q(x: FloatArray) -> FloatArray:
+        pt = pull(x[1] / (1.0 - x[1]) ** 2 / isi)
+        wt = np.exp(x[2]) * np.sqrt(isi) * ((1.0 - x[1]) / (1.0 - pt)) ** 1.5
+        return np.asarray(x[3] - LN2 * ((step + pt * (lever - x[0] / x[1])) / wt) ** 2)
 
-def _jacobian(lever: FloatArray, step: FloatArray, c: float, p: float, w: float) -> FloatArray:
-    """Derivatives of log q in (c, p, log w, log q0), shape (pairs, 4): the rank of those of q itself, which differ by factors q > 0."""
-    z = (step + p * lever - c) / w
-    return np.asarray(np.stack([2.0 * z / w, -2.0 * z * lever / w, 2.0 * z * z, np.full_like(z, 1.0 / LN2)], axis=1) * LN2)
+    middle = np.array([c, p, np.log(w), 0.0])
+    return np.stack([(log_q(middle + one) - log_q(middle - one)) / (2.0 * _STEP) for one in _STEP * np.eye(PARAMETERS)], axis=1)
 
 
 def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability
-from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.closed_form import equal_probability, require_natural
+from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.intervals import equal_probability_at, require_intervals
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.seeds import generator
+from bayes_toe.seeds import generator, root_seed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Amplitudes of the paper's five stimuli in units of the reference (0.087 g). Source: Methods, design of the stimuli.
 PAPER_AMPLITUDES = (1.0, 1.15, 1.36, 1.55, 1.66)
 #: Answered repetitions of the whole set of pairs by each of the paper's subjects.
 PAPER_BATCHES = 50
+_POPULATIONS = ("paper", "prior")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +89,7 @@ def full_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = P
     >>> len(full_design([1.0, 1.2]).s1)
     4
     """
-    s = _log_amplitudes(amplitudes)
-    s1, s2 = np.meshgrid(s, s, indexing="ij")
+    s1, s2 = np.meshgrid(*2 * [_log_amplitudes(amplitudes)], indexing="ij")
     return Design(s1.ravel(), s2.ravel(), batches)
 
 
@@ -111,6 +118,9 @@ def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
     if not len(values) or not np.isfinite(values).all() or np.any(values <= 0):
         raise InputError(f"amplitudes must be positive finite numbers, found {values.tolist()}")
     return np.log(values)
+
+
+_DESIGNS = {"reference": reference_design, "full": full_design}
 
 
 def paper_population(size: int, rng: np.random.Generator) -> Natural:
@@ -175,19 +185,199 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
     >>> len(simulate_trials(["S01"], one, reference_design(batches=2), seed=1)[0].equal)
     26
     """
-    subjects = list(names)
+    subjects, made = list(names), []
     if len(subjects) != len(observers.mu1):
         raise InputError(f"{len(subjects)} names for {len(observers.mu1)} observers")
-    return [
-        _simulate_one(name, Natural(*(values[i] for values in observers)), design, generator(seed, name, "trials"))
-        for i, name in enumerate(subjects)
+    for i, name in enumerate(subjects):
+        observer, rng = Natural(*(values[i] for values in observers)), generator(seed, name, "trials")
+        order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
+        s1, s2 = design.s1[order], design.s2[order]
+        isi = None if design.isi is None else design.isi[order]
+        q = equal_probability(s1, s2, *observer) if isi is None else equal_probability_at(s1, s2, isi, observer)
+        batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
+        made.append(Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi))
+    return made
+
+
+class Simulated(NamedTuple):
+    """A synthetic study, and the natural parameters by subject that made it; with intervals sigma_p is per square root of a second."""
+
+    study: Study
+    truth: Truth
+
+
+def simulate(
+    observers: int | Truth = 16,
+    *,
+    population: str = "paper",
+    design: str | Design = "reference",
+    amplitudes: Sequence[float] = PAPER_AMPLITUDES,
+    batches: int = PAPER_BATCHES,
+    isi: Sequence[float] | None = None,
+    prior: Prior | str | None = None,
+    seed: int | None = None,
+) -> Simulated:
+    """Answers of observers who follow the model: what `bayes-toe simulate` writes, as a study.
+
+    Parameters
+    ----------
+    observers : int or mapping
+        How many, drawn from the population; or by name the parameters mu1, sigma_p, sigma_l (natural-log intensity) and q0 of each.
+    population : {"paper", "prior"}
+        Where observers are drawn from, see :func:`paper_population` and :func:`prior_population`.
+    design : {"reference", "full"} or Design
+        The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own with their batches.
+    amplitudes : sequence of float
+        Stimuli in units of the reference, weakest first.
+    batches : int
+        Repetitions of the whole set of pairs.
+    isi : sequence of float, optional
+        Inter-stimulus intervals, seconds: every pair at each; sigma_p of the observers is then per square root of a second, where that
+        of an analysis is over its reference interval.
+    prior : Prior or str, optional
+        Of the population "prior", as :func:`~bayes_toe.model.study_prior.prior_for` takes it: with intervals, too, observers are drawn
+        from the prior under which their study is analysed.
+    seed : int, optional
+        Root seed; without one, fresh entropy.
+
+    Raises
+    ------
+    InputError
+        For an unknown word, or a number that is not allowed.
+
+    Examples
+    --------
+    >>> study, truth = simulate(2, batches=10, seed=1)
+    >>> study
+    <Study 'simulated, seed 1', synthetic: 2 subjects ('S01', 'S02'), 260 trials>
+    >>> simulate({"A": {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}}, batches=5).study.names
+    ('A',)
+    """
+    root, planned = root_seed(seed), design if isinstance(design, Design) else design_named(design, amplitudes, batches)
+    if isi is not None:
+        planned = at_intervals(planned, isi)
+    if isinstance(observers, Mapping):
+        names, natural = list(observers), _given(observers)
+    elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
+        raise InputError(f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name")
+    elif population not in _POPULATIONS:
+        raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
+    else:
+        names, natural = population_from(population, observers, root, planned, prior=prior)
+    subjects = [
+        Subject.from_trials(one.subject, one.s1, one.s2, one.equal, one.isi) for one in simulate_trials(names, natural, planned, root)
     ]
+    truth = {name: {key: float(values[i]) for key, values in natural._asdict().items()} for i, name in enumerate(names)}
+    return Simulated(Study(tuple(subjects), f"simulated, seed {root}", synthetic=True), truth)
 
 
-def _simulate_one(name: str, observer: Natural, design: Design, rng: np.random.Generator) -> Trials:
-    order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
-    s1, s2 = design.s1[order], design.s2[order]
-    isi = None if design.isi is None else design.isi[order]
-    q = equal_probability(s1, s2, *observer) if isi is None else equal_probability_at(s1, s2, isi, observer)
-    batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
-    return Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi)
+def _given(observers: Truth) -> Natural:
+    """Parameters by subject as arrays, shape (observers,)."""
+    for name, values in observers.items():
+        if set(values) != set(NATURAL):
+            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(NATURAL)}, all four")
+    if not observers:
+        raise InputError("observers: found none, allowed: at least one")
+    return _natural_from({key: np.array([float(values[key]) for values in observers.values()]) for key in NATURAL}, "observers")
+
+
+# --- what the command is told in words and files ------------------------------------------------------------------------------------
+
+
+def design_from(design: str, amplitudes: str, batches: int, isi: str | None = None) -> Design:
+    """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi).
+
+    Examples
+    --------
+    >>> len(design_from("full", "1,1.2,1.5", 2).s1)
+    9
+    """
+    chosen = design_named(design, _numbers("--amplitudes", amplitudes) if design in _DESIGNS else (), batches)
+    return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
+
+
+def design_named(design: str, amplitudes: Sequence[float], batches: int) -> Design:
+    """The same of numbers, without further intervals; amplitudes are those of a known word."""
+    if design in _DESIGNS:
+        return _DESIGNS[design](amplitudes, batches)
+    _require_file(design, "--design", _DESIGNS)
+    columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
+    return Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+
+
+def subject_names(size: int) -> list[str]:
+    """S01, S02 and so on, all of one length.
+
+    Examples
+    --------
+    >>> subject_names(2), subject_names(100)[0]
+    (['S01', 'S02'], 'S001')
+    """
+    width = max(2, len(str(size)))
+    return [f"S{i + 1:0{width}d}" for i in range(size)]
+
+
+def population_from(
+    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None
+) -> tuple[list[str], Natural]:
+    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
+
+    A prior may be given with the population 'prior' only, which is drawn from it, as a study of the design has it.
+    """
+    if prior is not None and population != "prior":
+        raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
+    if population in _POPULATIONS:
+        rng, names = generator(seed, "population"), subject_names(size)
+        return names, prior_population(size, rng, design, prior) if population == "prior" else paper_population(size, rng)
+    _require_file(population, "--population", _POPULATIONS)
+    names, columns = read_numbers(population, NATURAL, key="subject")
+    return names, _natural_from(columns, population)
+
+
+def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
+    """Trials as a table that `bayes-toe` reads; the column `synthetic` marks them for good."""
+    import pandas as pd
+
+    parts = [
+        {
+            "subject": one.subject,
+            "batch": one.batch,
+            "trial": np.arange(1, len(one.equal) + 1),
+            "s1": one.s1,
+            "s2": one.s2,
+            **({} if one.isi is None else {"isi": one.isi}),
+            "response": np.where(one.equal, "equal", "different"),
+            "synthetic": 1,
+        }
+        for one in trials
+    ]
+    return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+
+
+def truth_frame(names: Sequence[str], observers: Natural) -> pd.DataFrame:
+    """True natural parameters, one row a subject."""
+    import pandas as pd
+
+    return pd.DataFrame({"subject": list(names), **observers._asdict()})
+
+
+def _natural_from(columns: Mapping[str, FloatArray], source: str) -> Natural:
+    """Observers of these columns, shape (observers,) each; the error of a parameter out of its range names the source."""
+    observers = Natural(*(columns[name] for name in NATURAL))
+    try:
+        require_natural(*observers)
+    except ArithmeticError as error:
+        raise InputError(f"{source}: {error}") from error
+    return observers
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option}: found {text!r}, allowed: positive numbers separated by commas") from None
+
+
+def _require_file(text: str, option: str, words: Iterable[str]) -> None:
+    if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
+        raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

@@ -52,6 +52,8 @@ STAGES = (
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
+#: Independent draws behind an evidence, unless more are asked for.
+EVIDENCE_DRAWS = 20_000
 #: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps; and where 20,000 draws
 #: hold one such point, there are others that they missed, and the evidence is too low by more than its standard error says.
 _HEAVY = 6.0
@@ -135,6 +137,20 @@ def _finished(portions: Portions[Result]) -> Result:
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
     """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
     return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+
+
+def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
+    """The same; where the weights of these cannot be trusted, a refit to them, and then a second proposal from the beginning.
+
+    Each is judged by at least 20,000 draws, which an evidence with fewer may lack. The first, where none of them can be trusted.
+    """
+    found = with_fresh_draws(fitted, rng)
+    for start in (found, None):
+        if not found.trusted:
+            size = max(EVIDENCE_DRAWS, _HARD * len(found.draws.x))
+            again = fit_proposal(found.proposal.posterior, rng, start=start, draws=size)
+            found = again if again.trusted else found
+    return found
 
 
 def refreshed(fitted: FittedProposal, posterior: Target, log_posterior: FloatArray, rng: np.random.Generator) -> FittedProposal:

@@ -8,7 +8,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.adaptation import adapt_proposal, with_fresh_draws
+from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
+from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import Evidence, exact_evidence, importance_evidence
 from bayes_toe.inference.modes import Maxima, find_maxima
@@ -21,8 +22,6 @@ from bayes_toe.model.target import Answering, Conjugate, Target
 from bayes_toe.seeds import generator
 
 AnyPosterior: TypeAlias = Target | Conjugate
-#: Independent draws behind an evidence, unless more are asked for.
-EVIDENCE_DRAWS = 20_000
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectRes
     maxima, rng = find_maxima(target), generator(seed, target.subject.name, target.model.name, "proposal")
     adapted = adapt_proposal(target, rng, start=maxima, draws=wanted.judging_draws)
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
-    fitted = with_fresh_draws(adapted, rng) if wanted.evidence_draws else adapted
+    fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
     result = _result(target, seed, wanted, (adapted.efficiency, adapted.pareto_k), evidence, chains)
     return result, Fitted(maxima, fitted)

@@ -21,6 +21,7 @@ from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
+from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.posterior import Posterior
@@ -312,19 +313,19 @@ def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, pri
 
 
 def analysed(subject: Subject, seed: int, prior: Prior) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """Log evidences of the three kinds (nats) and widths of 90 % intervals under the update; None where weights cannot be trusted."""
+    """Log evidences of the three kinds (nats) and widths of 90 % intervals under the update; None if withheld."""
     found, widths = [], None
     for kind, model in PLAIN.items():
         result, fitted = fitted_result(model.posterior(subject, prior), seed, Wanted(evidence_draws=DRAWS))
         assert result.evidence is not None  # it was asked for
-        found.append(result.evidence.value)
+        found.append(result.evidence)
         if kind == UPDATE and fitted.proposal.trusted:
             draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
             assert isinstance(target, Posterior)
             values = target.quantities(draws.x)
             widths = tuple(_width(values[name], draws.shares) for name in WIDTHS)
-    known = [value for value in found if value is not None]
-    return tuple(known) if len(known) == len(found) else None, widths
+    logs = weighed([one.value for one in found], [one.bound for one in found])
+    return None if np.isnan(logs).any() else tuple(logs.tolist()), widths
 
 
 def _width(values: FloatArray, shares: FloatArray) -> float:

@@ -10,9 +10,8 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.experiments.calibration import DESIGNS, RANKED
+from bayes_toe.experiments.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, EvidenceRow, log_odds, rank_columns
-from bayes_toe.experiments.rank_bands import POINTS, band, ecdf_difference
-from bayes_toe.experiments.reliability import reliability_bins
 from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.ladder_table import ModelComparison
+from bayes_toe.comparison.model_comparison import ModelComparison
 from bayes_toe.comparison.random_effects import ModelFrequencies
 from bayes_toe.plots.figure_files import save_figure
 from bayes_toe.plots.parts import BETWEEN, ROW, WORDS, best_axes, heads_height, part_axes, part_width, rows_height

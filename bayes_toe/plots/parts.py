@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.ladder_table import ModelComparison
-from bayes_toe.comparison.parts_table import STUDY, PartTable
+from bayes_toe.comparison.model_comparison import STUDY, ModelComparison, PartTable
 from bayes_toe.errors import InputError
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, dress, panel, plain

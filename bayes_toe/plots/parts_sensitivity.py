@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.comparison.model_comparison import STUDY
 from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
-from bayes_toe.comparison.parts_table import STUDY
 from bayes_toe.plots.figure_files import save_figure
 from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, plain
 

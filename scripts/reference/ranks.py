@@ -1,6 +1,7 @@
 """Simulation-based calibration of any model: observers from its prior, answers in the paper's design, ranks of the truth among draws.
 
-Where everything is right every rank is uniform. Sources: Talts et al. (2018); ties and the bands, :mod:`bayes_toe.experiments.rank_bands`.
+Where everything is right every rank is uniform. Sources: Talts et al. (2018); ties and the bands,
+:mod:`bayes_toe.experiments.calibration_statistics`.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bayes_toe.comparison.presets import UnderPresets
+from bayes_toe.comparison.reweighting import UnderPresets
 
 
 @pytest.fixture(scope="session")

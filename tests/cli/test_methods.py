@@ -16,7 +16,7 @@ import bayes_toe as bt
 from bayes_toe.cli.headline import in_short
 from bayes_toe.cli.methods_of_models import compared_facts
 from bayes_toe.cli.supplement import templates
-from bayes_toe.comparison.comparison_file import ComparisonFile
+from bayes_toe.comparison.saved_tables import ComparisonFile
 from bayes_toe.comparison.words import compared
 from bayes_toe.comparison.words import order_effect as evidence_words
 from bayes_toe.inference.draws import Draws
@@ -291,7 +291,7 @@ def test_tables_of_another_analysis_are_one_line(results, tables, tmp_path, name
             ("m.md",),
             "evidence.csv: found other answers than the draws have of 'B', 'E'",
         ),
-        (lambda at: text_changed(at, "p_none", "none"), ("m.md",), "evidence.csv, column p_none: missing"),
+        (lambda at: text_changed(at, "p_none", "none"), ("m.md",), "evidence.csv: row 1, column p_none: missing, found"),
         (lambda at: (at / "m.bib").write_text("mine"), ("m.md",), "m.bib: exists"),
     ],
     ids=["ending", "no draws", "prior", "counts", "subjects", "column", "exists"],

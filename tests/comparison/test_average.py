@@ -8,7 +8,8 @@ from one_subject import sample_model
 from scipy.special import softmax
 
 import bayes_toe as bt
-from bayes_toe.comparison.average import AVERAGED, Averages, _averaged, _Drawn
+from bayes_toe.comparison.average import AVERAGED, Averages, Drawn, averaged
+from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.prediction import Predictor
 
 MODELS = ("symmetric", "constant error + sloped", "predictive update", "free weighting")
@@ -21,14 +22,14 @@ def drawn(small_study):
     made = [sample_model(small_study["A"], name, draws=DRAWS, seed=2) for name in MODELS]
     logs = np.log([0.4, 0.3, 0.2, 0.1]) - 700
     return [
-        _Drawn(one.target, float(log), one.chains.x.reshape(-1, len(one.target.coordinates)), "")
+        Drawn(one.target, Evidence(float(log), 0.0, None, None), one.chains.x.reshape(-1, len(one.target.coordinates)), "")
         for one, log in zip(made, logs, strict=True)
     ]
 
 
 @pytest.fixture(scope="module")
 def one(drawn, small_study):
-    return _averaged(small_study["A"], drawn, DRAWS)
+    return averaged(small_study["A"], drawn, DRAWS)
 
 
 def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one):
@@ -70,11 +71,16 @@ def test_summary_and_weights(one):
 
 def test_a_missing_evidence_or_draws_that_count_and_did_not_converge_withhold_the_average(drawn, small_study):
     counts = small_study["A"]
-    assert _averaged(counts, [*drawn[:2], replace(drawn[2], log_evidence=None)], DRAWS) == "no evidence of predictive update"
-    why = _averaged(counts, [drawn[0], replace(drawn[1], not_converged="R-hat 1.2")], DRAWS)
+    assert (
+        averaged(counts, [*drawn[:2], replace(drawn[2], evidence=Evidence(None, None, 0.1, 0.7))], DRAWS)
+        == "no evidence of predictive update"
+    )
+    why = averaged(counts, [drawn[0], replace(drawn[1], not_converged="R-hat 1.2")], DRAWS)
     assert why == "draws did not converge (constant error + sloped: R-hat 1.2)"
-    far = replace(drawn[1], not_converged="R-hat 1.2", log_evidence=-2000.0)
-    assert _averaged(counts, [drawn[0], far], DRAWS).weights.tolist() == [1.0, 0.0]  # nothing of it is used
+    far = replace(drawn[1], not_converged="R-hat 1.2", evidence=Evidence(-2000.0, 0.0, None, None))
+    assert averaged(counts, [drawn[0], far], DRAWS).weights.tolist() == [1.0, 0.0]  # nothing of it is used
+    behind = replace(drawn[1], evidence=Evidence(None, None, 0.1, 0.7, "withheld", bound=-2000.0))
+    assert averaged(counts, [drawn[0], behind], DRAWS).weights.tolist() == [1.0, 0.0]
     with pytest.raises(bt.InputError, match="'A': no average, R-hat"):
         Averages((), {"A": "R-hat"}, 1, bt.Prior())["A"]
 

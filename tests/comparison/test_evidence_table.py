@@ -22,6 +22,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.laplace import laplace_evidence
 from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
@@ -169,6 +170,51 @@ def test_no_probability_without_every_evidence(analysis):
     frame = bt.EvidenceTable((row,)).frame()
     assert frame[["log_evidence_constant_error", "p_none", "p_constant_error", "p_update"]].isna().all(axis=None)
     assert frame[["log_evidence_symmetric", "predictive_p"]].notna().all(axis=None)
+
+
+# --- evidences withheld -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sided():
+    """An observer with an order effect that the symmetric model is 430 nats short of, a constant error 11."""
+    observer = {"mu1": -0.9, "sigma_p": 0.22, "sigma_l": 0.12, "q0": 0.93}
+    return bt.simulate({"A": observer}, design="full", batches=100, seed=1).study
+
+
+def never_trusted(monkeypatch, model):
+    monkeypatch.setattr(FittedProposal, "trusted", property(lambda self: self.proposal.posterior.model.name != model))
+
+
+def test_a_rival_far_behind_takes_no_probability_away_with_its_evidence(sided, monkeypatch):
+    never_trusted(monkeypatch, "symmetric")
+    row = bt.evidence(sided, draws=2000, seed=1, workers=1)["A"]
+    assert (row.log_evidence_symmetric, row.p_none) == (None, 0.0)
+    assert row.p_constant_error + row.p_update == pytest.approx(1.0, abs=1e-12)
+    assert words.order_effect(row.log_evidence_orders) == "update"
+    subject, w, q0 = sided["A"], np.geomspace(0.05, 3.0, 400)[:, None, None], np.linspace(0.3, 0.999, 300)[:, None]
+    q = q0 * 2.0 ** -(((subject.s2 - subject.s1) / w) ** 2)
+    highest = (subject.n_equal * np.log(q) + (subject.n_trials - subject.n_equal) * np.log1p(-q)).sum(axis=-1).max()
+    [note] = [one for one in row.notes if one.startswith("symmetric: evidence withheld")]
+    stated = float(note.partition("at most ")[2].partition(",")[0])
+    assert stated == pytest.approx(highest, abs=0.1)
+    assert "its probability 0 (at most 1e-" in note
+
+
+def test_a_rival_that_may_count_does(sided, monkeypatch):
+    never_trusted(monkeypatch, "constant bias")
+    row = bt.evidence(sided, draws=2000, seed=1, workers=1)["A"]
+    assert row.log_evidence_orders is None
+    assert row.p_none is None
+
+
+def test_a_refit_gives_the_evidence_where_weights_cannot_be_trusted(sided, monkeypatch):
+    usual = bt.evidence(sided, draws=2000, seed=1, workers=1)["A"]
+    monkeypatch.setattr(FittedProposal, "trusted", property(lambda self: len(self.draws.x) >= 20_000))
+    again = bt.evidence(sided, draws=2000, seed=1, workers=1)["A"]
+    for name in ("log_evidence_symmetric", "log_evidence_constant_error", "log_evidence_h1"):
+        assert getattr(again, name) == pytest.approx(getattr(usual, name), abs=0.05)
+        assert getattr(again, name) != getattr(usual, name)
 
 
 @pytest.mark.parametrize("name", ["dots"])

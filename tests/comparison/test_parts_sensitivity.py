@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.comparison.model_comparison import STUDY, part_tables
 from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
-from bayes_toe.comparison.parts_table import STUDY, part_tables
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, infer
 from bayes_toe.model.ladder import require_models

@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.comparison.ladder_table import ModelComparison
+from bayes_toe.comparison.model_comparison import PARTS_COLUMNS, ModelComparison, part_tables
 from bayes_toe.comparison.model_row import Checks, ModelRow
-from bayes_toe.comparison.parts_table import PARTS_COLUMNS, part_tables
 from bayes_toe.inference.subject import Wanted, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import COMPOSED, MODELS, model_named, require_models

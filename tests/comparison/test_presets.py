@@ -3,7 +3,7 @@
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.comparison.presets import UnderPresets, say_presets
+from bayes_toe.comparison.reweighting import UnderPresets, say_presets
 
 
 @pytest.fixture(scope="module")

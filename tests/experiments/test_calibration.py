@@ -37,9 +37,10 @@ class WrongJacobian(bt.Prior):
 
 def ranks_under(prior, studies=STUDIES):
     """Verdicts where observers come from the default prior and are analysed under this one."""
-    names = tuple(f"test-{i}" for i in range(studies))
-    found, none = work(Job("sparse", True, names, True, False, calibration_settings(7, prior)))
-    assert not none
+    settings = calibration_settings(7, prior)
+    done = [work(Job("sparse", True, f"test-{i}", True, False, settings)) for i in range(studies)]
+    assert not any(evidence for _, evidence in done)
+    found = [ranks for ranks, _ in done]
     assert not any(one.shortfall for one in found)
     return {row.quantity: row for row in rank_rows("sparse", found, FALSE_ALARM / len(RANKED))}
 
@@ -62,7 +63,7 @@ def table():
 
 def test_everything_planned_is_there(table):
     plan = table.outcome.plan
-    names = [name for job in jobs_of(plan, calibration_settings(3)) for name in job.names]
+    names = [job.name for job in jobs_of(plan, calibration_settings(3))]
     assert len(names) == len(set(names)) == plan.total
     assert [row.quantity for row in table.ranks] == [*RANKED, *RANKED]
     assert all(row.studies == 2 for row in table.ranks)
@@ -82,20 +83,20 @@ def test_alone_or_with_evidence_the_ranks_are_the_same(table):
     assert [one.values for one in alone.outcome.ranks[:1]] == [one.values for one in table.outcome.ranks[:1]]
     assert not alone.evidence
     one = next(one for one in table.outcome.evidence if not one.from_h1)
-    again = work(Job(one.design, False, (one.evidence.subject,), False, True, calibration_settings(3)))[1][0]
+    again = work(Job(one.design, False, one.evidence.subject, False, True, calibration_settings(3)))[1]
     assert again.evidence == one.evidence
 
 
 def test_what_is_judged_is_what_the_commands_say():
     """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
     settings = calibration_settings(3)
-    job = Job("sparse", True, ("sparse-h1-0001",), True, True, settings)
-    subject, theta = calibration._observed(job, job.names[0])
-    ranks, rows = work(job)
+    job = Job("sparse", True, "sparse-h1-0001", True, True, settings)
+    subject, theta = calibration.observed(job)
+    ranks, known = work(job)
     both = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
     for of in ESTIMATORS.values():
-        assert of(rows[0].evidence) == pytest.approx(of(both.evidence.rows[0]), abs=1e-6)
-    assert ranks[0].values == calibration._ranks("sparse", both.draws, subject, theta, 3).values
+        assert of(known.evidence) == pytest.approx(of(both.evidence.rows[0]), abs=1e-6)
+    assert ranks.values == calibration.ranks_of("sparse", both.draws, subject, theta, 3).values
 
 
 def test_the_ranked_likelihood_is_the_posteriors():

@@ -1,49 +1,43 @@
-"""Simulated studies: designs, populations, seeds."""
+"""Simulated studies: designs, populations, seeds; those that the command writes, and observers of one's own."""
 
 import numpy as np
 import pytest
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.recipes import design_from, population_from, trial_frame
-from bayes_toe.experiments.simulate import Design, full_design, paper_population, reference_design, simulate_trials
+from bayes_toe.experiments.simulate import (
+    Design,
+    design_from,
+    full_design,
+    paper_population,
+    population_from,
+    reference_design,
+    simulate_trials,
+    trial_frame,
+)
 from bayes_toe.model.coordinates import Natural
 
+ONE = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}
 
-def test_the_papers_design():
+
+def test_designs():
     design = reference_design()
-    assert len(design.s1) == 13
-    assert (design.s1 == design.s2).sum() == 5
     pairs = set(zip(design.s1, design.s2, strict=True))
-    assert len(pairs) == 13
+    assert len(pairs) == len(design.s1) == 13
+    assert (design.s1 == design.s2).sum() == 5
     assert all((b, a) in pairs for a, b in pairs)
     assert np.exp(np.unique(design.s1)) == pytest.approx([1.0, 1.15, 1.36, 1.55, 1.66])
     assert design.batches == 50
-
-
-def test_full_design_has_every_ordered_pair():
-    assert len(set(zip(*(lambda d: (d.s1, d.s2))(full_design([1, 2, 3])), strict=True))) == 9
+    full = full_design([1, 2, 3])
+    assert len(set(zip(full.s1, full.s2, strict=True))) == 9
 
 
 def test_every_batch_holds_every_pair_once_in_random_order():
     one = Natural(*(np.array([v]) for v in (0.0, 0.3, 0.1, 0.9)))
     [trials] = simulate_trials(["S"], one, reference_design(batches=20), seed=1)
-    orders = set()
-    for batch in range(1, 21):
-        at = trials.batch == batch
-        pairs = list(zip(trials.s1[at], trials.s2[at], strict=True))
-        assert len(set(pairs)) == 13
-        orders.add(tuple(pairs))
+    orders = {tuple(zip(trials.s1[at], trials.s2[at], strict=True)) for at in (trials.batch == batch for batch in range(1, 21))}
     assert len(orders) == 20
-
-
-def test_answers_follow_the_model():
-    observer = Natural(*(np.array([v]) for v in (-0.6, 0.25, 0.15, 0.9)))
-    [trials] = simulate_trials(["S"], observer, reference_design(batches=20_000), seed=2)
-    subject = bt.Subject.from_trials("S", trials.s1, trials.s2, trials.equal)
-    q = bt.model.equal_probability(subject.s1, subject.s2, -0.6, 0.25, 0.15, 0.9)
-    z = (subject.n_equal / 20_000 - q) / np.sqrt(q * (1 - q) / 20_000)
-    assert np.abs(z).max() < 4.2  # 13 normals: false alarms below 4 in 10,000
+    assert all(len(set(order)) == 13 for order in orders)
 
 
 def test_a_subjects_answers_do_not_depend_on_the_others():
@@ -58,48 +52,61 @@ def test_the_paper_population_shows_its_three_kinds():
     assert ((theta.gamma > 0) & (theta.gamma < 1)).all()
     r, c = 0.0, np.log(1.55)
     asymmetry = bt.model.equal_probability(c, r, *theta) - bt.model.equal_probability(r, c, *theta)
-    kinds = np.arange(400) % 5
-    usual = np.arange(400) % 16 != 15
+    kinds, usual = np.arange(400) % 5, np.arange(400) % 16 != 15
     assert (asymmetry[(kinds == 0) & usual] > 0).all()
     assert (asymmetry[(kinds == 1) & usual] < 0).all()
     assert np.abs(asymmetry[(kinds == 2) & usual]).mean() < 0.5 * np.abs(asymmetry[(kinds == 1) & usual]).mean()
 
 
-def _asymmetry_sign(subject):
-    """Sign of the largest difference between 'equal' answers to (c, r) and to (r, c)."""
-    equal = {(a, b): k / n for a, b, k, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True)}
-    return np.sign(max((equal[b, a] - equal[a, b] for a, b in equal if a < b), key=abs))
-
-
 def test_the_bundled_study_looks_like_the_papers():
     # Paper, Results: overall accuracy from 59 % to 78 %; 6 of 16 with positive maximal asymmetry, 10 with negative.
-    signs = []
+    positive = 0
     for subject in bt.example_study():
         right = np.where(subject.s1 == subject.s2, subject.n_equal, subject.n_trials - subject.n_equal)
         assert 0.55 < right.sum() / subject.total_trials < 0.87
-        signs.append(_asymmetry_sign(subject))
-    assert 5 <= sum(sign > 0 for sign in signs) <= 11
+        equal = {(a, b): k / n for a, b, k, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True)}
+        positive += max((equal[b, a] - equal[a, b] for a, b in equal if a < b), key=abs) > 0
+    assert 5 <= positive <= 11
 
 
-def test_the_bundled_files_are_what_simulate_makes():
+def test_the_bundled_study_is_what_simulate_makes():
     # `bayes_toe.data.read_study.COMMAND` states the seed: the same numbers come out again, to the last answer.
-    names, observers = population_from("paper", 16, 2604, reference_design())
-    truth = bt.example_truth()
-    assert {n: tuple(t.values()) for n, t in truth.items()} == {
-        n: pytest.approx(tuple(float(v[i]) for v in observers)) for i, n in enumerate(names)
-    }
-    study = bt.example_study()
-    for one in simulate_trials(names, observers, reference_design(), 2604):
-        assert int(one.equal.sum()) == int(study[one.subject].n_equal.sum())
+    study, truth = bt.simulate(16, seed=2604)
+    bundled = bt.example_study()
+    assert all(np.array_equal(study[name].n_equal, bundled[name].n_equal) for name in bundled.names)
+    assert all(truth[name] == pytest.approx(dict(bt.example_truth()[name])) for name in bundled.names)
     assert study.synthetic
+    assert bundled.synthetic
+
+
+def test_answers_of_observers_of_ones_own_follow_the_model():
+    study, truth = bt.simulate({"A": ONE, "B": {**ONE, "mu1": 0.9}}, batches=4000, seed=1)
+    assert truth["B"]["mu1"] == 0.9
+    for one in study:  # 5 standard errors of 13 pairs: a false alarm in 60,000
+        q = bt.model.equal_probability(one.s1, one.s2, **truth[one.name])
+        assert np.all(np.abs(one.n_equal / one.n_trials - q) < 5.0 * np.sqrt(q * (1.0 - q) / 4000) + 1e-9)
+    assert bt.simulate({"A": ONE}, isi=(0.5, 2.0), batches=2, seed=1).study.intervals == (0.5, 2.0)
+
+
+def test_observers_of_the_prior_are_those_that_an_analysis_of_their_study_expects():
+    of_prior = {"population": "prior", "batches": 1, "seed": 1}
+    own, there = (bt.simulate(9, **of_prior).truth, bt.simulate(9, **of_prior, isi=(2.0, 8.0)).truth)
+    at_two = bt.simulate(9, **of_prior, isi=(2.0, 8.0), prior=bt.Prior(reference_interval=2.0)).truth
+    for name in own:  # the prior is about sigma_p over 4 s, the geometric mean, or over 2 s where it says so
+        for truth, seconds in ((there, 4.0), (at_two, 2.0)):
+            assert truth[name] == pytest.approx({**own[name], "sigma_p": own[name]["sigma_p"] / seconds**0.5}, rel=1e-14)
+    found = bt.simulate(9, **of_prior, prior="stimuli")
+    numbers = bt.prior_for(found.study, "stimuli")
+    for name, values in found.truth.items():  # the paper's prior has mu1 ~ Normal(0, 10) and sigma_p ~ HalfNormal(1)
+        assert values["mu1"] == pytest.approx(numbers.mu1_mean + numbers.mu1_sd * own[name]["mu1"] / 10.0, rel=1e-12)
+        assert values["sigma_p"] == pytest.approx(numbers.sigma_p_scale * own[name]["sigma_p"], rel=1e-12)
 
 
 def test_designs_and_populations_from_files(tmp_path):
-    design = tmp_path / "design.csv"
+    design, population = tmp_path / "design.csv", tmp_path / "population.csv"
     design.write_text("s1,s2\n0,0\n0,0.5\n")
-    assert design_from(str(design), "", 3).s2.tolist() == [0.0, 0.5]
-    population = tmp_path / "population.csv"
     population.write_text("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
+    assert design_from(str(design), "", 3).s2.tolist() == [0.0, 0.5]
     names, observers = population_from(str(population), 99, 1, reference_design())
     assert (names, float(observers.q0[0])) == (["x"], 0.9)
     assert trial_frame(simulate_trials(names, observers, design_from(str(design), "", 3), 1))["synthetic"].eq(1).all()
@@ -122,12 +129,22 @@ def test_bad_populations_are_refused(tmp_path, text, named):
         population_from(str(path), 1, 1, reference_design())
 
 
-def test_bad_designs_are_refused():
-    with pytest.raises(InputError, match="--amplitudes"):
-        design_from("full", "1,two", 1)
-    with pytest.raises(InputError, match="positive"):
-        design_from("full", "1,-2", 1)
-    with pytest.raises(InputError, match="--design"):
-        design_from("nowhere.csv", "1,2", 1)
-    with pytest.raises(InputError, match="batches"):
-        Design(np.zeros(1), np.zeros(1), 0)
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: design_from("full", "1,two", 1), "--amplitudes"),
+        (lambda: design_from("full", "1,-2", 1), "positive"),
+        (lambda: design_from("nowhere.csv", "1,2", 1), "--design"),
+        (lambda: Design(np.zeros(1), np.zeros(1), 0), "batches"),
+        (lambda: bt.simulate({"A": {"mu1": 0.0}}), "observer 'A': found mu1, allowed: mu1, sigma_p, sigma_l, q0, all four"),
+        (lambda: bt.simulate({"A": {**ONE, "q0": 1.5}}), "observers: q0 must lie in 0..1"),
+        (lambda: bt.simulate({}), "found none"),
+        (lambda: bt.simulate(0), "allowed: a whole number from 1"),
+        (lambda: bt.simulate(population="mine"), "allowed: paper, prior; parameters of your own"),
+        (lambda: bt.simulate(design="mine"), "--design"),
+        (lambda: bt.simulate(batches=0), "batches=0 must be at least 1"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(make, named):
+    with pytest.raises(InputError, match=named):
+        make()

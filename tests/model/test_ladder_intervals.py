@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
-from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.left_out_pairs import log_evidence_without
+from bayes_toe.comparison.leave_one_out import leave_one_out, log_evidence_without
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import Rectangle
 
 import bayes_toe as bt
-from bayes_toe.comparison.ladder_table import ModelComparison
+from bayes_toe.comparison.model_comparison import ModelComparison
 from bayes_toe.comparison.model_row import Checks, ModelRow
 from bayes_toe.model.ladder import COMPOSED, NAMES
 from bayes_toe.plots.comparison import CLASSES, save_comparison

@@ -1,4 +1,11 @@
-"""Comparison of models: subject by subject, and over the subjects of a study."""
+"""Comparison of models: subject by subject, part by part, and over the subjects of a study.
+
+A level of a part is a family of models, whatever their other parts are. Each level is equally probable beforehand, and within a level each
+model that has it: its evidence is their average, its inclusion Bayes factor the ratio of posterior to prior odds. Where the models cross
+the levels evenly, as those of the default space do, a probability is the sum of the probabilities of the models that have the level.
+Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), also for the study: each subject is of one family, drawn with unknown
+frequencies.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +16,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import softmax
+import numpy.typing as npt
+from scipy.special import log_expit, logit, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
-from bayes_toe.comparison.parts_table import PARTS_COLUMNS, PartTable, part_tables
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_files import whole_together
 from bayes_toe.errors import InputError
+from bayes_toe.inference.evidence import said_of_bound, weighed
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import Record, model_named, require_models
@@ -32,31 +40,91 @@ if TYPE_CHECKING:
 
 #: Columns of compare.csv.
 COMPARE_COLUMNS = (
-    "subject",
-    "model",
-    "parameters",
-    "log_evidence",
-    "log_evidence_se",
-    "pareto_k",
-    "elpd_loo_trial",
-    "elpd_loo_trial_se",
-    "elpd_loo_pair",
-    "elpd_loo_pair_se",
-    "model_probability",
-    "p_predictive",
-    "p_worst_pair",
-    "note",
-    "prior",
-    "elpd_loo_pair_diff",
-    "elpd_loo_pair_diff_se",
-    "elpd_loo_trial_diff",
-    "elpd_loo_trial_diff_se",
-    "parts",
+    *("subject", "model", "parameters", "log_evidence", "log_evidence_se", "pareto_k"),
+    *("elpd_loo_trial", "elpd_loo_trial_se", "elpd_loo_pair", "elpd_loo_pair_se", "model_probability", "p_predictive", "p_worst_pair"),
+    *("note", "prior", "elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se", "parts"),
 )
+#: Columns of compare_parts.csv.
+PARTS_COLUMNS = ("subject", "part", "level", "probability", "log_inclusion_bayes_factor")
+#: In the place of a subject: the study, that is a new subject of its population.
+STUDY = "*"
 _TEXTS = ("subject", "model", "parameters", "note", "prior", "parts")
-_FREQUENCY_COLUMNS = ("expected", "exceedance", "protected", "omnibus_risk")
-_ERROR_COLUMNS = ("expected", "exceedance", "omnibus_risk")
-_SUMMED = ("elpd_loo_trial", "elpd_loo_pair")
+_FREQUENCIES = ("expected", "exceedance", "protected", "omnibus_risk")
+
+
+@dataclass(frozen=True, eq=False)
+class PartTable:
+    """The levels of one part; NaN where an evidence of the subject is withheld.
+
+    Attributes
+    ----------
+    part : str
+    levels : tuple of str
+        Those that some compared composition has, in the order of the models.
+    probability : array, shape (subjects, levels)
+    log_inclusion : array, shape (subjects, levels)
+        Log inclusion Bayes factors, nats.
+    study, study_log_inclusion : array, shape (levels,), or None
+        The same of a new subject, by random effects over the subjects whose evidences are all there; None with fewer than two of them.
+    """
+
+    part: str
+    levels: tuple[str, ...]
+    probability: FloatArray
+    log_inclusion: FloatArray
+    study: FloatArray | None
+    study_log_inclusion: FloatArray | None
+
+    @property
+    def counted(self) -> int:
+        """Subjects whose evidences are all there."""
+        return int((~np.isnan(self.probability).any(axis=1)).sum())
+
+    def cells(self, subjects: Sequence[str]) -> list[tuple[object, ...]]:
+        """Rows of compare_parts.csv, subject by subject, the study last where there is one."""
+        found = [*zip(subjects, self.probability, self.log_inclusion, strict=True)]
+        if self.study is not None and self.study_log_inclusion is not None:
+            found.append((STUDY, self.study, self.study_log_inclusion))
+        return [(who, self.part, *row) for who, p, b in found for row in zip(self.levels, p.tolist(), b.tolist(), strict=True)]
+
+
+def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: int = 0) -> tuple[PartTable, ...]:
+    """Probabilities of the levels of every part that varies among the compositions; free frequencies are none and do not count.
+
+    Parameters
+    ----------
+    models : sequence of record
+    log_evidence : array_like, shape (subjects, models)
+        Nats; NaN where withheld.
+    seed : int
+        Of the study's frequencies, which are sampled.
+
+    Examples
+    --------
+    >>> from bayes_toe.model.parts import compositions
+    >>> models = compositions(order=("none", "update"), noise=("Weber", "sloped"))
+    >>> order, noise = part_tables(models, np.log([[0.1, 0.2, 0.3, 0.4]]))
+    >>> order.levels, order.probability.round(3).tolist(), np.exp(noise.log_inclusion).round(3).tolist()
+    (('none', 'update'), [[0.3, 0.7]], [[0.667, 1.5]])
+    """
+    composed = [i for i, model in enumerate(models) if model.levels]
+    families: dict[str, dict[str, list[int]]] = {}
+    for place, i in enumerate(composed):
+        for part, level in models[i].levels:
+            families.setdefault(part, {}).setdefault(level, []).append(place)
+    values = np.asarray(log_evidence, np.float64)[:, composed]
+    return tuple(_part_table(part, levels, values, seed) for part, levels in families.items() if len(levels) > 1)
+
+
+def _part_table(part: str, levels: dict[str, list[int]], log_evidence: FloatArray, seed: int) -> PartTable:
+    # NaN wherever an evidence is missing: all levels would depend on it.
+    values = np.where(np.isnan(log_evidence).any(axis=1, keepdims=True), np.nan, log_evidence)
+    families = np.column_stack([logsumexp(values[:, of], axis=1) - np.log(len(of)) for of in levels.values()])
+    odds = np.column_stack([families[:, k] - logsumexp(np.delete(families, k, axis=1), axis=1) for k in range(len(levels))])
+    even, known = logit(1.0 / len(levels)), _complete(families)
+    study = random_effects(known, seed=seed).expected if len(known) > 1 else None
+    of_study = None if study is None else np.asarray(logit(study) - even)
+    return PartTable(part, tuple(levels), np.exp(log_expit(odds)), odds - even, study, of_study)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,37 +156,45 @@ class ModelComparison(Table[ModelRow]):
         """Shape (subjects, models), nats; NaN where withheld."""
         return self._matrix("log_evidence")
 
-    def frame(self) -> pd.DataFrame:
-        """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
-        import pandas as pd
-
-        records = dict(zip(self.models, self.records, strict=True))
-        said = {name: {"prior": record.describe(self.prior), "parts": _composed(record)} for name, record in records.items()}
-        cells = [[said[row.model][key] if key in ("prior", "parts") else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
-        numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
-        return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+    @cached_property
+    def weighed(self) -> FloatArray:
+        """The same with -inf where a withheld one has no weight even by its bound, see :func:`~bayes_toe.inference.evidence.weighed`."""
+        bounds = np.reshape([row.bound for row in self.rows], (len(self.subjects), len(self.models)))
+        return np.array([weighed(*one) for one in zip(self.log_evidence, bounds, strict=True)]).reshape(bounds.shape)
 
     @property
     def records(self) -> tuple[Record, ...]:
         """The models' records."""
         return tuple(map(model_named, self.models))
 
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
+        import pandas as pd
+
+        said = {
+            record.name: {"prior": record.describe(self.prior), "parts": "; ".join(f"{part}: {level}" for part, level in record.levels)}
+            for record in self.records
+        }
+        cells = [[said[row.model][key] if key in ("prior", "parts") else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
+        return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
+
     @cached_property
     def parts(self) -> tuple[PartTable, ...]:
         """Probabilities of the levels of every part that varies among the compositions compared."""
-        return part_tables(self.records, self.log_evidence, seed=self.seed)
+        return part_tables(self.records, self.weighed, seed=self.seed)
 
     def parts_frame(self) -> pd.DataFrame:
         """The same with the columns of compare_parts.csv: one row a level, subject by subject, last the study, '*'; empty where withheld.
 
         The study's are those of a new subject of its population, by random effects over families of models: see
-        :mod:`bayes_toe.comparison.parts_table`. There are none with fewer than two subjects that have every evidence.
+        :mod:`bayes_toe.comparison.model_comparison`. There are none with fewer than two subjects that have every evidence.
         """
         import pandas as pd
 
-        order = {name: i for i, name in enumerate(self.subjects)}
+        order = {name: i for i, name in enumerate((*self.subjects, STUDY))}
         rows = [row for part in self.parts for row in part.cells(self.subjects)]
-        rows.sort(key=lambda row: order.get(str(row[0]), len(order)))  # stable: parts and levels keep their order
+        rows.sort(key=lambda row: order[str(row[0])])  # stable: parts and levels keep their order
         return pd.DataFrame(rows, columns=list(PARTS_COLUMNS))
 
     def best_compositions(self) -> dict[str, tuple[ModelRow, float | None]]:
@@ -141,9 +217,9 @@ class ModelComparison(Table[ModelRow]):
 
     @cached_property
     def _frequencies(self) -> ModelFrequencies | None:
-        if len(self.models) < 2 or not len(_complete(self.log_evidence)):
+        if len(self.models) < 2 or not len(_complete(self.weighed)):
             return None
-        return random_effects(self.log_evidence, models=self.models, subjects=self.subjects, leave_out=True, seed=self.seed)
+        return random_effects(self.weighed, models=self.models, subjects=self.subjects, leave_out=True, seed=self.seed)
 
     def study_frame(self) -> pd.DataFrame:
         """One row per model over the whole study.
@@ -158,20 +234,25 @@ class ModelComparison(Table[ModelRow]):
         """
         import pandas as pd
 
-        complete = _complete(self.log_evidence)
-        best = np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else np.zeros(len(self.models), int)
-        frame = pd.DataFrame({"model": self.models, "subjects": len(complete), "best": best})
-        frame = _with_frequencies(frame, self.frequencies(), "")
-        frame["group_log_evidence"] = _sum(complete)
-        predicted = {name: _complete(self._matrix(name)) for name in _SUMMED}
-        for name, values in predicted.items():
-            frame[name] = _sum(values)
-        frame = _with_frequencies(frame, self.frequencies(), "_exact")
-        frame = frame.assign(**{f"{name}_subjects": len(values) for name, values in predicted.items()})
-        frame = frame.assign(**{name: values for unit in ("pair", "trial") for name, values in self._differences(unit).items()})
-        found = self.frequencies()
-        errors = {f"{name}_exact_se": np.nan if found is None else getattr(found, f"{name}_se") for name in _ERROR_COLUMNS}
-        return frame.assign(exact_how="" if found is None else "sampled", **errors)
+        complete, found = _complete(self.weighed), self.frequencies()
+        frequencies = {name: np.nan if found is None else getattr(found, name) for name in _FREQUENCIES}
+        errors = {name: np.nan if found is None else getattr(found, f"{name}_se") for name in _FREQUENCIES if name != "protected"}
+        predicted = {f"elpd_loo_{unit}": _complete(self._matrix(f"elpd_loo_{unit}")) for unit in ("trial", "pair")}
+        columns = {
+            "model": self.models,
+            "subjects": len(complete),
+            "best": np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else 0,
+            **frequencies,
+            "group_log_evidence": _sum(np.where(np.isinf(complete), np.nan, complete)),
+            **{name: _sum(values) for name, values in predicted.items()},
+            **{f"{name}_exact": value for name, value in frequencies.items()},
+            **{f"{name}_subjects": len(values) for name, values in predicted.items()},
+            **self._differences("pair"),
+            **self._differences("trial"),
+            "exact_how": "" if found is None else "sampled",
+            **{f"{name}_exact_se": value for name, value in errors.items()},
+        }
+        return pd.DataFrame(columns)
 
     def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
@@ -206,20 +287,10 @@ def _sum(rows: FloatArray) -> FloatArray:
     return np.asarray(rows.sum(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
 
 
-def _with_frequencies(frame: pd.DataFrame, found: ModelFrequencies | None, suffix: str) -> pd.DataFrame:
-    values = {f"{name}{suffix}": np.nan if found is None else getattr(found, name) for name in _FREQUENCY_COLUMNS}
-    return frame.assign(**values)
-
-
 def beside(path: str | Path) -> tuple[Path, Path]:
     """Where the tables of the study and of the parts go: compare_models.csv and compare_parts.csv beside compare.csv."""
     models, parts = (Path(path).with_name(f"{Path(path).stem}_{what}{Path(path).suffix}") for what in ("models", "parts"))
     return models, parts
-
-
-def _composed(model: Record) -> str:
-    """The level of every part; nothing for free frequencies, which have none."""
-    return "; ".join(f"{part}: {level}" for part, level in model.levels)
 
 
 def compare(
@@ -273,16 +344,20 @@ def compare(
         lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
         rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
     size = len(records)
-    groups = [_with_probabilities(with_differences(rows[i : i + size])) for i in range(0, len(rows), size)]
+    groups = [with_probabilities(with_differences(rows[i : i + size])) for i in range(0, len(rows), size)]
     table = tuple(row for group in groups for row in group)
     return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen)
 
 
-def _with_probabilities(rows: list[ModelRow]) -> list[ModelRow]:
-    """Model probabilities of one subject; none where an evidence is missing, because they would depend on it."""
-    missing = [row.model for row in rows if row.log_evidence is None]
-    if missing:
+def with_probabilities(rows: Sequence[ModelRow]) -> list[ModelRow]:
+    """Model probabilities of one subject; none where an evidence is missing that may count, because they would depend on it."""
+    values = weighed([row.log_evidence for row in rows], [row.bound for row in rows])
+    if np.isnan(values).any():
+        missing = [row.model for row, value in zip(rows, values, strict=True) if np.isnan(value)]
         note = f"no model probability: no evidence of {', '.join(missing)}"
         return [replace(row, notes=(*row.notes, note)) for row in rows]
-    shares = softmax(np.array([row.log_evidence for row in rows], np.float64))
-    return [replace(row, model_probability=float(share)) for row, share in zip(rows, shares, strict=True)]
+    said = [() if row.log_evidence is not None else (said_of_bound(row.bound, values),) for row in rows]
+    return [
+        replace(row, model_probability=float(share), notes=(*row.notes, *more))
+        for row, share, more in zip(rows, softmax(values), said, strict=True)
+    ]

@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from one_subject import sample_model
 from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.compare import say_comparison
 from bayes_toe.cli.terminal import new_console
-from bayes_toe.comparison.ladder_table import COMPARE_COLUMNS, ModelComparison, compare
-from bayes_toe.comparison.leave_one_out import leave_one_out
-from bayes_toe.comparison.left_out_pairs import log_evidence_without
+from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, ModelComparison, compare, with_probabilities
 from bayes_toe.comparison.model_row import Checks, ModelRow, with_differences
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.errors import InputError
@@ -83,7 +80,8 @@ def test_differences_to_the_best_model_have_paired_errors(table, unit):
 
 def test_what_is_withheld_has_no_difference(table):
     first, second, third = table.rows[:3]
-    none = first.left_out["pair"].filled({0: np.nan})
+    pairs = first.left_out["pair"]
+    none = replace(pairs, values=np.where(np.arange(len(pairs.values[0])) == 0, np.nan, pairs.values))
     rows = with_differences([replace(first, left_out={**first.left_out, "pair": none}), second, replace(third, left_out={})])
     assert [[row.cell(f"elpd_loo_pair_{name}") for name in ("diff", "diff_se")] for row in rows] == [[None] * 2, [0.0] * 2, [None] * 2]
     assert rows[0].cell("elpd_loo_trial_diff") == 0.0
@@ -157,25 +155,32 @@ def test_sums_of_leave_one_out_go_over_subjects_with_a_value_under_every_model(c
 
 
 def test_without_an_evidence_there_are_no_probabilities_and_the_note_says_so(table):
-    from bayes_toe.comparison.ladder_table import _with_probabilities
-
     rows = [replace(row, model_probability=None) for row in table.rows[:3]]
     rows[1] = replace(rows[1], log_evidence=None)
-    withheld = _with_probabilities(rows)
+    withheld = with_probabilities(rows)
     assert all(row.model_probability is None and "no evidence of symmetric" in row.notes[-1] for row in withheld)
     assert ModelComparison(tuple(withheld), ("A",), FEW, 1, bt.Prior()).study_frame()["expected"].isna().all()
 
 
-def test_left_out_pairs_by_evidence_agree_with_smoothed_weights(small_study):
-    subject = small_study["A"]
-    made = sample_model(subject, "free weighting", draws=4000, seed=3)
-    x = made.chains.x.reshape(-1, 4)
-    found = leave_one_out(*made.target.log_answers(x), subject.n_equal, subject.n_trials, unit="pair")
-    pair = int(np.argmin(found.pareto_k[0]))
-    rest = log_evidence_without(made.target, pair, np.random.default_rng(1))
-    assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)
-    again = found.filled({pair: made.log_evidence - rest})
-    assert again.values[0, pair] == made.log_evidence - rest
+def test_a_model_without_weight_has_probability_0_and_takes_nobody_elses(table):
+    rows = [replace(row, model_probability=None) for row in table.rows[:3]]
+    rest = rows[0].log_evidence, rows[2].log_evidence
+    behind = replace(rows[1], log_evidence=None, log_evidence_se=None, bound=min(rest) - 200.0)
+    found = ModelComparison(tuple(with_probabilities([rows[0], behind, rows[2]])), ("A",), FEW, 1, bt.Prior())
+    shares = [row.model_probability for row in found]
+    assert shares[1] == 0.0
+    assert sum(shares) == pytest.approx(1.0, abs=1e-12)
+    assert np.log(shares[2] / shares[0]) == pytest.approx(rest[1] - rest[0], abs=1e-9)
+    assert f"its log evidence is at most {behind.bound:.1f}" in found.rows[1].notes[-1]
+    assert np.isnan(found.log_evidence[0, 1])
+    study = found.study_frame()
+    assert study["subjects"].tolist() == [1] * 3
+    assert study["expected"].notna().all()
+    assert study["group_log_evidence"].isna().tolist() == [False, True, False]
+    order = {level: p for _, part, level, p, _ in found.parts_frame().itertuples(index=False) if part == "order"}
+    assert order == {"none": 0.0, "update": 1.0}
+    near = with_probabilities([rows[0], replace(behind, bound=max(rest) - 5.0), rows[2]])
+    assert all(row.model_probability is None for row in near)
 
 
 def test_refusals(small_study):
@@ -187,23 +192,15 @@ def test_refusals(small_study):
 
 def test_command(study_csv, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    call = [
-        "compare",
-        str(study_csv),
-        "-o",
-        "out.csv",
-        "--seed",
-        "1",
-        "--workers",
-        "1",
-        "--model",
-        "symmetric",
-        "--model",
-        "free frequencies",
-    ]
-    done = CliRunner().invoke(app, call)
-    assert done.exit_code == 0, done.output
-    assert "out.csv, out_models.csv, out_parts.csv, out.png" in done.output
+
+    def call(*words):
+        done = CliRunner().invoke(app, ["compare", str(study_csv), "-o", *words])
+        return done.exit_code, done.output
+
+    options = ("--seed", "1", "--workers", "1", "--model", "symmetric", "--model", "free frequencies")
+    code, said = call("out.csv", *options)
+    assert code == 0, said
+    assert "out.csv, out_models.csv, out_parts.csv, out.png" in said
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
     frame = pd.read_csv(tmp_path / "out.csv")
     assert tuple(frame.columns) == COMPARE_COLUMNS
@@ -213,28 +210,16 @@ def test_command(study_csv, tmp_path, monkeypatch):
     assert frame.parts.dropna().unique().tolist() == ["order: none; noise: Weber; lapses: misses; curve: bell; spread: binomial"]
     assert pd.read_csv(tmp_path / "out_parts.csv").empty  # one composition: no part varies
     (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
-    other = CliRunner().invoke(app, [*call[:2], "-o", "other.csv", *call[4:], "--prior", "prior.toml"])
-    assert other.exit_code == 0, other.output
+    code, said = call("other.csv", *options, "--prior", "prior.toml")
+    assert code == 0, said
     changed = pd.read_csv(tmp_path / "other.csv")
     assert "width ~ HalfNormal(2), q0 ~ Uniform(0, 1)" in set(changed.prior)
     assert (changed.log_evidence != frame.log_evidence).sum() == 3
-    again = CliRunner().invoke(app, call)
-    assert again.exit_code == 2
-    assert "exists" in again.output
-    (tmp_path / "out.csv").unlink()
-    (tmp_path / "out_models.csv").unlink()
-    parts = CliRunner().invoke(app, call)  # refused before any work
-    assert "out_parts.csv" in parts.output
-    assert not (tmp_path / "out.csv").exists()
-    (tmp_path / "out_parts.csv").unlink()
-    picture = CliRunner().invoke(app, call)  # refused before any work
-    assert picture.exit_code == 2
-    assert "out.png" in picture.output
-    assert "exists" in picture.output
-    assert not (tmp_path / "out.csv").exists()
-    named = CliRunner().invoke(app, [*call[:2], "-o", "table.png"])
-    assert named.exit_code == 2
-    assert "name of the figure" in named.output
-    wrong = CliRunner().invoke(app, [*call[:2], "-o", "new.csv", "--model", "H9"])
-    assert wrong.exit_code == 2
-    assert "'H9'; allowed, joined by +: order: update" in wrong.output
+    for name, there in (("out.csv", True), ("out_models.csv", False), ("out_parts.csv", False), ("out.png", False)):
+        code, said = call("out.csv", *options)  # refused before any work
+        assert (code, name in said, "exists" in said) == (2, True, True)
+        assert (tmp_path / "out.csv").exists() == there
+        (tmp_path / name).unlink()
+    assert call("table.png")[0] == 2
+    assert "name of the figure" in call("table.png")[1]
+    assert "'H9'; allowed, joined by +: order: update" in call("new.csv", "--model", "H9")[1]

@@ -1,0 +1,235 @@
+"""How calibration is judged: whether ranks are uniform, and whether stated probabilities mean what they say.
+
+Ranks: at a point z the count of n uniform numbers below it is Binomial(n, z). A band cuts the same tail probability t off every one of
+these, and t is such that the whole function stays inside with the stated probability. That probability is exact: counts at successive
+points are sums of Poisson numbers given their total, so it takes one convolution a point. Source: Sailynoja, Buerkner and Vehtari (2022).
+
+Probabilities: the expected calibration error is not 0 even where every probability is right, because frequencies in bins scatter. Its floor
+is what right probabilities would show: answers are drawn anew from the stated probabilities themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, gammaln, log_expit
+from scipy.stats import beta, binom
+
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.errors import InputError, NumericalError
+
+#: Points at which the distribution function of ranks is looked at, 1/100 to 99/100.
+POINTS = np.arange(1, 100) / 100.0
+_HALVINGS = 60
+_SMALLEST = -700.0  # log of the smallest tail probability that is looked at
+
+BINS = 10
+#: Excess of the calibration error over its floor that still counts as calibrated.
+MARGIN = 0.02
+_SIMULATIONS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Smallest and largest counts below each of :data:`POINTS` that lie inside, each of shape (points,)."""
+
+    size: int
+    lower: IntArray
+    upper: IntArray
+
+    @property
+    def probability(self) -> float:
+        """Probability that the counts of `size` independent uniform numbers lie inside at all points: Poisson steps given their total."""
+        if np.any(self.lower > self.upper):
+            return 0.0
+        inside, start = np.ones(1), 0
+        steps = np.diff(POINTS, prepend=0.0, append=1.0) * self.size
+        for low, high, step in zip(np.append(self.lower, self.size), np.append(self.upper, self.size), steps, strict=True):
+            k = np.arange(high - start + 1)
+            reached = np.convolve(inside, np.exp(k * np.log(step) - step - gammaln(k + 1.0)))
+            inside, start = reached[low - start : high - start + 1], low
+        total = self.size * np.log(self.size) - self.size - gammaln(self.size + 1.0)
+        return float(min(1.0, inside[0] * np.exp(-total)))
+
+    def differences(self) -> tuple[FloatArray, FloatArray]:
+        """The band as it is drawn: lower and upper share of the numbers, minus the uniform one."""
+        return self.lower / self.size - POINTS, self.upper / self.size - POINTS
+
+
+def band(size: int, level: float) -> Band:
+    """The narrowest band inside which `size` uniform numbers stay with at least the probability `level`.
+
+    Examples
+    --------
+    >>> 0.99 <= band(1000, 0.99).probability < 0.991
+    True
+    """
+    low, high = _SMALLEST, 0.0  # of log t; the probability falls as t grows
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _cut(size, middle).probability >= level else (low, middle)
+    return _cut(size, low)
+
+
+def counts_below(values: npt.ArrayLike) -> IntArray:
+    """How many of the values lie at or below each of :data:`POINTS`.
+
+    Raises
+    ------
+    NumericalError
+        If a value is not between 0 and 1.
+    """
+    u = np.sort(np.asarray(values, np.float64))
+    if len(u) == 0 or not (u[0] >= 0.0 and u[-1] <= 1.0):
+        raise NumericalError("ranks must be numbers between 0 and 1")
+    return np.searchsorted(u, POINTS, side="right").astype(np.int64)
+
+
+def ecdf_difference(values: npt.ArrayLike) -> FloatArray:
+    """Share of the values at or below each of :data:`POINTS`, minus the uniform share, shape (points,)."""
+    return counts_below(values) / np.size(values) - POINTS
+
+
+def uniformity(values: npt.ArrayLike) -> float:
+    """Probability that as many uniform numbers stray as far as these values, at the point where they stray most: a p-value.
+
+    Examples
+    --------
+    >>> grid = (np.arange(200) + 0.5) / 200
+    >>> uniformity(grid) > 0.99, uniformity(grid**2) < 1e-6
+    (True, True)
+    """
+    counts, size = counts_below(values), int(np.size(values))
+    tails = np.minimum(binom.logcdf(counts, size, POINTS), binom.logsf(counts - 1, size, POINTS))
+    rarest = float(tails.min()) + np.log(2.0)
+    if rarest <= _SMALLEST:
+        return 0.0
+    # A hair more: the values themselves are then outside.
+    return max(0.0, 1.0 - _cut(size, min(0.0, rarest + 1e-9)).probability)
+
+
+def _cut(size: int, log_tail: float) -> Band:
+    """The band that leaves half of the tail probability on either side of every point."""
+    half = 0.5 * np.exp(log_tail)
+    lower = binom.ppf(half, size, POINTS)
+    upper = size - binom.ppf(half, size, 1.0 - POINTS)  # the upper tail as a lower one: 1 - half would lose its digits
+    return Band(size, lower.astype(np.int64), upper.astype(np.int64))
+
+
+# --- probabilities ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """The reliability diagram: equally wide bins of the stated probability that hold something, each array of shape (bins,).
+
+    Attributes
+    ----------
+    count : array of int
+    stated : array
+        Mean stated probability.
+    observed : array
+        Frequency with which the statement was true.
+    lower, upper : array
+        Exact (Clopper-Pearson) 95 % binomial interval of the frequency.
+    """
+
+    count: IntArray
+    stated: FloatArray
+    observed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """How good stated probabilities are.
+
+    Attributes
+    ----------
+    count : int
+        Statements.
+    error : float
+        Expected calibration error: mean over statements of |observed - stated| of their bin.
+    floor : float
+        Its mean for right probabilities.
+    p_value : float
+        Share of simulations of right probabilities with an error as large.
+    brier : float
+        Mean square of probability minus truth.
+    log_score : float
+        Mean of minus the log probability given to what was true, nats; infinite where that was 0.
+    unsure : float
+        Share of statements between 0.02 and 0.98: the others hardly test anything.
+    """
+
+    count: int
+    error: float
+    floor: float
+    p_value: float
+    brier: float
+    log_score: float
+    unsure: float
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the error is at most its floor and a margin of 0.02."""
+        return self.error <= self.floor + MARGIN
+
+
+def reliability(log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator) -> Reliability:
+    """Judge probabilities given as natural log odds, shape (statements,), against the truth, shape (statements,).
+
+    Raises
+    ------
+    InputError
+        If there is no statement, or log odds are NaN.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> odds = rng.normal(0.0, 2.0, 2000)
+    >>> answers = rng.uniform(size=2000) < expit(odds)
+    >>> reliability(odds, answers, rng).calibrated, reliability(3.0 * odds, answers, rng).calibrated
+    (True, False)
+    """
+    odds, p, y, member = _statements(log_odds, true)
+    simulated = (rng.uniform(size=(100, len(p))) < p for _ in range(_SIMULATIONS // 100))
+    error, *right = (np.abs((answers - p) @ member).sum(axis=1) / len(p) for answers in (y[None], *simulated))
+    floor = np.concatenate(right)
+    return Reliability(
+        count=len(p),
+        error=float(error[0]),
+        floor=float(floor.mean()),
+        p_value=float((1 + (floor >= error[0]).sum()) / (1 + _SIMULATIONS)),
+        brier=float(np.mean(np.square(p - y))),
+        log_score=log_score(odds, y),
+        unsure=float(np.mean((p > 0.02) & (p < 0.98))),
+    )
+
+
+def log_score(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> float:
+    """Mean of minus the log probability given to what was true, nats."""
+    odds, _, y, _ = _statements(log_odds, true)
+    return float(-np.mean(log_expit(np.where(y, odds, -odds))))
+
+
+def reliability_bins(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> Bins:
+    """The reliability diagram of probabilities given as natural log odds."""
+    _, p, y, member = _statements(log_odds, true)
+    sums = np.array([np.ones(len(p)), p, y]) @ member
+    count, stated, hits = sums[:, sums[0] > 0]
+    lower = np.where(hits == 0, 0.0, beta.ppf(0.025, np.maximum(hits, 1), count - hits + 1))
+    upper = np.where(hits == count, 1.0, beta.ppf(0.975, hits + 1, np.maximum(count - hits, 1)))
+    return Bins(count.astype(np.int64), stated / count, hits / count, lower, upper)
+
+
+def _statements(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+    """Log odds, probabilities and truth, each of shape (statements,), and in which bin each is, shape (statements, bins)."""
+    odds, y = np.asarray(log_odds, np.float64), np.asarray(true, np.bool_)
+    if odds.shape != y.shape or odds.ndim != 1 or len(odds) == 0 or np.isnan(odds).any():
+        raise InputError("log odds and truth must have one common length of at least 1, without NaN")
+    p = expit(odds)
+    return odds, p, y, np.eye(BINS)[np.minimum((p * BINS).astype(np.int64), BINS - 1)]

@@ -1,0 +1,122 @@
+"""Bands for ranks: coverage by simulation, exact small cases, what they catch; stated probabilities: right ones pass, wrong ones fail."""
+
+import numpy as np
+import pytest
+from scipy.special import expit
+from scipy.stats import binom, binomtest
+
+from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.experiments.calibration_statistics import (
+    POINTS,
+    Band,
+    band,
+    counts_below,
+    ecdf_difference,
+    log_score,
+    reliability,
+    reliability_bins,
+    uniformity,
+)
+
+
+def inside(limits, u):
+    counts = (u[:, :, None] <= POINTS).sum(axis=1)
+    return ((counts >= limits.lower) & (counts <= limits.upper)).all(axis=1)
+
+
+@pytest.mark.parametrize(("size", "level"), [(40, 0.9), (150, 0.99)])
+def test_a_band_holds_as_often_as_it_says(size, level):
+    """Independent route: uniform numbers. 4 standard errors: a false alarm in 16,000 runs."""
+    rng, limits, trials = np.random.default_rng(11), band(size, level), 8000
+    held = sum(inside(limits, rng.uniform(size=(500, size))).sum() for _ in range(trials // 500)) / trials
+    assert level <= limits.probability < level + 0.02
+    assert abs(held - limits.probability) < 4.0 * np.sqrt(level * (1.0 - level) / trials)
+
+
+def test_a_band_that_binds_at_one_point_has_its_binomial_probability():
+    lower, upper = np.zeros(len(POINTS), int), np.full(len(POINTS), 30)
+    lower[49], upper[49] = 12, 17  # and so the counts before are at most 17, those after at least 12
+    upper[:49], lower[50:] = 17, 12
+    expected = binom.cdf(17, 30, 0.5) - binom.cdf(11, 30, 0.5)
+    assert Band(30, lower, upper).probability == pytest.approx(expected, rel=1e-12)
+
+
+def test_p_values_are_uniform_and_agree_with_the_band():
+    sets = np.random.default_rng(5).uniform(size=(1000, 60))
+    p = np.array([uniformity(u) for u in sets])
+    for level in (0.05, 0.2, 0.5):
+        assert abs((p <= level).mean() - level) < 4.0 * np.sqrt(level * (1.0 - level) / len(p)) + 0.02  # counts are whole: p has steps
+    limits = band(60, 0.95)
+    assert (inside(limits, sets) == (p > 1.0 - limits.probability - 1e-9)).all()
+
+
+def test_shifts_and_too_narrow_or_wide_posteriors_are_seen():
+    rng = np.random.default_rng(2)
+    for power in (0.7, 1.4):
+        u = rng.uniform(size=500) ** power
+        difference = ecdf_difference(u)
+        assert uniformity(u) < 1e-5
+        assert np.sign(difference[np.abs(difference).argmax()]) == np.sign(power - 1.0)
+    for a in (0.7, 1.4):
+        assert uniformity(rng.beta(a, a, 800)) < 1e-4
+    assert uniformity(np.zeros(1000)) == 0.0
+
+
+def test_impossible_ranks_are_refused():
+    assert counts_below([0.01, 0.5]).tolist()[:2] == [1, 1]
+    for bad in ([], [0.2, np.nan], [0.2, 1.1]):
+        with pytest.raises(NumericalError):
+            counts_below(bad)
+
+
+def statements(seed, stretch=1.0, size=2000):
+    """Log odds as stated and answers; stated ones are the right ones times `stretch`."""
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(0.3, 2.0, size)
+    return stretch * odds, rng.uniform(size=size) < expit(odds), rng
+
+
+def test_right_probabilities_pass_and_their_error_is_the_floor():
+    found = [reliability(*statements(seed)) for seed in range(12)]
+    assert all(one.calibrated for one in found)
+    errors, floors = np.array([one.error for one in found]), np.array([one.floor for one in found])
+    assert abs(errors.mean() - floors.mean()) < 4.0 * errors.std(ddof=1) / np.sqrt(len(errors))
+    assert min(one.p_value for one in found) > 1e-3
+
+
+@pytest.mark.parametrize("stretch", [2.5, 0.3, -1.0])
+def test_overconfident_timid_and_reversed_ones_fail(stretch):
+    found = reliability(*statements(4, stretch))
+    assert not found.calibrated
+    assert found.p_value < 0.001
+    assert found.log_score > reliability(*statements(4)).log_score
+
+
+def test_a_constant_shift_of_the_evidence_fails():
+    odds, answers, rng = statements(5)
+    assert not reliability(odds + 1.0, answers, rng).calibrated
+
+
+def test_scores_by_hand():
+    odds, answers = np.log([0.8 / 0.2, 0.25 / 0.75]), np.array([True, True])
+    found = reliability(odds, answers, np.random.default_rng(0))
+    assert found.brier == pytest.approx((0.04 + 0.5625) / 2)
+    assert found.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
+    assert found.error == pytest.approx((0.2 + 0.75) / 2)
+    assert log_score([800.0], [False]) == pytest.approx(800.0)  # beyond where the probability itself is 1
+
+
+def test_bins_hold_frequencies_with_exact_intervals():
+    odds, answers, _ = statements(6, size=300)
+    bins, p = reliability_bins(odds, answers), expit(odds)
+    assert bins.count.sum() == 300
+    assert bins.stated[0] == pytest.approx(p[p < 0.1].mean())
+    for n, observed, lower, upper in zip(bins.count, bins.observed, bins.lower, bins.upper, strict=True):
+        interval = binomtest(round(n * observed), int(n)).proportion_ci(0.95, "exact")
+        assert (lower, upper) == pytest.approx((interval.low, interval.high), abs=1e-9)
+
+
+@pytest.mark.parametrize(("odds", "answers"), [([], []), ([0.0], [True, False]), ([np.nan], [True])])
+def test_nothing_to_judge_is_refused(odds, answers):
+    with pytest.raises(InputError):
+        reliability(odds, answers, np.random.default_rng(0))
