@@ -21,21 +21,11 @@ from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ra
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 IDENTIFIED = ("offset", "pull", "width", "q0")
-UNCONSTRAINED = ("offset", "logit_pull", "log_width", "logit_q0")
 DERIVED = ("gamma", "sigma1", "gain", "width")
 #: Every quantity that has a name.
 QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
 #: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
 _ROUNDING = 1e-15
-
-
-class Identified(NamedTuple):
-    """Offset c (natural-log units), pull p, width w (natural-log units) and q0."""
-
-    offset: FloatArray
-    pull: FloatArray
-    width: FloatArray
-    q0: FloatArray
 
 
 class Natural(NamedTuple):
@@ -52,18 +42,6 @@ class Natural(NamedTuple):
         return noise_ratio(self.sigma_p, self.sigma_l)
 
 
-def identified(x: npt.ArrayLike) -> Identified:
-    """Unconstrained coordinates, shape (..., 4), to identified ones, each of shape (...).
-
-    Examples
-    --------
-    >>> [round(float(v), 6) for v in identified([0.1, 0.0, 0.0, 0.0])]
-    [0.1, 0.190983, 1.0, 0.5]
-    """
-    c, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
-    return Identified(c, MAX_PULL * expit(a), np.exp(b), expit(top))
-
-
 def natural(x: npt.ArrayLike, sbar: float) -> Natural:
     """Unconstrained coordinates, shape (..., 4), to natural ones; sbar is the mean first stimulus, natural-log units.
 
@@ -75,10 +53,11 @@ def natural(x: npt.ArrayLike, sbar: float) -> Natural:
     >>> [round(float(v), 12) for v in natural(x, sbar=0.1)]
     [-0.5, 0.2, 0.1, 0.9]
     """
-    _, p, w, q0 = identified(x)
+    _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
+    p = MAX_PULL * expit(a)
     gain = 1.0 - p
-    sigma_p = w * gain**1.5
-    return Natural(sbar + reach(x), sigma_p, sigma_p * np.sqrt(p) / gain, q0)
+    sigma_p = np.exp(b) * gain**1.5
+    return Natural(sbar + reach(x), sigma_p, sigma_p * np.sqrt(p) / gain, expit(top))
 
 
 def reach(x: npt.ArrayLike) -> FloatArray:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, expit, log_expit, logit, ndtr, ndtri, xlog1py, xlogy
+from scipy import stats
+from scipy.special import betaln, expit, log_expit, logit, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -49,8 +51,31 @@ class Distribution(Hashable, Protocol):
         """Family and numbers, as in 'Normal(0, 10)'."""
 
 
+class _Family:
+    """What is asked of a distribution seldom enough to be SciPy's; densities and draws are wanted by the thousand."""
+
+    scipy: Any
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return float(self.scipy.std())
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.asarray(self.scipy.cdf(x))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.asarray(self.scipy.sf(x))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(self.scipy.ppf(p))
+
+
 @dataclass(frozen=True)
-class Normal:
+class Normal(_Family):
     """Normal distribution.
 
     Examples
@@ -62,10 +87,10 @@ class Normal:
     mean: float
     sd: float
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return self.sd
+    @cached_property
+    def scipy(self) -> Any:
+        """The same of SciPy."""
+        return stats.norm(self.mean, self.sd)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
@@ -75,18 +100,6 @@ class Normal:
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
         return np.asarray((self.mean - np.asarray(x, np.float64)) / self.sd**2)
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Phi((x - mean)/sd)."""
-        return np.asarray(ndtr((np.asarray(x, np.float64) - self.mean) / self.sd))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Phi((mean - x)/sd)."""
-        return np.asarray(ndtr((self.mean - np.asarray(x, np.float64)) / self.sd))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Mean plus sd Phi^-1(p)."""
-        return np.asarray(self.mean + self.sd * ndtri(p))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -98,7 +111,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class HalfNormal:
+class HalfNormal(_Family):
     """The absolute value of a normal of mean 0 and standard deviation `scale`; support x >= 0.
 
     Examples
@@ -109,10 +122,10 @@ class HalfNormal:
 
     scale: float
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation, scale (1 - 2/pi)^(1/2)."""
-        return self.scale * float(np.sqrt(1.0 - 2.0 / np.pi))
+    @cached_property
+    def scipy(self) -> Any:
+        """The same of SciPy."""
+        return stats.halfnorm(scale=self.scale)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(pi/2)/2 - x^2 / (2 scale^2) - ln scale; -inf below 0."""
@@ -125,18 +138,6 @@ class HalfNormal:
         """-x/scale^2."""
         return np.asarray(-np.asarray(x, np.float64) / self.scale**2)
 
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """erf(x / (2^(1/2) scale)), 0 below 0."""
-        return np.asarray(erf(np.maximum(x, 0.0) / (np.sqrt(2.0) * self.scale)))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """erfc(x / (2^(1/2) scale)), 1 below 0."""
-        return np.asarray(erfc(np.maximum(x, 0.0) / (np.sqrt(2.0) * self.scale)))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """2^(1/2) scale erf^-1(p)."""
-        return np.asarray(self.scale * (np.sqrt(2.0) * erfinv(p)))
-
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return np.abs(rng.normal(0.0, self.scale, size))
@@ -147,7 +148,7 @@ class HalfNormal:
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(_Family):
     """Uniform distribution over 0 <= x <= top.
 
     Examples
@@ -158,10 +159,10 @@ class Uniform:
 
     top: float = 1.0
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation, top / 12^(1/2)."""
-        return self.top / float(np.sqrt(12.0))
+    @cached_property
+    def scipy(self) -> Any:
+        """The same of SciPy."""
+        return stats.uniform(scale=self.top)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln top, edges included; -inf outside."""
@@ -173,18 +174,6 @@ class Uniform:
         """Zeros."""
         return np.zeros(np.shape(x))
 
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """The share x / top, from 0 to 1."""
-        return np.clip(np.asarray(x, np.float64) / self.top, 0.0, 1.0)
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """The share (top - x) / top, from 0 to 1."""
-        return np.clip((self.top - np.asarray(x, np.float64)) / self.top, 0.0, 1.0)
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """The share p of top."""
-        return np.asarray(self.top * np.asarray(p, np.float64))
-
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return rng.uniform(0.0, self.top, size)
@@ -195,7 +184,7 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class Beta:
+class Beta(_Family):
     """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1).
 
     Examples
@@ -207,10 +196,10 @@ class Beta:
     a: float
     b: float
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation, (a b / (a + b + 1))^(1/2) / (a + b)."""
-        return float(np.sqrt(self.a * self.b / (self.a + self.b + 1.0))) / (self.a + self.b)
+    @cached_property
+    def scipy(self) -> Any:
+        """The same of SciPy."""
+        return stats.beta(self.a, self.b)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
@@ -227,18 +216,6 @@ class Beta:
         """(a - 1)/x - (b - 1)/(1 - x)."""
         points = np.asarray(x, np.float64)
         return np.asarray((self.a - 1.0) / points - (self.b - 1.0) / (1.0 - points))
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """I_x(a, b)."""
-        return np.asarray(betainc(self.a, self.b, np.clip(x, 0.0, 1.0)))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """1 - I_x(a, b)."""
-        return np.asarray(betaincc(self.a, self.b, np.clip(x, 0.0, 1.0)))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Inverse of :meth:`cdf`."""
-        return np.asarray(betaincinv(self.a, self.b, p))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -263,7 +240,7 @@ def share(a: float, b: float) -> Uniform | Beta:
 
 
 @dataclass(frozen=True)
-class LogNormal:
+class LogNormal(_Family):
     """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`.
 
     Examples
@@ -275,10 +252,10 @@ class LogNormal:
     median: float
     sd: float
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation, median exp(sd^2/2) (exp(sd^2) - 1)^(1/2)."""
-        return self.median * float(np.exp(0.5 * self.sd**2) * np.sqrt(np.expm1(self.sd**2)))
+    @cached_property
+    def scipy(self) -> Any:
+        """The same of SciPy."""
+        return stats.lognorm(self.sd, scale=self.median)
 
     def _score(self, x: npt.ArrayLike) -> FloatArray:
         """Z = ln(x/median)/sd, -inf from 0 downward."""
@@ -293,18 +270,6 @@ class LogNormal:
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(1 + z/sd)/x."""
         return np.asarray(-(1.0 + self._score(x) / self.sd) / np.asarray(x, np.float64))
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Phi(z)."""
-        return np.asarray(ndtr(self._score(x)))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Phi(-z)."""
-        return np.asarray(ndtr(-self._score(x)))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Median times exp(sd Phi^-1(p))."""
-        return np.asarray(self.median * np.exp(self.sd * ndtri(p)))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
