@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
-from scipy.special import betaln, expit, log_expit, logit, xlog1py, xlogy
+from scipy.special import betaln, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -278,33 +278,3 @@ class LogNormal(_Family):
     def describe(self) -> str:
         """Family, median and standard deviation of the logarithm."""
         return f"LogNormal({self.median:g}, {self.sd:g})"
-
-
-def sample_logit(distribution: Distribution, rng: Random, size: int, top: float = 1.0) -> FloatArray:
-    """Logits of t/top for independent draws t, shape (size,); of a beta with a pole, also of draws that no float tells from an edge.
-
-    Examples
-    --------
-    >>> bool(np.isfinite(sample_logit(Beta(0.05, 0.05), np.random.default_rng(1), 10_000)).all())
-    True
-    """
-    if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
-        return distribution.sample_logit(rng, size)
-    return np.asarray(logit(distribution.sample(rng, size) / top))
-
-
-def log_density_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:
-    """Log density of logit(t / top) where t has this distribution on 0..top, shape (...)."""
-    if isinstance(distribution, Beta) and top == 1.0:
-        of_quantity = distribution.log_density_of_logs(log_expit(logits), log_expit(-logits))
-    else:
-        of_quantity = distribution.log_density(top * expit(logits)) + np.log(top)
-    return np.asarray(of_quantity + log_expit(logits) + log_expit(-logits))
-
-
-def slope_of_logit(distribution: Distribution, logits: FloatArray, top: float = 1.0) -> FloatArray:
-    """Derivative of :func:`log_density_of_logit`, shape (...)."""
-    up, down = expit(logits), expit(-logits)
-    if isinstance(distribution, Beta) and top == 1.0:
-        return np.asarray(distribution.a * down - distribution.b * up)
-    return np.asarray(distribution.slope(top * up) * top * up * down - np.tanh(0.5 * logits))

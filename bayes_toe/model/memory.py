@@ -24,7 +24,7 @@ from bayes_toe.model.coordinates import (
     reach,
     unconstrained,
 )
-from bayes_toe.model.distributions import Random, sample_logit
+from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import log_lost, log_lost_slope
 from bayes_toe.model.parameters import SPREAD, WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
 from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
@@ -73,8 +73,8 @@ class Update:
         With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where gamma itself rounds to an edge.
         """
         mu1, sigma_p = (prior.distribution(name).sample(rng, size) for name in ("mu1", SPREAD))
-        logit_gamma = sample_logit(prior.distribution("gamma"), rng, size)
-        sample_logit(prior.distribution("q0"), rng, size)
+        logit_gamma = Logit().sample(prior.distribution("gamma"), rng, size)
+        prior.distribution("q0").sample(rng, size)  # seen by nobody: so the same seed gives what it gave
         gamma = expit(logit_gamma)
         p = pull(gamma)
         return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(width(sigma_p, gamma))], axis=-1)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from scipy.special import expit, logit
+from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
-from bayes_toe.model.distributions import Distribution, Normal, Random, log_density_of_logit, sample_logit, slope_of_logit
+from bayes_toe.model.distributions import Beta, Distribution, Normal, Random
 from bayes_toe.model.offset_prior import offset_prior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Names
@@ -103,16 +103,30 @@ class Logit(Scale):
         return np.asarray(logit(t / self.top))
 
     def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
-        """Logits of draws, of a beta with a pole also of those that no float tells from an edge."""
-        return sample_logit(distribution, rng, size, self.top)
+        """Logits of draws, of a beta with a pole also of those that no float tells from an edge.
+
+        Examples
+        --------
+        >>> bool(np.isfinite(Logit().sample(Beta(0.05, 0.05), np.random.default_rng(1), 10_000)).all())
+        True
+        """
+        if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
+            return distribution.sample_logit(rng, size)
+        return self.coordinate(distribution.sample(rng, size))
 
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """With dt/dx = top expit(x) expit(-x)."""
-        return log_density_of_logit(distribution, x, self.top)
+        """With dt/dx = top expit(x) expit(-x); of a beta by the logs of the share and of what it leaves."""
+        up, down = log_expit(x), log_expit(-x)
+        if isinstance(distribution, Beta) and self.top == 1.0:
+            return np.asarray(distribution.log_density_of_logs(up, down) + up + down)
+        return np.asarray(distribution.log_density(self.top * expit(x)) + np.log(self.top) + up + down)
 
     def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """With d(log dt/dx)/dx = -tanh(x/2)."""
-        return slope_of_logit(distribution, x, self.top)
+        up, down = expit(x), expit(-x)
+        if isinstance(distribution, Beta) and self.top == 1.0:
+            return np.asarray(distribution.a * down - distribution.b * up)
+        return np.asarray(distribution.slope(self.top * up) * self.top * up * down - np.tanh(0.5 * x))
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The probit of the share: uniform is standard normal, so that its edges are far away."""

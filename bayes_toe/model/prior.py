@@ -25,16 +25,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
-from bayes_toe.model.distributions import (
-    Beta,
-    Distribution,
-    HalfNormal,
-    LogNormal,
-    Normal,
-    Random,
-    Uniform,
-    share,
-)
+from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, Uniform, share
 from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields, number_problems, real, toml_table
 
 AnyPrior = TypeVar("AnyPrior", bound="Prior")
@@ -215,6 +206,9 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
 
 def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
     """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width.
+
+    sigma_l, sigma1 and width are sigma_p h(gamma), so their distribution function is the average over gamma of sigma_p's at x / h(gamma),
+    one smooth integral over the quantiles of gamma; the gain falls with gamma and takes its quantiles.
 
     Examples
     --------

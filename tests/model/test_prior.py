@@ -16,8 +16,9 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import natural, quantities
-from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform, log_density_of_logit, slope_of_logit
+from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
 from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.parameters import Logit
 from bayes_toe.model.parts import composition
 from bayes_toe.model.prior import Prior, example_file, log_density_of_noise_ratio, prior_quantile, read_prior
 from bayes_toe.model.prior_fields import PriorFields, prior_field
@@ -285,11 +286,11 @@ def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
 def test_a_share_keeps_its_digits_at_both_ends(distribution):
     a, b, logits = distribution.a, distribution.b, np.array([-700.0, -2.0, 0.3, 40.0, 700.0])
     expected = -a * np.logaddexp(0, -logits) - b * np.logaddexp(0, logits) - betaln(a, b)
-    assert log_density_of_logit(distribution, logits) == pytest.approx(expected, rel=1e-13)
+    assert Logit().log_density(distribution, logits) == pytest.approx(expected, rel=1e-13)
     plain = stats.beta.logpdf(expit(logits[1:3]), a, b) + np.log(expit(logits[1:3]) * expit(-logits[1:3]))
     assert expected[1:3] == pytest.approx(plain, rel=1e-12)
-    slope = slope_of_logit(distribution, logits)
-    values = [log_density_of_logit(distribution, logits[1:3] + step) for step in (-1e-5, 1e-5)]
+    slope = Logit().slope(distribution, logits)
+    values = [Logit().log_density(distribution, logits[1:3] + step) for step in (-1e-5, 1e-5)]
     assert slope[1:3] == pytest.approx((values[1] - values[0]) / 2e-5, rel=1e-7)
     assert slope[[0, -1]] == pytest.approx([a, -b])
 
