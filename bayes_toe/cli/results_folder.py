@@ -25,7 +25,7 @@ from bayes_toe.inference.draws import Draws, load
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
-from bayes_toe.plots.corner_sheet import corner_sheet
+from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
@@ -227,7 +227,7 @@ def _draw_subject(
     saved: Callable[[], Draws], name: str, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path
 ) -> None:
     draws = saved()
-    corner_file.write_bytes(png(corner_sheet(draws, name, truths=truth, prior=prior), dpi=110))
+    corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
     fitted = interval_curves if draws.intervals else curves
     curve_file.write_bytes(png(fitted(draws, name, title=_said(draws)), dpi=120))
 

@@ -22,7 +22,7 @@ from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.target import DOMINATED
-from bayes_toe.plots.corner_content import LABELS
+from bayes_toe.plots.style import LABELS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,10 +8,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.explorer.packing import FRAME, shorts
-from bayes_toe.plots.corner_content import BINS
-from bayes_toe.plots.density import AROUND, Density
-
-Span = tuple[float, float]
+from bayes_toe.plots.corner import AROUND, BINS, Density, Span
 
 
 def contours(samples: FloatArray, spans: list[Span]) -> list[str]:

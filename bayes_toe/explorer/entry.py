@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
-from bayes_toe.explorer.contours import Span, contours, frame
+from bayes_toe.explorer.contours import contours, frame
 from bayes_toe.explorer.curves import POINTS, axis, slice_count, slices
 from bayes_toe.explorer.packing import floats
 from bayes_toe.inference.draws import Draws
@@ -20,7 +20,8 @@ from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import DOMINATED, contraction
-from bayes_toe.plots.corner_content import MARKED, SPANNED, known_from, span, support
+from bayes_toe.plots.corner import Span, known_from, spans_of
+from bayes_toe.plots.style import MARKED
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
@@ -77,8 +78,7 @@ class Entry:
         kept = thinned(len(x), rows)  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
         samples = np.column_stack([quantities[name] for name in self.names])
-        found = np.quantile(samples, [*SPANNED, *MARKED], axis=0)
-        spans = self._spans(found)
+        marked = np.quantile(samples, MARKED, axis=0)
         some = {name: values[kept] for name, values in quantities.items()}
         return {
             "subject": self.target.subject.name,
@@ -86,7 +86,7 @@ class Entry:
             "model": self.target.model.name,
             "synthetic": self.synthetic,
             "about": self.about,
-            "badges": [*self.badges, *self._dominated(found)],
+            "badges": [*self.badges, *self._dominated(marked)],
             "rows": len(kept),
             "of": len(x),
             "perChain": self.x.shape[1],
@@ -95,19 +95,15 @@ class Entry:
             "natural": [name for name in self.names if name in self.target.names.natural],
             "identified": [name for name in self.names if name in self.target.names.identified],
             "values": floats(samples[kept].T),
-            "marked": found[2:].T.tolist(),
+            "marked": marked.T.tolist(),
             "truth": self._truth(),
-            **outlined(samples, spans),
+            **outlined(samples, spans_of(samples, self.names, self.target)),
             **self._answers(x[kept], some, most_slices),
         }
 
-    def _spans(self, found: FloatArray) -> list[Span]:
-        low, high = found[:2].tolist()
-        return [span(a, b, support(self.target, name)) for name, a, b in zip(self.names, low, high, strict=True)]
-
-    def _dominated(self, found: FloatArray) -> list[tuple[str, str]]:
+    def _dominated(self, marked: FloatArray) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        ends = zip(self.names, found[2].tolist(), found[4].tolist(), strict=True)
+        ends = zip(self.names, marked[0].tolist(), marked[2].tolist(), strict=True)
         return [("dominated", name) for name, low, high in ends if self.prior and contraction(self.target, name, low, high) < DOMINATED]
 
     def _truth(self) -> dict[str, float]:

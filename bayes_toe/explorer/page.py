@@ -20,7 +20,7 @@ from bayes_toe.explorer.entry import Entry, entries_of, in_group, outlined, prio
 from bayes_toe.explorer.packing import island
 from bayes_toe.explorer.words import meaning, symbol
 from bayes_toe.inference.draws import Draws
-from bayes_toe.plots.corner_content import SPANNED, span, support
+from bayes_toe.plots.corner import spans_of
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
@@ -270,9 +270,7 @@ def _group(group: Population) -> dict[str, Any]:
     drawn = group.quantities(group.new_subject())
     found = {name: drawn[name].ravel() for name in names}
     samples = np.column_stack(list(found.values()))
-    low, high = np.quantile(samples, SPANNED, axis=0).tolist()
-    spans = [span(a, b, support(target, name)) for name, a, b in zip(names, low, high, strict=True)]
-    return {**quantiles(found), **outlined(samples, spans)}
+    return {**quantiles(found), **outlined(samples, spans_of(samples, names, target))}
 
 
 def _page(islands: Sequence[tuple[str, str]]) -> str:

@@ -1,30 +1,53 @@
-"""Corner plots of one subject's draws.
+"""Corner plots by the corner package, with areas of our own on its panels: they hold the stated shares of the draws.
 
-The panels are laid out in inches, so that key and tick labels stay clear of them and of each other whatever their number. Few
-panels leave no room beside them: the key then stands above. :mod:`bayes_toe.plots.corner_sheet` draws the same without Axes.
+A level is a quantile of the density at the draws themselves. The share of the smoothed density that lies above a level, which corner's own
+contours take, is another: smoothing spreads a narrow peak, such as that of mu_1 and sigma_p amid their long tails, and an area that holds
+half of what was smoothed held up to 70 % of the draws.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, cast
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
-import numpy.typing as npt
+from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import gaussian_filter, map_coordinates
 
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
+from bayes_toe.model.coordinates import NATURAL, Natural, quantities
+from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots import corner_content as shown
-from bayes_toe.plots.corner_content import BOTTOM, GAP, LEFT, OVERLAID, RIGHT, TOP, TRUTH, Content, Values, content, overlaid
-from bayes_toe.plots.density import Density
-from bayes_toe.plots.style import POSTERIOR
+from bayes_toe.model.target import Answering
+from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Values = Mapping[str, float]
+Span = tuple[float, float]
+
+COORDINATES = ("natural", "identified")
+BINS = 40
+#: Bins beyond either end of a panel, where contours close.
+AROUND = 2
+#: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
+LEVELS, SPANNED = (0.5, 0.9), (0.005, 0.995)
+PRIOR, TRUTH = "#999999", WEAKER_FIRST
+#: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
+OVERLAID = ((POSTERIOR, "solid"), ("#B8520A", "dashed"), ("#00704F", "dotted"), ("#A0458A", "dashdot"))
+#: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least that words beside them need.
+_PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = 1.6, 2.6, 0.1, 0.95, 0.95, 0.15, 0.63, 2.7
 
 
 def corner(
@@ -59,152 +82,295 @@ def corner(
     InputError
         For an unknown subject or quantity, no quantity at all, or a true value that cannot be one; for more than four subjects.
     """
-    if not isinstance(subject, str):
-        return _overlay(overlaid(draws, subject, coordinates, _by_subject(truths), prior), fig)
-    found = content(draws, subject, coordinates, _of_one(truths), prior)
-    figure = shown.figure_for(found) if fig is None else fig
-    axes = _panels(figure, found, quantiles=shown.MARKED, color=POSTERIOR)
-    _draw_contours(axes, found, **shown.AREAS)
-    _draw_prior(axes, found)
-    _draw_truths(axes, found)
-    for i, span in enumerate(found.spans):
-        _draw_ticks(axes, i, span)
-    _lay_out(figure, axes, found.lines)
+    subjects, alone = ([subject], True) if isinstance(subject, str) else (list(subject), False)
+    if not alone and (not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects)):
+        raise InputError(f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once")
+    known = _truths_by_subject(truths, subject)
+    shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in subjects]
+    spans = [(min(low for low, _ in of), max(high for _, high in of)) for of in zip(*(one.spans() for one in shown), strict=True)]
+    words = (_words_of_one(draws, shown[0], spans) if alone else _words_of_several(draws, shown)) + [
+        *([_Words("grey: prior")] if prior is not None else []),
+        _Words("intensities: natural log"),
+    ]
+    figure = _new_figure(len(spans), words) if fig is None else fig
+    for one, (colour, line) in zip(shown, OVERLAID, strict=False):
+        _draw_posterior(figure, one, spans, colour, line, alone=alone)
+    diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
+    believed = [] if prior is None else [one.believed(prior, spans) for one in shown]
+    for i, (ax, span) in enumerate(zip(diagonal, spans, strict=True)):
+        bars = [np.histogram(one.samples[:, i], BINS, span)[0] for one in shown] + [of[i] for of in believed]
+        ax.set_ylim(0.0, 1.1 * max(float(one.max()) for one in bars))  # each subject's panels were fitted to it alone
+        for of, (_, line) in zip(believed, OVERLAID, strict=False):
+            if of is believed[0] or not np.array_equal(of[i], believed[0][i]):
+                ax.stairs(of[i], np.linspace(*span, BINS + 1), color=PRIOR, lw=1.4, ls=line, label="prior")
+    _lay_out(figure, spans, words)
     return figure
 
 
-def _overlay(found: Sequence[Content], fig: Figure | None) -> Figure:
-    """Several subjects in the same panels: outlines without areas."""
-    figure = shown.figure_for(found[0]) if fig is None else fig
-    for one, (colour, line) in zip(found, OVERLAID, strict=False):
-        axes = _panels(figure, one, color=colour, hist_kwargs={"color": colour, "linestyle": line, "linewidth": 1.4})
-        _draw_contours(axes, one, facecolors="none", edgecolors=colour, linestyles=line, linewidths=1.6)
-        for ax, median in zip(axes.diagonal(), one.marked[1], strict=True):
-            ax.axvline(median, color=colour, lw=1.0, ls=line)
-    for i, (ax, span) in enumerate(zip(axes.diagonal(), found[0].spans, strict=True)):
-        edges = np.linspace(*span, shown.BINS + 1)
-        ax.set_ylim(0.0, 1.1 * float(max(np.histogram(one.samples[:, i], edges)[0].max() for one in found)))  # each call fits its own
-    for one, (colour, line) in zip(found, OVERLAID, strict=False):
-        if one is found[0] or any(not np.array_equal(mine, first) for mine, first in zip(one.believed, found[0].believed, strict=True)):
-            _draw_prior(axes, one, line)
-        _draw_overlaid_truths(axes, one, colour)
-    for i, span in enumerate(found[0].spans):
-        _draw_ticks(axes, i, span)
-    _lay_out(figure, axes, found[0].lines)
-    return figure
-
-
-def _draw_overlaid_truths(axes: npt.NDArray[Any], found: Content, colour: str) -> None:
-    """Squares where two true values cross, triangles below one: lines would be taken for medians."""
-    values, style = [found.known.get(name) for name in found.names], {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
-    for i, below in enumerate(values):
-        for j, across in enumerate(values[: i + 1]):
-            if across is not None and j == i:
-                axes[i, i].plot(across, 0.0, "^", ms=7, clip_on=False, **style)
-            elif across is not None and below is not None:
-                axes[i, j].plot(across, below, "s", ms=5, **style)
-
-
-def _of_one(truths: Values | Mapping[str, Values] | None) -> Values | None:
-    """True values of one subject, which are numbers."""
-    if truths is None:
-        return None
-    nested = [name for name, value in truths.items() if isinstance(value, Mapping)]
-    if nested:
+def _truths_by_subject(truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]) -> Mapping[str, Values]:
+    """True values by subject, of one or of several."""
+    nested = [name for name, value in (truths or {}).items() if isinstance(value, Mapping)]
+    if isinstance(subject, str) and nested:
         raise InputError(
             f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as truths[{nested[0]!r}]"
         )
-    return cast("Values", truths)
+    if not isinstance(subject, str) and len(nested) < len(truths or {}):
+        raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
+    return cast("Mapping[str, Values]", {} if truths is None else {subject: truths} if isinstance(subject, str) else truths)
 
 
-def _by_subject(truths: Values | Mapping[str, Values] | None) -> Mapping[str, Values] | None:
-    """True values of several subjects, by their names."""
-    if truths is None or all(isinstance(value, Mapping) for value in truths.values()):
-        return cast("Mapping[str, Values] | None", truths)
-    raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
+# --- what is shown of a subject -----------------------------------------------------------------------------------------------------
 
 
-def _panels(figure: Figure, found: Content, **style: Any) -> npt.NDArray[Any]:
-    """Histograms, with panels for contours; returns the Axes, of which those above the diagonal are empty."""
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Quantities of one subject: their draws, shape (draws, quantities), and true values."""
+
+    subject: str
+    target: Answering
+    model: str
+    names: tuple[str, ...]
+    samples: FloatArray
+    known: Values
+
+    @classmethod
+    def of(cls, draws: Draws, subject: str, coordinates: str | Sequence[str], truths: Values | None) -> _Shown:
+        """What is asked for, refused where it cannot be."""
+        target = draws.posterior(subject)
+        if len(coordinates) == 0:
+            raise InputError(f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(target.names.all)}")
+        if isinstance(coordinates, str) and coordinates not in COORDINATES:
+            raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
+        kinds = {"natural": target.names.natural, "identified": target.names.identified}
+        names = kinds[coordinates] if isinstance(coordinates, str) else tuple(coordinates)
+        samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
+        return cls(subject, target, draws.model, names, samples, {} if truths is None else known_from(truths, target))
+
+    def spans(self) -> list[Span]:
+        """From where to where each quantity is to be seen."""
+        return spans_of(self.samples, self.names, self.target)
+
+    def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
+        """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
+        target = posterior_of(self.target.subject, prior, model=self.model)
+        if isinstance(target, Posterior):
+            drawn = _of_design(target.model, target.prior, target.sbar)
+        else:
+            drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
+        scale = len(self.samples) / PRIOR_DRAWS
+        return [scale * np.histogram(drawn[name], BINS, span)[0] for name, span in zip(self.names, spans, strict=True)]
+
+
+@lru_cache(maxsize=1)
+def _of_design(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
+    """Draws from the prior are the same for all subjects of a design, one after the other."""
+    return prior_draws(model, prior, sbar)
+
+
+def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> list[Span]:
+    """Axis limits of quantities, within their support: a few draws far out in a funnel do not squeeze the rest into one bin."""
+    ends = np.quantile(samples, SPANNED, axis=0).T.tolist()
+    pads = [0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12 for low, high in ends]
+    supports = [support(target, name) for name in names]
+    return [(max(low - pad, of[0]), min(high + pad, of[1])) for (low, high), pad, of in zip(ends, pads, supports, strict=True)]
+
+
+def support(target: Answering, name: str) -> Span:
+    """Where a quantity can lie."""
+    if name in ("mu1", "offset"):
+        return -np.inf, np.inf
+    if name in ("gamma", "rho") or name.startswith("q"):
+        return 0.0, 1.0
+    if name.startswith("sigma") or name == "width":
+        return 0.0, np.inf
+    return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
+
+
+def known_from(truths: Values, target: Answering) -> dict[str, float]:
+    """The true values given and all that follow from them."""
+    allowed = target.names.all
+    for name, value in truths.items():
+        if name not in allowed:
+            raise InputError(f"truths: unknown quantity {name!r}; there are: {', '.join(allowed)}")
+        if not np.isfinite(value) or (name == "sigma_p" and value <= 0):
+            raise InputError(f"truths: {name}={value!r}, allowed: a {'positive ' if name == 'sigma_p' else ''}finite number")
+    # NaN stands for what was not given, and marks what cannot be known without it.
+    given = {name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural}
+    if isinstance(target, Posterior) and set(NATURAL) <= set(given):  # the paper's parameters may also lie outside the prior's support
+        found = quantities(Natural(*(given[name] for name in NATURAL)), target.sbar)
+    else:
+        found = target.quantities(target.points(given))
+    follow = {name: float(value) for name, value in found.items() if np.isfinite(value)}
+    return {**follow, **truths}
+
+
+# --- panels -------------------------------------------------------------------------------------------------------------------------
+
+
+class Density(NamedTuple):
+    """Smoothed counts of draws in the bins of a panel, two more bins on every side, and the levels of its contours.
+
+    Attributes
+    ----------
+    x, y : array, shape (BINS + 4,)
+        Middles of the bins.
+    values : array, shape (BINS + 4 up, BINS + 4 across)
+        The outermost bins have the least of all values, the next ones those of their neighbours within.
+    levels : tuple of float
+        Densities above which the shares :data:`LEVELS` of all draws lie, linear between middles of bins.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    values: FloatArray
+    levels: tuple[float, ...]
+
+    @classmethod
+    def of(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
+        """Of draws, shape (draws,) each, in a panel that reaches so far."""
+        smooth = gaussian_filter(np.histogram2d(y, x, BINS, [up, across])[0], 1.0)
+        values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
+        places = [(draws - low) / (high - low) * BINS + AROUND - 0.5 for draws, (low, high) in ((y, up), (x, across))]
+        at_draws = map_coordinates(values, places, order=1, mode="constant", cval=-1.0)  # outside, less than any density
+        middles = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
+        levels = np.quantile(at_draws, 1.0 - np.array(LEVELS)).tolist()
+        middle_x, middle_y = (low + (high - low) * middles for low, high in (across, up))
+        return cls(middle_x, middle_y, values, tuple(levels))
+
+
+def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool) -> None:
+    """Histograms, contours and true values of one subject; in a figure that has panels already, over what is there."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # ArviZ, which corner imports, announces itself once a day
-        from corner import corner as panels
-
-    panels(
-        found.samples,
+        warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23, which corner imports, announces its refactoring
+        import corner as library  # takes a second, which who only wants spans and densities need not wait
+    library.corner(
+        one.samples,
         fig=figure,
-        bins=shown.BINS,
-        range=list(found.spans),
-        labels=found.labels,
+        bins=BINS,
+        range=list(spans),
+        labels=[LABELS.get(name, name) for name in one.names],
+        label_kwargs={"fontsize": 13},
+        max_n_ticks=0,
+        color=colour,
+        hist_kwargs={"color": colour} if alone else {"color": colour, "linestyle": line, "linewidth": 1.4},
+        quantiles=MARKED if alone else None,
         plot_datapoints=False,
         plot_density=False,
         plot_contours=False,
-        label_kwargs={"fontsize": 13},
-        **style,
     )
-    return np.array(figure.axes).reshape(len(found.names), len(found.names))
+    axes, truths = np.array(figure.axes).reshape(len(spans), len(spans)), [one.known.get(name, np.nan) for name in one.names]
+    for j, i in combinations(range(len(spans)), 2):
+        _draw_contours(axes[i, j], Density.of(one.samples[:, j], one.samples[:, i], spans[j], spans[i]), colour, line, filled=alone)
+    if alone:
+        for i, value in ((i, value) for i, value in enumerate(truths) if not np.isnan(value)):
+            for ax in axes[i:, i]:
+                ax.axvline(value, color=TRUTH)
+            for ax in axes[i, :i]:
+                ax.axhline(value, color=TRUTH)
+        library.overplot_points(figure, [truths], marker="s", color=TRUTH)
+    else:  # lines would be taken for medians
+        style: dict[str, Any] = {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
+        library.overplot_points(figure, [truths], marker="s", ms=5, **style)
+        for ax, median, value in zip(axes.diagonal(), np.median(one.samples, axis=0), truths, strict=True):
+            ax.axvline(median, color=colour, lw=1.0, ls=line)
+            ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
 
 
-def _draw_contours(axes: npt.NDArray[Any], found: Content, **style: Any) -> None:
-    """Outlines, or areas, that hold the shares :data:`~bayes_toe.plots.corner_content.LEVELS` of the draws."""
-    from matplotlib.collections import PathCollection
-
-    for j, i in combinations(range(len(found.names)), 2):
-        (x, y), spans = found.samples[:, [j, i]].T, (found.spans[j], found.spans[i])
-        areas = Density.of(x, y, *spans).areas(*spans)
-        axes[i, j].add_collection(PathCollection(areas, transform=axes[i, j].transData, **style), autolim=False)
-
-
-def _draw_prior(axes: npt.NDArray[Any], found: Content, line: str = "solid") -> None:
-    for ax, span, counts in zip(axes.diagonal(), found.spans, found.believed, strict=False):
-        ax.stairs(counts, np.linspace(*span, shown.BINS + 1), color=shown.PRIOR, lw=1.4, ls=line, label="prior")
-        ax.set_ylim(top=max(ax.get_ylim()[1], 1.1 * counts.max()))
+def _draw_contours(ax: Axes, found: Density, colour: str, line: str, *, filled: bool) -> None:
+    """Areas or outlines that hold the shares :data:`LEVELS` of the draws; where all draws are one point there is one level."""
+    levels = np.unique(found.levels)
+    if filled:
+        colours = [(colour, 1.0 / 3.0), colour][-len(levels) :]
+        ax.contourf(found.x, found.y, found.values, [*levels, 2.0 * found.values.max()], colors=colours)
+    ax.contour(found.x, found.y, found.values, levels, colors=colour, linestyles=line, linewidths=1.5, zorder=1.5)
 
 
-def _draw_truths(axes: npt.NDArray[Any], found: Content) -> None:
-    values = [found.known.get(name) for name in found.names]
-    for i, below in enumerate(values):
-        for j, across in enumerate(values[: i + 1]):
-            _draw_truth(axes[i, j], across, below if j < i else None)
+# --- words and layout ---------------------------------------------------------------------------------------------------------------
 
 
-def _draw_truth(ax: Axes, x: float | None, y: float | None) -> None:
-    if x is not None:
-        ax.axvline(x, color=TRUTH)
-    if y is not None:
-        ax.axhline(y, color=TRUTH)
-    if x is not None and y is not None:
-        ax.plot(x, y, "s", color=TRUTH)
+class _Words(NamedTuple):
+    """A line of the title or the key; its size in points."""
+
+    text: str
+    size: float = 10.0
+    weight: str = "normal"
+    colour: str = "#444444"
 
 
-def _draw_ticks(axes: npt.NDArray[Any], i: int, span: tuple[float, float]) -> None:
-    """Ticks of one quantity: below its column and left of its row."""
-    ticks = shown.ticks(*span)
-    for ax in axes[i:, i]:
-        ax.set_xticks(ticks, [])
-    for ax in axes[i, :i]:
-        ax.set_yticks(ticks, [])
-    axes[-1, i].set_xticks(ticks, shown.tick_labels(ticks), rotation=45, ha="right", va="top", rotation_mode="anchor")
-    if i > 0:
-        axes[i, 0].set_yticks(ticks, shown.tick_labels(ticks), rotation=0)
+def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Words]:
+    """Who it is, what is drawn, and true values that lie outside their panels."""
+    found = [_Words(plain(one.subject, 24), 14.0, "bold", "black"), _Words(draws.model, 11.0, colour="black")]
+    found += [_Words("synthetic data", 11.0, colour="black")] if draws.synthetic else []
+    found += [_Words("NOT CONVERGED", 13.0, "bold", "black")] if one.subject in draws.not_converged else []
+    found += [_Words("blue: posterior" + (", contours 50 and 90 %" if len(spans) > 1 else "")), _Words("dashed: 5, 50, 95 %")]
+    known = [
+        (name, one.known[name], low <= one.known[name] <= high)
+        for name, (low, high) in zip(one.names, spans, strict=True)
+        if name in one.known
+    ]
+    outside = [f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−") for name, value, inside in known if not inside]
+    found += [_Words("red: true value")] if len(outside) < len(known) else []
+    return found + ([_Words(f"true value outside: {', '.join(outside)}")] if outside else [])
 
 
-def _lay_out(figure: Figure, axes: npt.NDArray[Any], lines: Sequence[shown.Line]) -> None:
-    """Place panels, axis labels and words; all measures in inches."""
-    count = len(axes)
+def _words_of_several(draws: Draws, shown: Sequence[_Shown]) -> list[_Words]:
+    """Each subject in its colour, with its line in words, for who cannot tell the colours apart."""
+    found, several = [], len(shown[0].names) > 1
+    for one, (colour, line) in zip(shown, OVERLAID, strict=False):
+        missed = ", NOT CONVERGED" if one.subject in draws.not_converged else ""
+        found.append(_Words(f"{plain(one.subject, 20)} ({line}{missed})", 12.0, "bold", colour))
+    found.append(_Words(f"{draws.model}, synthetic data" if draws.synthetic else draws.model, 11.0, colour="black"))
+    found += [_Words("contours: 50 and 90 %")] if several else []
+    marked = any(name in one.known for one in shown for name in one.names)
+    return [*found, _Words("upright: medians"), *([_Words(f"{'squares, ' if several else ''}triangles: true values")] if marked else [])]
+
+
+def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
+    """A figure of its own for so many panels a side, with room above them for words that have none beside them."""
+    panel = _LONE_PANEL if count == 1 else _PANEL
+    side = count * panel + (count - 1) * _GAP
+    wide, high = _LEFT + side + _MARGIN, _BELOW + side + _MARGIN
+    return new_figure(wide, high + _header(count, panel, words, wide), layout=None)
+
+
+def _header(count: int, panel: float, words: Sequence[_Words], wide: float) -> float:
+    """Inches of words above the panels: none where they stand beside the topmost one."""
+    if (count - 1) * (panel + _GAP) >= _WORDS:
+        return 0.0
+    return _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
+
+
+_LINE = 1.3 / 72.0  # inches from a line to the next, by its points
+
+
+def _lines(words: Sequence[_Words], room: float) -> list[tuple[_Words, str]]:
+    """Words in lines that are no wider than so many inches."""
+    letters = [room * 72.0 / ((0.68 if one.weight == "bold" else 0.54) * one.size) for one in words]
+    return [(one, line) for one, most in zip(words, letters, strict=True) for line in wrap(one.text, max(8, int(most)))]
+
+
+def _lay_out(figure: Figure, spans: Sequence[Span], words: Sequence[_Words]) -> None:
+    """Place panels, ticks and words; all measures in inches."""
+    count = len(spans)
     wide, high = (float(side) / figure.dpi for side in (figure.bbox.width, figure.bbox.height))
-    across = (wide - LEFT - RIGHT - (count - 1) * GAP) / count
-    header = shown.header(count, across, lines)
-    down = (high - BOTTOM - TOP - header - (count - 1) * GAP) / count
-    figure.subplots_adjust(
-        left=LEFT / wide,
-        right=1.0 - RIGHT / wide,
-        bottom=BOTTOM / high,
-        top=1.0 - (TOP + header) / high,
-        wspace=GAP / across,
-        hspace=GAP / down,
-    )
-    for i in range(count):
-        axes[-1, i].xaxis.set_label_coords(0.5, -shown.LABEL_BELOW / down)
-        axes[i, 0].yaxis.set_label_coords(-shown.LABEL_LEFT / across, 0.5)
-    shown.write(figure, lines, count, across)
+    across = (wide - _LEFT - _MARGIN - (count - 1) * _GAP) / count
+    header = _header(count, across, words, wide)
+    down = (high - _BELOW - _MARGIN - header - (count - 1) * _GAP) / count
+    figure.subplots_adjust(_LEFT / wide, _BELOW / high, 1.0 - _MARGIN / wide, 1.0 - (_MARGIN + header) / high, _GAP / across, _GAP / down)
+    axes = np.array(figure.axes).reshape(count, count)
+    for i, (start, end) in enumerate(spans):
+        found, margin = np.asarray(MaxNLocator(4).tick_values(start, end)), 0.06 * (end - start)
+        ticks = found[(found >= start + margin) & (found <= end - margin)]  # whose labels do not touch the next panel's
+        for ax in axes[i:, i]:
+            ax.set_xticks(ticks)
+        for ax in axes[i, :i]:
+            ax.set_yticks(ticks)
+        axes[-1, i].tick_params(axis="x", labelrotation=45)
+        axes[-1, i].xaxis.set_label_coords(0.5, -_LABEL / down)
+        axes[i, 0].yaxis.set_label_coords(-_LABEL / across, 0.5)
+    above, room = (True, wide - 2.0 * _MARGIN) if header else (False, (count - 1) * (across + _GAP))
+    y = high - _MARGIN
+    for one, line in _lines(words, room):
+        x, side = (_MARGIN, "left") if above else (wide - _MARGIN, "right")
+        figure.text(x / wide, y / high, line, size=one.size, weight=one.weight, color=one.colour, ha=side, va="top")
+        y -= _LINE * one.size

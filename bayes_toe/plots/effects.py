@@ -12,8 +12,7 @@ from bayes_toe.comparison.words import compared
 from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
-from bayes_toe.plots.corner_content import MARKED
-from bayes_toe.plots.style import COLUMN, POSTERIOR, SMALL, dress, panel, plain
+from bayes_toe.plots.style import COLUMN, MARKED, POSTERIOR, SMALL, dress, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

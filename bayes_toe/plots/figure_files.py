@@ -5,17 +5,15 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
+import matplotlib as mpl
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.figure import Figure
 
 from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import any_characters
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 #: Those that commands offer; :func:`save_figure` takes what else matplotlib writes.
 FORMATS = ("pdf", "png", "svg")
@@ -28,27 +26,8 @@ _UNDATED: dict[str, dict[str, None]] = {
 
 
 def png(figure: Figure, *, dpi: int = 150) -> bytes:
-    """A figure as PNG; characters that the font lacks are drawn as boxes without a warning.
-
-    Drawn once, where matplotlib's own way draws a figure that has a layout twice, and without transparency, which takes longer to compress.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.font_manager import fontManager
-    from PIL import Image
-
-    figure.set_dpi(dpi)
-    canvas: Any = FigureCanvasAgg(figure)
-    buffer = io.BytesIO()
-    known = set(fontManager.get_font_names())  # of a dozen families, each is looked for again for every word
-    settings: dict[Any, Any] = {
-        "text.hinting": "no_hinting",  # letters as they are: browsers scale these pictures
-        "font.sans-serif": [family for family in mpl.rcParams["font.sans-serif"] if family in known],
-    }
-    with any_characters(), mpl.rc_context(settings):
-        canvas.draw()
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "png", compress_level=1, dpi=(dpi, dpi))
-    return buffer.getvalue()
+    """A figure as the content of a PNG file."""
+    return picture(figure, "png", dpi=dpi)
 
 
 def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
@@ -120,17 +99,20 @@ def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
 
 
 def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
-    import matplotlib as mpl
-
-    # Only in here: fonts as fonts, not as outlines, which some journals refuse; names in an SVG from its content, not from chance.
-    settings: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "bayes_toe"}
+    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as outlines, which some journals refuse;
+    # names in an SVG from its content, not from chance.
+    settings: dict[Any, Any] = {
+        "text.hinting": "no_hinting",
+        "pdf.fonttype": 42,
+        "ps.fonttype": 42,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "bayes_toe",
+    }
     with any_characters(), mpl.rc_context(settings):
         figure.savefig(where, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
 def _require_suffix(path: str | Path) -> str:
-    from matplotlib.backend_bases import FigureCanvasBase
-
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")

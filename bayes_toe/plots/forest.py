@@ -8,10 +8,9 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.population import Population
-from bayes_toe.plots.corner_content import LABELS, MARKED
 from bayes_toe.plots.said_interval import said_interval
 from bayes_toe.plots.sorted import HIGH
-from bayes_toe.plots.style import BAND, BELIEF, POSTERIOR, SMALL, dress, panel, plain
+from bayes_toe.plots.style import BAND, BELIEF, LABELS, MARKED, POSTERIOR, SMALL, dress, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,12 @@ import numpy as np
 
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
-from bayes_toe.plots.corner_content import MARKED
 from bayes_toe.plots.effects import ASYMMETRY, direction, effects_axes
 from bayes_toe.plots.forest import LONGEST, MOST_NAMED_IN_GROUP, Marked, forest_axes, forest_height, main_quantities, marked
 from bayes_toe.plots.group_check import predictive_check_axes
 from bayes_toe.plots.new_subject import new_subject_axes
 from bayes_toe.plots.said_interval import said_interval
-from bayes_toe.plots.style import BAD, LETTERS, PAGE, SMALL, even_columns, new_figure, plain
+from bayes_toe.plots.style import BAD, LETTERS, MARKED, PAGE, SMALL, even_columns, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

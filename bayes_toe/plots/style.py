@@ -27,6 +27,25 @@ BAD, BAND = "#C00000", "#EDEDED"
 #: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
 COLUMN, PAGE = 3.4, 7.0
 SMALL, LETTERS = 7.0, 8.0
+#: Quantiles that lines and intervals mark.
+MARKED = (0.05, 0.5, 0.95)
+LABELS = {
+    "mu1": r"$\mu_1$",
+    "sigma_p": r"$\sigma_p$",
+    "sigma_l": r"$\sigma_\ell$",
+    "q0": r"$q_0$",
+    "gamma": r"$\gamma$",
+    "sigma1": r"$\sigma_1$",
+    "gain": r"gain $K$",
+    "width": r"width $w$",
+    "offset": r"offset $c$",
+    "pull": r"pull $p$",
+    "rho": r"$\rho$",
+    "noise_slope": r"noise slope $b$",
+    "lapse_rate": r"lapse rate $\lambda$",
+    "exponent": r"exponent $\nu$",
+    "icc": "intra-class\ncorrelation",
+}
 
 
 class Mark(NamedTuple):

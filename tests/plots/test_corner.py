@@ -4,14 +4,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
+from matplotlib.path import Path
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, derived
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.corner_content import LABELS, OVERLAID, TRUTH, support
-from bayes_toe.plots.figure_files import png
+from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
+from bayes_toe.plots.style import LABELS
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 
@@ -41,7 +43,36 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
         assert np.isclose(drawn, value).any()
     assert axes[3, 3].get_xlim()[1] <= 1.0
     assert any("grey: prior" in text.get_text() for text in figure.texts)
-    assert png(figure).startswith(b"\x89PNG")
+
+
+def held(areas, points):
+    """Share of points within each area: a ring in a ring is a hole."""
+    rings = [area.to_polygons() for area in areas]
+    return [np.mean(np.sum([Path(ring).contains_points(points) for ring in within], axis=0) % 2) for within in rings]
+
+
+def test_areas_hold_their_shares_of_the_draws(analysis):
+    names = ["mu1", "sigma_p", "gain"]
+    axes = np.array(bt.plots.corner(analysis.draws, "A", coordinates=names).axes).reshape(3, 3)
+    samples = np.column_stack([analysis.draws.values("A", name).ravel() for name in names])
+    for j, i in [(0, 1), (0, 2), (1, 2)]:
+        lines = axes[i, j].findobj(lambda one: isinstance(one, ContourSet) and not one.filled)[0]
+        assert held(lines.get_paths(), samples[:, [j, i]]) == pytest.approx([0.9, 0.5], abs=0.015)
+
+
+def test_levels_are_those_of_a_narrow_peak_with_long_tails():
+    rng = np.random.default_rng(1)
+    x = rng.standard_t(1.5, 20_000)
+    y = np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, x.size)
+    found = Density.of(x, y, *(tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y)))
+    lines = Figure().subplots().contour(found.x, found.y, found.values, sorted(found.levels))
+    assert held(lines.get_paths(), np.column_stack([x, y])) == pytest.approx([0.9, 0.5], abs=0.01)
+
+
+def test_draws_that_are_one_point_have_one_level():
+    x = np.full(100, 0.5 / BINS)  # the middle of the first bin, where the density is largest
+    found = Density.of(x, x, (0.0, 1.0), (0.0, 1.0))
+    assert found.levels == (found.values.max(),) * 2
 
 
 def test_corner_in_identified_or_any_coordinates(analysis):
@@ -72,6 +103,7 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
     # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of 2.
     assert np.diff(at).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
+    assert all(figure.bbox.y0 <= ax.xaxis.label.get_window_extent().y0 for ax in axes[-1])
 
 
 def test_drawn_into_a_part_of_a_figure(analysis):
@@ -143,7 +175,7 @@ def test_several_subjects_share_their_panels(analysis):
         assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx([np.median(one) for one in values])
         tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
-    [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s"]
+    [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()]
     assert (square.get_color(), float(square.get_xdata()[0])) == (OVERLAID[1][0], pytest.approx(float(derived_gain())))
     assert "A (solid)" in words(figure)
     assert "squares, triangles: true values" in words(figure)

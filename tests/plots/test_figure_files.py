@@ -2,11 +2,13 @@
 
 import io
 
+import numpy as np
 import pytest
-from PIL import Image
+from matplotlib.colors import to_hex
+from matplotlib.image import imread
 
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.plots.figure_files import png, require_figure
+from bayes_toe.plots.figure_files import picture, require_figure
 from bayes_toe.plots.style import POSTERIOR, new_figure
 
 
@@ -26,8 +28,9 @@ def test_a_picture_is_what_the_figure_is_and_the_same_each_time():
     ax = figure.subplots()
     ax.barh([0, 1], [1, 2], color=POSTERIOR)
     ax.set_title("words")
-    image = Image.open(io.BytesIO(png(figure, dpi=100)))
-    assert (image.mode, image.size) == ("RGB", (300, 200))
-    colours = {colour for _, colour in image.getcolors(1 << 16)}
-    assert {(255, 255, 255), (0x00, 0x72, 0xB2), (0, 0, 0)} < colours
-    assert png(figure, dpi=100) == png(figure, dpi=100)
+    image = imread(io.BytesIO(picture(figure, "png", dpi=100)))
+    assert image.shape[:2] == (200, 300)
+    colours = {to_hex(colour) for colour in np.unique(image.reshape(-1, image.shape[2]), axis=0)}
+    assert {"#ffffff", POSTERIOR.lower(), "#000000"} < colours
+    for suffix in ("pdf", "png", "svg"):
+        assert picture(figure, suffix) == picture(figure, suffix)
