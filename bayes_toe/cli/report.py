@@ -31,7 +31,7 @@ from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.target import DOMINATED
-from bayes_toe.plots.sorted import MOST_NAMED
+from bayes_toe.plots.style import MOST_NAMED
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,10 +26,9 @@ from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
-from bayes_toe.plots.curves import curves
+from bayes_toe.plots.curves import curves, interval_curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.intervals import interval_curves
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.prior_predictive import prior_predictive_figure

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
-from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison, SubjectAsymmetry
-from bayes_toe.plots.sorted import HIGH, MOST_NAMED
-from bayes_toe.plots.style import EQUAL, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_above, panel, plain
+from bayes_toe.arrays import FloatArray
+from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison
+from bayes_toe.plots.style import EQUAL, HIGH, MOST_NAMED, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_above, panel, plain
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-
+#: Colour and marker of the order in which 'equal' is likelier, by the sign of the asymmetry.
+_MARKS = {1: (STRONGER_FIRST, "s"), -1: (WEAKER_FIRST, "o"), 0: (EQUAL, "D")}
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
 _ROW, _MARGIN = 0.22, 1.05
 #: Comparisons of one subject beyond which the row shows them without error bars.
@@ -54,7 +55,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
 
     Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ at `level` by the
     exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source: Fig. 1C and
-    Results, response asymmetries. More than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects are sorted by their largest asymmetry,
+    Results, response asymmetries. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by their largest asymmetry,
     without names and without the other comparisons.
 
     Parameters
@@ -75,10 +76,21 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     for i, row in enumerate(rows):
         if i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
-        _draw_row(ax, i, row, level)
-    _draw_errors(ax, rows)
+        if not row.comparisons:
+            where = ax.get_yaxis_transform()
+            ax.text(0.99, i, "no pair in both orders", transform=where, ha="right", va="center", fontsize=SMALL, color=EQUAL)
+    counts = [len(row.comparisons) for row in rows]
+    y = np.array([i + 0.7 * ((j + 0.5) / count - 0.5) for i, count in enumerate(counts) for j in range(count)])
+    value, error, p, largest = _columns([one for row in rows for one in row.comparisons])
+    barred = np.where((np.repeat(counts, counts) > _CROWDED) & (largest == 0), np.nan, error)
+    for (sign, (colour, marker)), sure, large in product(_MARKS.items(), (False, True), (False, True)):
+        at = (np.sign(value) == sign) & ((p < level) == sure) & (largest == large)
+        if at.any():
+            style: dict[str, Any] = {"ms": 4.2, "elinewidth": 0.7, "zorder": 3} if large else {"ms": 2.4, "elinewidth": 0.4, "zorder": 2}
+            face = colour if sure else "white"
+            ax.errorbar(value[at], y[at], xerr=barred[at], fmt=marker, color=colour, mfc=face, mew=0.7, **style)
     ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in rows])
-    reach = _reach(rows)
+    reach = min(1.05, 1.08 * float((np.abs(value) + error).max())) if len(value) else 1.0  # zero is in the middle
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
     dress(ax).tick_params(axis="y", length=0)
     _draw_key(ax, level)
@@ -93,19 +105,24 @@ def asymmetry_height(table: AsymmetryTable) -> float:
     return _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0)
 
 
+def _columns(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Asymmetry, its standard deviation, adjusted p-value, and whether it is the subject's largest, shape (4, comparisons)."""
+    return np.array([(one.asymmetry, one.asymmetry_se, one.p_adjusted, one.is_maximal) for one in comparisons], np.float64).reshape(-1, 4).T
+
+
 def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int, level: float) -> None:
     """The largest asymmetry of each subject, sorted, those that are significant in colour."""
     ordered = sorted(largest, key=lambda one: -one.asymmetry)
-    value, error, p = (np.array([getattr(one, key) for one in ordered]) for key in ("asymmetry", "asymmetry_se", "p_adjusted"))
+    value, error, p, _ = _columns(ordered)
     y = np.arange(len(value))
     ax.hlines(y, value - error, value + error, color="#D9D9D9", lw=min(0.8, 250.0 / max(len(value), 1)), zorder=1)
-    for sign, (word, marker) in {1: ("stronger", "s"), -1: ("weaker", "o"), 0: ("neither", "D")}.items():
-        for sure in (False, True):
-            at = (np.sign(value) == sign) & ((p < level) == sure)
-            if at.any():
-                colour, said = _mark_of(sign)[0], f"p < {level:g} (Holm)" if sure else f"p ≥ {level:g}"
-                label = f"'equal' likelier {word} first, {said}: {at.sum():,}" if sign else f"neither order: {at.sum():,}"
-                ax.plot(value[at], y[at], marker, ms=2.6, mew=0.4, color=colour, mfc=colour if sure else "white", label=label)
+    for (sign, (colour, marker)), sure in product(_MARKS.items(), (False, True)):
+        at = (np.sign(value) == sign) & ((p < level) == sure)
+        if at.any():
+            said = f"p < {level:g} (Holm)" if sure else f"p ≥ {level:g}"
+            words = f"'equal' likelier {'stronger' if sign > 0 else 'weaker'} first, {said}" if sign else "neither order"
+            style: dict[str, Any] = {"ms": 2.6, "mew": 0.4, "color": colour, "mfc": colour if sure else "white"}
+            ax.plot(value[at], y[at], marker, label=f"{words}: {at.sum():,}", **style)
     if len(value) < subjects:
         words = f"no pair in both orders: {subjects - len(value):,}"
         ax.text(0.98, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=SMALL, color=EQUAL)
@@ -116,52 +133,8 @@ def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int, level:
     legend_above(ax)
 
 
-def _draw_row(ax: Axes, i: int, row: SubjectAsymmetry, level: float) -> None:
-    count = len(row.comparisons)
-    if not count:
-        ax.text(0.99, i, "no pair in both orders", transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=SMALL, color=EQUAL)
-    for one, y in zip(row.comparisons, _heights(i, count), strict=True):
-        colour, marker = _mark_of(one.asymmetry)
-        ax.errorbar(
-            one.asymmetry,
-            y,
-            fmt=marker,
-            ms=4.2 if one.is_maximal else 2.4,
-            mfc=colour if one.p_adjusted < level else "white",
-            mec=colour,
-            mew=0.7,
-            zorder=3 if one.is_maximal else 2,
-        )
-
-
-def _draw_errors(ax: Axes, rows: Sequence[SubjectAsymmetry]) -> None:
-    """All in one go: as many bars, one by one, would cost more than the rest of the figure."""
-    bars = [
-        (one, y)
-        for i, row in enumerate(rows)
-        for one, y in zip(row.comparisons, _heights(i, len(row.comparisons)), strict=True)
-        if len(row.comparisons) <= _CROWDED or one.is_maximal
-    ]
-    y, low, high = np.array([(y, one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se) for one, y in bars]).reshape(-1, 3).T
-    widths = [0.7 if one.is_maximal else 0.4 for one, _ in bars]
-    ax.hlines(y, low, high, colors=[_mark_of(one.asymmetry)[0] for one, _ in bars], lw=widths, zorder=1.9)
-
-
-def _heights(i: int, count: int) -> list[float]:
-    """Where the comparisons of a row stand."""
-    return [i + 0.7 * ((j + 0.5) / count - 0.5) for j in range(count)]
-
-
-def _mark_of(asymmetry: float) -> tuple[str, str]:
-    """Colour and marker of the order in which 'equal' is likelier; grey where neither is."""
-    if asymmetry == 0:
-        return EQUAL, "D"
-    return (STRONGER_FIRST, "s") if asymmetry > 0 else (WEAKER_FIRST, "o")
-
-
 def _draw_key(ax: Axes, level: float) -> None:
     """What colour, filling and size mean; above the panel, where no point can be, and over the names where these are long."""
-    from matplotlib.lines import Line2D
 
     def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mec=colour, mfc=colour if filled else "white", mew=0.7)
@@ -185,12 +158,6 @@ def _draw_key(ax: Axes, level: float) -> None:
         borderaxespad=0.2,
         labelspacing=0.25,
     )
-
-
-def _reach(rows: Sequence[SubjectAsymmetry]) -> float:
-    """Limits that are the same to both sides, so that the sign is seen at a glance."""
-    found = [abs(one.asymmetry) + one.asymmetry_se for row in rows for one in row.comparisons]
-    return min(1.05, 1.08 * max(found, default=0.9))
 
 
 def _said(p_value: float) -> str:

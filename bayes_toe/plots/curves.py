@@ -1,38 +1,44 @@
-"""Fitted curves over the answers: both orders over the stronger stimulus, or all pairs over the normalised distance."""
+"""Fitted curves over the answers of a subject: over the stronger stimulus, the normalised distance, or the inter-stimulus interval.
+
+Bands are central 60 % and 95 % of the posterior; between and beyond tested intervals they are predictions of the random walk.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.comparison.average import Average, Averages
 from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.plots.style import ORDERS, Mark, first_panels, legend_below, new_figure, plain
+from bayes_toe.model.intervals import require_intervals
+from bayes_toe.plots.style import EQUAL, MARKED, ORDERS, POSTERIOR, SMALL, Mark, dress, first_panels, legend_below, new_figure, panel, plain
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-
-#: Panels of one weaker stimulus each, beyond which curves give way to the normalised distance.
-_MAX_PANELS = 6
+#: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single panel.
+MOST_PANELS = 6
 CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
-#: Inches left and right of the panels, between columns, below the lowest row, below a row for its words, above it for its name.
-_LEFT, _RIGHT, _APART, _BELOW, _WORDS, _NAME = 0.6, 0.2, 0.2, 0.85, 0.5, 0.22
-_LABEL_BELOW, _LABEL_LEFT = 0.28, 0.4
-#: Of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another.
-_ASIDE = 0.7
+_ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
+_BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
+
+
+# --- one subject, over the stimuli --------------------------------------------------------------------------------------------------
 
 
 def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
@@ -44,65 +50,72 @@ def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
     counts = draws.subject(subject)
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    words = subject_and_model(draws, subject) if title is None else title
-    return answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), words)
+    words = _subject_and_model(draws, subject) if title is None else title
+    return _answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), words)
 
 
-def subject_and_model(draws: Draws, subject: str) -> str:
-    """The title of a figure of one subject."""
-    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + unconverged(draws, subject)
+def plot_average(averages: Averages, subject: str) -> Figure:
+    """Answers of one subject in both orders with P(equal) averaged over models: mean, central 60 % and 95 % bands.
+
+    Panels as in :func:`bayes_toe.plots.curves.curves`; with more than six weaker stimuli a single one over the difference of the stimuli,
+    where a line is the average for each pair. Below the title: medians (5 and 95 %), and how probable the models without the part are.
+
+    Raises
+    ------
+    InputError
+        For a subject without an average, or with several intervals.
+    """
+    one = averages[subject]
+    refuse_intervals([one.counts], "panel of both orders")
+    said = [f"{plain(subject)}: average over {len(one.models)} models" + (" (synthetic data)" if averages.synthetic else "")]
+    for name, words in {"pull": "pull", "offset": "constant error"}.items():
+        low, middle, high = (0.0 + round(value, 2) for value in np.quantile(one.values(name), MARKED).tolist())
+        said.append(f"{words} {middle:.2f} ({low:.2f}, {high:.2f}), none: {one.without(name):.2f}".replace("-", "−"))
+    return _answers_figure(one.counts, one.equal, lambda ax: _average_panel(ax, one), "\n".join(said))
 
 
-def over_panel(draws: Draws, subject: str) -> str:
-    """The title of a panel of one subject among others."""
-    return plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + unconverged(draws, subject)
+def _average_panel(ax: Axes, one: Average) -> None:
+    """Answers over the difference of the stimuli, with the average for each pair."""
+    distance_panel(ax, one.counts, None)
+    mean = one.equal(one.counts.s1, one.counts.s2).mean(axis=0)
+    order, difference = presentation_order(one.counts), one.counts.s2 - one.counts.s1
+    for sign, mark in ORDERS.items():
+        ax.plot(difference[order == sign], mean[order == sign], "_", color=mark.colour, ms=SMALL)
 
 
-def unconverged(draws: Draws, subject: str) -> str:
-    """A line below a title where the draws are not to be believed; else nothing."""
-    return "\nNOT CONVERGED" if subject in draws.not_converged else ""
-
-
-def answers_figure(counts: Subject, equal: Curve | None, many: Callable[[Axes], Axes], title: str) -> Figure:
-    """One panel per weaker stimulus with curves, or a single one, which `many` draws, where a design has more than six of those."""
+def _answers_figure(counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str) -> Figure:
+    """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
     weaker = weaker_stimuli(counts)
-    if not 1 <= len(weaker) <= _MAX_PANELS:
-        figure, [ax] = _answers_panels(1, title)
-        many(ax)
-    else:
-        figure, panels = _answers_panels(len(weaker), title)
-        for ax, stimulus in zip(panels, weaker, strict=True):
-            order_panel(ax, counts, equal, float(stimulus), title=len(weaker) > 1)
-        boxes = [ax.get_position() for ax in panels]
-        figure.supylabel("P('equal')", fontsize=10, x=0.012, y=(boxes[0].y1 + boxes[-1].y0) / 2)  # the middle of the panels
+    several = 1 <= len(weaker) <= MOST_PANELS
+    count = len(weaker) if several else 1
+    across = min(2, count)
+    down = -(-count // across)
+    figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
+    panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
+    for i, ax in enumerate(panels):
+        if several:
+            order_panel(ax, counts, equal, float(weaker[i]), title=count > 1)
+        else:
+            single(ax)
+        ax.set_ylabel("" if i % across else "P('equal')")
+    figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
 
 
-def _answers_panels(count: int, title: str) -> tuple[Figure, list[Axes]]:
-    """A figure under its title, and panels with room for their words, which all have the same size: no layout has to be found."""
-    across = min(2, count)
-    down = -(-count // across)
-    wide, high = 6.0, 3.8 if down == 1 else 2.5 * down + 0.6
-    over = 0.1 + 0.2 * len(title.splitlines()) + (_NAME if count > 1 else 0.0)
-    each = (wide - _LEFT - _RIGHT - (across - 1) * _APART) / across, (high - _BELOW - over - (down - 1) * (_WORDS + _NAME)) / down
-    figure = new_figure(wide, high, layout=None)
-    grid = figure.add_gridspec(
-        down,
-        across,
-        left=_LEFT / wide,
-        right=1.0 - _RIGHT / wide,
-        bottom=_BELOW / high,
-        top=1.0 - over / high,
-        wspace=_APART / each[0],
-        hspace=(_WORDS + _NAME) / each[1],
-    )
-    figure.suptitle(title, fontsize=12, y=1.0 - 0.05 / high, va="top")
-    panels = first_panels(grid, count, sharey=True)
-    for ax in panels:
-        ax.xaxis.set_label_coords(0.5, -_LABEL_BELOW / each[1])
-        ax.yaxis.set_label_coords(-_LABEL_LEFT / each[0], 0.5)
-    return figure, panels
+def _subject_and_model(draws: Draws, subject: str) -> str:
+    """The title of a figure of one subject."""
+    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + _unconverged(draws, subject)
+
+
+def over_panel(draws: Draws, subject: str) -> str:
+    """The title of a panel of one subject among others."""
+    return plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + _unconverged(draws, subject)
+
+
+def _unconverged(draws: Draws, subject: str) -> str:
+    """A line below a title where the draws are not to be believed; else nothing."""
+    return "\nNOT CONVERGED" if subject in draws.not_converged else ""
 
 
 def thinned(theta: Natural) -> Natural:
@@ -112,9 +125,12 @@ def thinned(theta: Natural) -> Natural:
 
 
 def natural_curve(theta: Natural) -> Curve:
-    """P(equal) of pairs at natural parameters, a few hundred of them, as the panels take it."""
+    """P(equal) of pairs at natural parameters, a few hundred of them, as the panel takes it."""
     some = thinned(theta)
     return lambda s1, s2: equal_probability(s1, s2, *some)
+
+
+# --- panels -------------------------------------------------------------------------------------------------------------------------
 
 
 def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, title: bool = False, size: float = 5.5) -> Axes:
@@ -141,11 +157,31 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
         if at.any():
             if equal is not None:
                 x, s1, s2 = pairs[order]
-                draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
-            draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
+                _draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
+            _draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     if title:
-        ax.set_title(said_weaker(weaker), fontsize=10)
+        ax.set_title(_said_weaker(weaker), fontsize=10)
+    return ax
+
+
+def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:
+    """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
+
+    Where nothing is fitted that connects them, over the difference of their stimuli.
+    """
+    refuse_intervals([counts], "panel of normalised distances")
+    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
+    reach = 1.05 * max(float(np.abs(z).max()), 0.3 if fitted is None else 1.43)
+    x = np.linspace(-reach, reach, 200)
+    if fitted is not None:
+        _draw_band(ax, x, fitted.equal_at_distance(x), "#333333")
+    for order, mark in ORDERS.items():
+        at = presentation_order(counts) == order
+        if at.any():
+            _draw_points(ax, z[at], counts, at, mark)
+    label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
+    ax.set(xlabel=label, ylabel="P('equal')", ylim=(-0.03, 1.03))
     return ax
 
 
@@ -154,8 +190,21 @@ def weaker_stimuli(counts: Subject) -> FloatArray:
     return np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
 
 
-def said_weaker(weaker: float) -> str:
-    """Which pairs a panel shows."""
+def main_weaker(counts: Subject) -> float | None:
+    """The weaker stimulus that most pairs of different stimuli share (the reference r of the paper's design); None without such pairs."""
+    weaker = np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
+    if not weaker.size:
+        return None
+    values, found = np.unique(weaker, return_counts=True)
+    return float(values[np.argmax(found)])
+
+
+def which_weaker(counts: Subject, weaker: float | None) -> str:
+    """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
+    return "" if weaker is None or len(weaker_stimuli(counts)) < 2 else _said_weaker(weaker)
+
+
+def _said_weaker(weaker: float) -> str:
     return f"weaker stimulus {weaker:.3g}".replace("-", "−")
 
 
@@ -180,45 +229,154 @@ def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 
-def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:
-    """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
-
-    Where nothing is fitted that connects them, over the difference of their stimuli.
-    """
-    refuse_intervals([counts], "panel of normalised distances")
-    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
-    reach = 1.05 * max(float(np.abs(z).max()), 0.3 if fitted is None else 1.43)
-    x = np.linspace(-reach, reach, 200)
-    if fitted is not None:
-        draw_band(ax, x, fitted.equal_at_distance(x), "#333333")
-    for order, mark in ORDERS.items():
-        at = presentation_order(counts) == order
-        if at.any():
-            draw_points(ax, z[at], counts, at, mark)
-    label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
-    ax.set(xlabel=label, ylabel="P('equal')", ylim=(-0.03, 1.03))
-    return ax
-
-
-def draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
+def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
     """Mean over draws (the first axis of q) and central 60 % and 95 % bands."""
-    edges = np.quantile(q, [edge for low, high, _ in _BANDS for edge in (low, high)], axis=0).reshape(len(_BANDS), 2, -1)
-    for (*_, opacity), (low, high) in zip(_BANDS, edges, strict=True):
-        ax.fill_between(x, low, high, color=colour, alpha=opacity, lw=0)
+    for low, high, opacity in _BANDS:
+        ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
-def draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5, aside: float = 0.0) -> None:
+def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5, aside: float = 0.0) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks, and how far beside their place they are, points."""
-    from matplotlib.transforms import ScaledTranslation
-
     figure = ax.get_figure(root=True)
     assert figure is not None
     beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
     k, n = counts.n_equal[at], counts.n_trials[at]
-    crowded = len(counts.s1) > 60
+    crowded = at.sum() > 25
     style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
     value, error = laplace_estimate(k, n), laplace_error(k, n)
     ax.errorbar(x, value, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, transform=beside, **style)
     ax.update_datalim(np.column_stack([x, value]))  # marks that are set aside do not say where data are
     ax.autoscale_view()
+
+
+# --- over the interval --------------------------------------------------------------------------------------------------------------
+
+
+def interval_gain_axes(draws: Draws, subject: str, ax: Axes | None = None, *, isi: npt.ArrayLike | None = None) -> Axes:
+    """Kalman gain of a subject over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals.
+
+    Parameters
+    ----------
+    draws : Draws
+        Of a study with intervals.
+    subject : str
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    isi : array_like, optional
+        Intervals to draw at, seconds; by default from half the shortest to twice the longest tested one.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject, draws without intervals, or an interval that is not positive and finite.
+    """
+    tested, ax = _tested(draws, subject), panel(ax)
+    x = _dress_intervals(ax, tested, isi)
+    _draw_band(ax, x, Predictor.of(draws, subject, most=CURVE_DRAWS).gain(x), POSTERIOR, 1.3)
+    ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
+    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
+    return dress(ax)
+
+
+def interval_answers_axes(
+    draws: Draws, subject: str, ax: Axes | None = None, *, pair: tuple[float, float] | None = None, isi: npt.ArrayLike | None = None
+) -> Axes:
+    """P(equal) of one pair of stimuli in both orders over the interval, with the answers at the tested ones (Laplace estimator).
+
+    Answers of the two orders stand a little beside their interval, so that none hides the other.
+
+    Parameters
+    ----------
+    draws : Draws
+        Of a study with intervals.
+    subject : str
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    pair : tuple of float, optional
+        The two stimuli, natural-log intensity; by default the pair met at most intervals whose answers are nearest to half 'equal'.
+    isi : array_like, optional
+        As in :func:`interval_gain_axes`, and so are the errors.
+    """
+    counts, tested, ax = draws.subject(subject), _tested(draws, subject), panel(ax)
+    x, fitted = _dress_intervals(ax, tested, isi), Predictor.of(draws, subject, most=CURVE_DRAWS)
+    weak, strong = sorted(_usual_pair(counts) if pair is None else pair)
+    for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
+        mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
+        _draw_band(ax, x, fitted.equal(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
+        if counts.isi is not None and at.any():
+            _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
+    about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
+    ax.set(xlim=(x[0], x[-1]), ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
+    ax.set_title(f"stimuli {about}".replace("-", "−"))
+    return dress(ax)
+
+
+def interval_curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
+    """Answers and fitted curves of a subject at each of up to six intervals, and below, gain and P(equal) over the interval.
+
+    The title is, by default, subject and model.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject or draws without intervals.
+    """
+    counts, tested, fitted = draws.subject(subject), _tested(draws, subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
+    weaker = main_weaker(counts)
+    shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
+    across = min(3, max(1, len(shown)))
+    rows = -(-len(shown) // across)
+    figure = new_figure(6.6, 2.3 * rows + 2.9)
+    grid = figure.add_gridspec(rows + 1, 6)
+    first: Axes | None = None
+    for i, isi in enumerate(shown):
+        wide = 6 // across
+        ax = figure.add_subplot(grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first)
+        first = ax if first is None else first
+        here = counts.at_isi(isi)
+        own = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
+        low = float(here.s1.min()) if own is None else own
+        order_panel(ax, here, lambda s1, s2, isi=isi: fitted.equal(s1, s2, np.full(len(s1), isi)), low, size=4.5)  # type: ignore[misc]
+        about = which_weaker(counts, low)
+        ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
+        ax.set_ylabel("P('equal')" if i % across == 0 else "")
+        dress(ax)
+    if rows:
+        legend_below(figure, size=8.0)
+    interval_gain_axes(draws, subject, figure.add_subplot(grid[rows, :3]))
+    interval_answers_axes(draws, subject, figure.add_subplot(grid[rows, 3:]))
+    figure.suptitle(_subject_and_model(draws, subject) if title is None else title, fontsize=11)
+    return figure
+
+
+def _tested(draws: Draws, subject: str) -> tuple[float, ...]:
+    tested = draws.subject(subject).intervals
+    if not tested:
+        raise InputError(f"subject {subject!r} has no intervals (column isi): there is nothing to draw over them")
+    return tested
+
+
+def _dress_intervals(ax: Axes, tested: tuple[float, ...], isi: npt.ArrayLike | None) -> FloatArray:
+    """Intervals to draw at, along a logarithmic axis in plain numbers with a mark at every tested interval."""
+    own = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
+    x = own if isi is None else np.unique(require_intervals(isi))
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if x[-1] / x[0] < 300.0 else (1.0,)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
+    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, mew=1.2, transform=ax.get_xaxis_transform())
+    return x
+
+
+def _usual_pair(counts: Subject) -> tuple[float, float]:
+    """Of the pairs of different stimuli met at most intervals, the one whose answers are nearest to half 'equal'; else an equal pair."""
+    low, high = np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
+    found = []
+    for weak, strong in sorted(set(zip(low.tolist(), high.tolist(), strict=True))):
+        at = (low == weak) & (high == strong)
+        share = counts.n_equal[at].sum() / counts.n_trials[at].sum()
+        found.append((weak == strong, -int(at.sum()), abs(share - 0.5), weak, strong))
+    _, _, _, weak, strong = min(found)
+    return weak, strong

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.words import KINDS
-from bayes_toe.plots.sorted import HIGH, MOST_NAMED, ranked, stacked_shares
 from bayes_toe.plots.style import (
     BAD,
     COLUMN,
     EQUAL,
+    HIGH,
+    MOST_NAMED,
     POSTERIOR,
     SMALL,
     WEAKER_FIRST,
@@ -28,10 +30,7 @@ from bayes_toe.plots.style import (
 
 _OF_KINDS = ("#DEDEDE", "#E69F00", POSTERIOR)  # told apart by their lightness too
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+_LINES = 200  # of error bars that can be told apart
 
 
 def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
@@ -65,7 +64,7 @@ def evidence_height(table: EvidenceTable) -> float:
 def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     """Probabilities of the three kinds of order effect, one bar a subject; a cross beside the bar where H1 does not describe the answers.
 
-    A subject of whom an evidence is withheld has words in the place of the bar. More than :data:`~bayes_toe.plots.sorted.MOST_NAMED`
+    A subject of whom an evidence is withheld has words in the place of the bar. More than :data:`~bayes_toe.plots.style.MOST_NAMED`
     subjects have no names and are sorted by their likeliest kind.
     """
     crowded = len(table) > MOST_NAMED
@@ -90,10 +89,40 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def stacked_shares(ax: Axes, share: FloatArray, kinds: Sequence[str], colours: Sequence[str], marked: BoolArray) -> None:
+    """Shares of kinds, shape (subjects, kinds), as a stack of areas: subjects by their likeliest kind, then by its share.
+
+    Those without shares (NaN) come last. `marked`, shape (subjects,), get a red line at the right edge. The legend counts all.
+    """
+    order, kind = sorted_by_kind(share)
+    known = int((kind >= 0).sum())
+    edges = np.concatenate([np.zeros((known, 1)), np.cumsum(share[order[:known]], axis=1)], axis=1)
+    ends = np.repeat(np.arange(known + 1) - 0.5, 2)[1:-1]  # doubled: steps that begin and end where the subject does
+    for k, (word, colour) in enumerate(zip(kinds, colours, strict=True)):
+        left, right = (np.repeat(edges[:, at], 2) for at in (k, k + 1))
+        ax.fill_betweenx(ends, left, right, color=colour, lw=0, label=f"{word}: likeliest for {(kind == k).sum():,}")
+    for end in np.cumsum([(kind == k).sum() for k in range(len(kinds) - 1)]):
+        ax.axhline(end - 0.5, color="white", lw=1.5)
+    at = np.flatnonzero(marked[order])
+    if len(at):
+        ax.hlines(at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"misfit of H1: {len(at):,}")
+    if known < len(share):
+        ax.fill_betweenx([], [], color="white", ec=EQUAL, lw=0.5, label=f"no reliable estimate: {len(share) - known:,}")
+    ax.set(ylim=(len(share) - 0.5, -0.5), yticks=[], ylabel=f"{len(share):,} subjects, sorted by their likeliest kind")
+
+
+def sorted_by_kind(share: FloatArray) -> tuple[IntArray, IntArray]:
+    """Places of subjects by their likeliest kind, then by its share, those without shares last; and the likeliest kinds, -1 for none."""
+    absent = np.isnan(share[:, 0])
+    kind = np.where(absent, -1, np.where(np.isnan(share), -np.inf, share).argmax(axis=1))
+    best = np.where(absent, 0.0, share.max(axis=1))
+    return np.lexsort((-best, np.where(absent, share.shape[1], kind))), kind
+
+
 def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     """Log Bayes factor of H1 against H0 of every subject: the default estimate with twice its standard error, and Laplace's.
 
-    More than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects are sorted by it, without names and without Laplace's.
+    More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and without Laplace's.
     """
     rows = table.rows
     y = list(range(len(rows)))
@@ -112,16 +141,21 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     ax.set_yticks(y, [plain(row.subject, 24) for row in rows])
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.margins(x=0.08)
-    _say_missing(ax, rows, value, laplace)
+    for i in np.flatnonzero(np.isnan(value)).tolist():  # words in its row, not an empty line
+        words = "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
+        ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=8, color=EQUAL)
     return ax
 
 
 def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
-    """Values of many subjects in their order; what lies far out is drawn nearer."""
+    """Values of many subjects from the largest to the smallest, NaN last; what lies far out is drawn nearer."""
     known = np.abs(value[~np.isnan(value)])
-    above = int((value > 0).sum())
-    ranked(ax, value, 2.0 * error, f"importance sampling, above 0 for {above:,} of {len(known):,}", POSTERIOR)
-    ax.set_ylabel("subjects, sorted by their log Bayes factor")
+    order, few, y = np.argsort(-value, kind="stable"), len(value) <= _LINES, np.arange(len(value))
+    if few:
+        ax.hlines(y, (value - 2.0 * error)[order], (value + 2.0 * error)[order], color=POSTERIOR, lw=0.6)
+    label = f"importance sampling, above 0 for {int((value > 0).sum()):,} of {len(known):,}"
+    ax.plot(value[order], y, "o", ms=3.0 if few else 1.8, color=POSTERIOR, label=label)
+    ax.set(ylim=(len(value) - 0.5, -0.5), yticks=[], ylabel="subjects, sorted by their log Bayes factor")
     if len(known) and known.max() > _LINEAR:
         ax.set_xscale("symlog", linthresh=_LINEAR)
     ax.margins(x=0.08)
@@ -154,11 +188,3 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     ax.set_aspect("equal")
     ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
     return dress(ax)
-
-
-def _say_missing(ax: Axes, rows: Sequence[Any], value: FloatArray, laplace: FloatArray) -> None:
-    """A subject without an estimate gets words in its row, not an empty line."""
-    for i in range(len(rows)):
-        if np.isnan(value[i]):
-            words = "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
-            ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=8, color=EQUAL)

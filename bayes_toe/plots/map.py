@@ -12,11 +12,12 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.plots.sorted import MOST_NAMED
+from bayes_toe.plots.curves import main_weaker, which_weaker
 from bayes_toe.plots.style import (
     BAND,
     COLUMN,
     EQUAL,
+    MOST_NAMED,
     PAGE,
     SMALL,
     any_characters,
@@ -28,7 +29,7 @@ from bayes_toe.plots.style import (
     panel,
     plain,
 )
-from bayes_toe.plots.subject import answers_axes, central, main_weaker, which_weaker
+from bayes_toe.plots.subject import answers_axes, central
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,7 +72,7 @@ def map_axes(
     stimuli : array_like, optional
         Natural-log intensities of the stimuli, shown as a grey range with lines.
     names : mapping of str to str, optional
-        What to write at each subject; by default its name, and of more than :data:`~bayes_toe.plots.sorted.MOST_NAMED` subjects those
+        What to write at each subject; by default its name, and of more than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects those
         of the eight farthest out. Names that find no place are left out and counted above the panel, those in the middle first.
     mass : float
         Share of the points in each ellipse.

@@ -1,30 +1,56 @@
-"""The figure of a population: its subjects alone and in the group, a new subject's curves, what covariates do, whether its form fits."""
+"""Figures of a population: its subjects alone and in the group, a new subject's curves, what covariates do, whether its form fits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from itertools import zip_longest
-from typing import TYPE_CHECKING, NamedTuple
+from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from bayes_toe.arrays import FloatArray
+from bayes_toe.classical.frequencies import presentation_order
+from bayes_toe.comparison.words import compared
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
+from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
-from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
-from bayes_toe.plots.effects import ASYMMETRY, direction, effects_axes
-from bayes_toe.plots.forest import LONGEST, MOST_NAMED_IN_GROUP, Marked, forest_axes, forest_height, main_quantities, marked
-from bayes_toe.plots.group_check import predictive_check_axes
-from bayes_toe.plots.new_subject import new_subject_axes
-from bayes_toe.plots.said_interval import said_interval
-from bayes_toe.plots.style import BAD, LETTERS, MARKED, PAGE, SMALL, even_columns, new_figure, plain
+from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
+from bayes_toe.plots.curves import CURVE_DRAWS, Curve, main_weaker, order_panel, pairs_along, which_weaker
+from bayes_toe.plots.style import (
+    BAD,
+    BAND,
+    BELIEF,
+    COLUMN,
+    EQUAL,
+    HIGH,
+    LABELS,
+    LETTERS,
+    MARKED,
+    ORDERS,
+    PAGE,
+    POSTERIOR,
+    SMALL,
+    dress,
+    even_columns,
+    first_panels,
+    legend_above,
+    new_figure,
+    panel,
+    plain,
+    rounded,
+    said_interval,
+)
+from bayes_toe.seeds import generator
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+#: Subjects beyond which they have no names, and no interval of their own beside that in the group.
+MOST_NAMED_IN_GROUP = 40
+#: The name under which :func:`effects_axes` knows the difference of both orders.
+ASYMMETRY = "asymmetry"
+_DRAWS = 1000  # of each subject, for quantiles
+_ALONE, _MEAN = "#8C8C8C", "#BDB3DD"
 _ACROSS = 4
-#: Inches of the key over the forests, and of the strip of a new subject and the predictive check.
-_KEY, _NEW_HEIGHT = 0.25, 3.1
 
 
 def population_figure(found: Population, check: PredictiveCheck | None = None) -> Figure:
@@ -36,136 +62,293 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     check : PredictiveCheck, optional
         Made here where it is not given.
     """
-    values, title = marked(found), heading(found)
-    blocks = [partial(_draw_forests, found, values), partial(_draw_new, found, check)]
-    heights = [_forests_height(found), _NEW_HEIGHT]
-    if found.regressors.columns:
-        blocks.append(partial(_draw_effects, found))
-        heights.append(_effects_height(found))
-    over = 0.08 + 0.155 * len(title.splitlines())
-    figure = new_figure(PAGE, over + sum(heights), layout=None)
-    figure.suptitle(
-        title, fontsize=LETTERS + 1.0, color="black" if found.converged else BAD, y=1.0 - 0.06 / (over + sum(heights)), va="top"
-    )
-    for block, height in zip(blocks, heights, strict=True):
-        block(_Block(figure, over, height))
-        over += height
+    values, quantities = _marked(found), _main_quantities(found)
+    effects = (*found.names, *(() if found.asymmetries is None else (ASYMMETRY,))) if found.regressors.columns else ()
+    forest_columns = even_columns(len(quantities), _ACROSS)
+    effect_columns = even_columns(len(effects), _ACROSS + 1) if effects else 1
+    forest_rows, effect_rows = -(-len(quantities) // forest_columns), -(-len(effects) // effect_columns)
+    heights = [0.3 + forest_rows * _forest_height(found), 2.9, 0.3 + effect_rows * (0.85 + 0.4 * len(found.regressors.columns))]
+    heights = heights if effects else heights[:2]
+    figure = new_figure(PAGE, 0.6 + sum(heights))
+    figure.suptitle(_heading(found), fontsize=LETTERS + 1.0, color="black" if found.converged else BAD)
+    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    forests = first_panels(parts[0].add_gridspec(forest_rows, forest_columns), len(quantities))
+    for i, (name, ax) in enumerate(zip(quantities, forests, strict=True)):
+        forest_axes(found, name, ax, values=values[name])
+        if i % forest_columns:
+            ax.tick_params(labelleft=False)
+        elif len(found.study) > MOST_NAMED_IN_GROUP:
+            ax.set_ylabel(f"{len(found.study):,} subjects, sorted in each panel", fontsize=LETTERS)
+    marks, words = forests[0].get_legend_handles_labels()
+    style = {"ncols": 4, "frameon": False, "fontsize": SMALL, "handletextpad": 0.4, "columnspacing": 1.4}
+    parts[0].legend(marks, words, loc="outside upper center", **style)
+    left, right = parts[1].subplots(1, 2)
+    new_subject_axes(found, left)
+    predictive_check_axes(predictive_check(found) if check is None else check, right)
+    if effects:
+        parts[2].suptitle(
+            "effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter", fontsize=SMALL
+        )
+        panels = first_panels(parts[2].add_gridspec(effect_rows, effect_columns), len(effects))
+        for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
+            effects_axes(found, name, ax).tick_params(labelleft=i % effect_columns == 0)
     return figure
 
 
-class _Block(NamedTuple):
-    """A strip of a figure: so many inches from its top, so many high."""
-
-    figure: Figure
-    top: float
-    height: float
-
-    def panels(self, rows: int, columns: int, *, left: float, over: float, under: float, apart: float, right: float = 0.12) -> list[Axes]:
-        """Panels with so many inches left of all, over and under each, and between two, row by row."""
-        wide, high = self.figure.get_size_inches()
-        each = (wide - left - right - (columns - 1) * apart) / columns, self.height / rows - over - under
-        grid = self.figure.add_gridspec(
-            rows,
-            columns,
-            left=left / wide,
-            right=1.0 - right / wide,
-            top=1.0 - (self.top + over) / high,
-            bottom=1.0 - (self.top + self.height - under) / high,
-            wspace=apart / each[0],
-            hspace=(over + under) / each[1],
-        )
-        return list(grid.subplots(squeeze=False).ravel())
-
-    def say(self, words: str, under: float) -> None:
-        """Words in the middle, so many inches below the top."""
-        self.figure.text(0.5, 1.0 - (self.top + under) / self.figure.get_figheight(), words, ha="center", va="center", fontsize=SMALL)
-
-    def legend(self, ax: Axes, under: float) -> None:
-        """What is in a panel, so many inches below the top."""
-        high = self.figure.get_figheight()
-        handles, labels = ax.get_legend_handles_labels()
-        self.figure.legend(
-            handles,
-            labels,
-            loc="center",
-            bbox_to_anchor=(0.5, 1.0 - (self.top + under) / high),
-            ncols=4,
-            frameon=False,
-            fontsize=SMALL,
-            handletextpad=0.4,
-            columnspacing=1.4,
-        )
-
-
-def heading(found: Population) -> str:
+def _heading(found: Population) -> str:
     """How many subjects under which model, whether to believe it, how they answer in both orders, and where a typical subject is."""
-    model = found.settings.model + (" (synthetic data)" if found.study.synthetic else "")
+    said = []
+    if found.asymmetries is not None:
+        draws = found.asymmetries.draws[:, :, 0, 0]
+        said.append(f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {_direction(float((draws > 0.0).mean()))}")
     mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
-    said = [f"{name} {said_interval(np.quantile(mean[name], MARKED))}" for name in main_quantities(found)[:2]]
+    said += [f"{name} {said_interval(np.quantile(mean[name], MARKED))}" for name in _main_quantities(found)[:2]]
+    model = found.settings.model + (" (synthetic data)" if found.study.synthetic else "")
     badge = "" if found.converged else "NOT CONVERGED, not to be reported as it stands\n"
-    return f"{badge}Population of {len(found.study)} subjects: {model}\n{'; '.join([*_order_effect(found), *said])}"
+    return f"{badge}Population of {len(found.study)} subjects: {model}\n{'; '.join(said)}"
 
 
-def _order_effect(found: Population) -> list[str]:
-    """The population's asymmetry and its direction, where it can be seen."""
+def _main_quantities(found: Population) -> tuple[str, ...]:
+    """What the answers depend on, with mu1 in the place of the offset that follows from it."""
+    names = found.posterior(found.study.names[0]).names
+    return tuple("mu1" if name == "offset" and "mu1" in names.natural else name for name in names.identified)
+
+
+def _direction(above: float) -> str:
+    """The probability of the sign that is the likelier one."""
+    return f"P(> 0) {compared(above)}" if above >= 0.5 else f"P(< 0) {compared(1.0 - above)}"
+
+
+# --- everybody, alone and in the group ----------------------------------------------------------------------------------------------
+
+
+class Marked(NamedTuple):
+    """Quantiles 5, 50 and 95 % of one quantity, first axis, of every subject alone and in the group, of the mean, and of a new subject."""
+
+    alone: FloatArray
+    group: FloatArray
+    mean: FloatArray
+    new: FloatArray
+
+
+def _marked(found: Population) -> dict[str, Marked]:
+    """Quantiles of every quantity, by its name."""
+    k = len(found.names)
+    of_subjects = (found.unpooled, found.chains.eta.reshape(-1, len(found.study), k))
+    some = [eta[:: max(1, len(eta) // _DRAWS)] for eta in of_subjects]
+    points = (*some, found.chains.mean.reshape(-1, k), found.new_subject().reshape(-1, k))
+    quantiles = [{name: np.quantile(values, MARKED, axis=0) for name, values in found.quantities(eta).items()} for eta in points]
+    return {name: Marked(*(one[name] for one in quantiles)) for name in quantiles[0]}
+
+
+def forest_axes(found: Population, quantity: str, ax: Axes | None = None, *, values: Marked | None = None) -> Axes:
+    """One quantity of every subject, alone (thin) and in the group (bold), 5, 50 and 95 %, before the population's mean and a new subject.
+
+    More than :data:`MOST_NAMED_IN_GROUP` subjects are sorted by their median in the group, and drawn as they are in it alone.
+
+    Parameters
+    ----------
+    found : Population
+    quantity : str
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    values : Marked, optional
+        Made here where they are not given.
+    """
+    shown = _marked(found)[quantity] if values is None else values
+    ax = panel(ax, wide=2.4, high=_forest_height(found))
+    at = " at reference" if found.regressors.columns else ""
+    ax.axvspan(shown.new[0], shown.new[2], color=BAND, lw=0, label=f"new subject{at}")
+    ax.axvspan(shown.mean[0], shown.mean[2], color=_MEAN, lw=0, label=f"typical subject (mean{at})")
+    ax.axvline(shown.mean[1], color=BELIEF, lw=0.8)
+    if len(found.study) > MOST_NAMED_IN_GROUP:
+        low, middle, high = shown.group[:, np.argsort(shown.group[1], kind="stable")]
+        y = np.arange(len(middle))
+        ax.hlines(y, low, high, color=POSTERIOR, lw=min(1.2, 160.0 / len(y)), alpha=0.6)
+        ax.plot(middle, y, "o", ms=1.8 if len(y) <= 100 else 1.2, color=POSTERIOR, label="subjects in the group (5-50-95 %)")
+        ax.set(ylim=(len(y) - 0.5, -0.5), yticks=[])
+    else:
+        _draw_named(ax, shown, [plain(name, 14) for name in found.study.names])
+    ax.set_xlabel(LABELS.get(quantity, quantity))
+    ax.locator_params(axis="x", nbins=4)
+    dress(ax).tick_params(axis="y", length=0)
+    ax.set_title(said_interval(shown.mean), fontsize=SMALL, color=BELIEF)
+    return ax
+
+
+def _draw_named(ax: Axes, shown: Marked, names: list[str]) -> None:
+    """Subjects alone and in the group; where one alone says little, its interval is cut, since it would squeeze all others."""
+    y = np.arange(len(names))
+    inner = float(min(shown.group[0].min(), shown.new[0])), float(max(shown.group[2].max(), shown.new[2]))
+    more = 0.25 * (inner[1] - inner[0])
+    low = min(inner[0], max(inner[0] - more, float(shown.alone[0].min())))
+    high = max(inner[1], min(inner[1] + more, float(shown.alone[2].max())))
+    low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
+    ax.set_xlim(low, high)
+    ax.hlines(y - 0.2, shown.alone[0], shown.alone[2], color=_ALONE, lw=0.7)
+    ax.plot(shown.alone[1], y - 0.2, "o", ms=2.6, mfc="white", mec=_ALONE, mew=0.7, label="subject alone (5-50-95 %)")
+    for edge, marker, beyond in ((low, "<", shown.alone[0] < low), (high, ">", shown.alone[2] > high)):
+        if beyond.any():  # without any, an empty line that is not clipped would take room at the page's corner
+            ax.plot(np.full(beyond.sum(), edge), y[beyond] - 0.2, marker, ms=2.6, color=_ALONE, mew=0, clip_on=False)
+    ax.hlines(y + 0.15, shown.group[0], shown.group[2], color=POSTERIOR, lw=1.6)
+    ax.plot(shown.group[1], y + 0.15, "o", ms=3.4, color=POSTERIOR, mec="white", mew=0.4, label="in the group")
+    ax.set_yticks(y, names)
+    ax.set_ylim(len(names) - 0.5, -0.6)
+
+
+def _forest_height(found: Population) -> float:
+    """Inches of a forest."""
+    subjects = len(found.study)
+    return 0.75 + (0.6 * HIGH if subjects > MOST_NAMED_IN_GROUP else max(0.8, subjects * (0.2 if subjects <= 20 else 0.16)))
+
+
+# --- a new subject ------------------------------------------------------------------------------------------------------------------
+
+
+def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
+    """P(equal) of a new subject in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
+
+    With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
+    met most often; of several weaker stimuli the one in most pairs, which the panel then names.
+
+    Parameters
+    ----------
+    found : Population
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    """
+    ax = panel(ax, high=2.6)
+    isi = _main_interval(found.study)
+    study = found.study if isi is None else found.study.at_isi(isi)
+    keys = ("s1", "s2", "n_equal", "n_trials")
+    everyone = Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in study]) for key in keys))
+    equal, reference = _curve(found, isi), main_weaker(everyone)
+    low = float(everyone.s1.min()) if reference is None else reference
+    order_panel(ax, everyone, None, low, size=4.0)
+    for order, (x, s1, s2) in pairs_along(everyone, low, 60).items():
+        if (presentation_order(everyone) == order).any():
+            colour, q = ORDERS[order].colour, equal(s1, s2)
+            outer, inner, inner_high, outer_high = np.quantile(q, (0.05, 0.25, 0.75, 0.95), axis=0)
+            ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
+            ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
+            ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
+    ax.set(yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
+    at = "" if isi is None else f" at {isi:g} s"
+    who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
+    if about := which_weaker(everyone, low):
+        ax.set_xlabel(f"stronger stimulus (ln), {about}")
+    legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %, dotted 90 %; points: all answers{at}")
+    return dress(ax)
+
+
+def _main_interval(study: Study) -> float | None:
+    """The interval of most trials."""
+    if not study.intervals:
+        return None
+    isi, trials = (np.concatenate([np.asarray(getattr(one, key)) for one in study]) for key in ("isi", "n_trials"))
+    return max(study.intervals, key=lambda seconds: int(trials[isi == seconds].sum()))
+
+
+def _curve(found: Population, isi: float | None) -> Curve:
+    """P(equal) of pairs for draws of a new subject."""
+    posterior, columns, k = found.posterior(found.study.names[0]), found.regressors.x, len(found.names)
+    some = slice(None, None, max(1, found.chains.mean[..., 0].size // CURVE_DRAWS))
+    eta = found.new_subject().reshape(-1, k)[some]
+    effects = found.chains.effects.reshape(len(found.chains.mean) * found.chains.mean.shape[1], -1, k)[some]
+    whose = generator(found.settings.seed, "population", "whose covariates").integers(len(columns), size=len(eta))
+    x, _ = posterior.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))
+
+    def equal(s1: FloatArray, s2: FloatArray) -> FloatArray:
+        pairs, which = np.unique(np.column_stack([s1, s2]), axis=0, return_inverse=True)  # a subject has its pairs once, in this order
+        once = np.ones(len(pairs), np.int64)
+        asked = Subject("new", pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else np.full(len(pairs), isi))
+        return np.asarray(np.exp(posterior.for_subject(asked).log_answers(x)[0])[:, which.ravel()])
+
+    return equal
+
+
+# --- the form of the population, and covariates -------------------------------------------------------------------------------------
+
+
+def predictive_check_axes(check: PredictiveCheck, ax: Axes | None = None) -> Axes:
+    """How subjects differ in what they did (points) beside new groups of the population, whose 5 to 95 % are one bar each.
+
+    Every row has a scale of its own: the median of new groups is in the middle, their central 90 % are as wide as in any other row.
+
+    Parameters
+    ----------
+    check : PredictiveCheck
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+    """
+    ax = panel(ax, high=2.6)
+    for i, one in enumerate(check.statistics):
+        colour = BAD if one.p_value < CONTRADICTED else "black"
+        side = one.q95 - one.q50 if one.observed > one.q50 else one.q50 - one.q05
+        where = (one.observed - one.q50) / side if side > 0.0 else 0.0
+        shown = float(np.clip(where, -2.0, 2.0))
+        marker = "D" if shown == where else "<" if where < 0.0 else ">"
+        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="" if i else "new groups, 5 to 95 %")
+        ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
+        ax.plot(shown, i, marker, ms=4.0, color=colour, label="" if i else "observed", ls="")
+        low, high, observed = rounded(one.q05, one.q95, one.q05, one.q95, one.observed)
+        words = f"{observed}, expected {low} to {high}, p = {one.p_value:.2g}"
+        ax.text(0.0, i - 0.24, words, ha="center", va="bottom", fontsize=SMALL, color=colour)
+    count = len(check.statistics)
+    ax.set_yticks(range(count), [fill(one.label, 18) for one in check.statistics])
+    ax.set(ylim=(count - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])
+    legend_above(ax, columns=2, title=f"does a {check.scatter} population fit?")
+    dress(ax).tick_params(axis="y", length=0)
+    ax.spines[:].set_visible(False)
+    return ax
+
+
+def effects_axes(found: Population, parameter: str, ax: Axes | None = None) -> Axes:
+    """What covariates do to one parameter, on the scale on which subjects scatter: 5, 50 and 95 %, and the probability of the direction.
+
+    Parameters
+    ----------
+    found : Population
+    parameter : str
+        One of `found.names`, or :data:`ASYMMETRY`.
+    ax : matplotlib Axes, optional
+        Drawn into, where given.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
+    known, columns = _effects(found), found.regressors.columns
+    if parameter not in known:
+        raise InputError(f"effects of covariates: found {parameter!r}, allowed: {', '.join(known)}")
+    ax = panel(ax, wide=COLUMN, high=1.0 + 0.4 * len(columns))
+    draws, y = known[parameter], np.arange(len(columns))
+    low, middle, high = np.quantile(draws, MARKED, axis=0)
+    ax.axvline(0.0, color="black", lw=0.8)
+    ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
+    ax.plot(middle, y, "o", ms=3.4, color=POSTERIOR)
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    for i, above in enumerate((draws > 0.0).mean(axis=0).tolist()):
+        where = ax.get_yaxis_transform()
+        ax.text(0.5, i - 0.18, _direction(above), transform=where, ha="center", va="bottom", fontsize=SMALL, bbox=behind)
+    reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
+    ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.6, -0.7))
+    ax.locator_params(axis="x", nbins=4)
+    ax.set_yticks(y, [plain(fill(column.about, 22), 70) for column in columns])
+    ax.set_xlabel("asymmetry" if parameter == ASYMMETRY else GROUP_PARAMETERS[parameter].label)
+    dress(ax).tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    return ax
+
+
+def _effects(found: Population) -> dict[str, FloatArray]:
+    """Draws of the effects on everything, shape (draws, r): parameters, and the asymmetry where it can be seen."""
+    columns = found.regressors.columns
+    if not columns:
+        return {}
+    of_parameters = {name: found.chains.effects[..., i].reshape(-1, len(columns)) for i, name in enumerate(found.names)}
     if found.asymmetries is None:
-        return []
-    draws = found.asymmetries.draws[:, :, 0, 0]
-    return [f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {direction(float((draws > 0.0).mean()))}"]
-
-
-def _grid(panels: int, most: int) -> tuple[int, int]:
-    """Rows, and panels across."""
-    across = even_columns(panels, most)
-    return -(-panels // across), across
-
-
-def _forest_grid(found: Population) -> tuple[int, int]:
-    return _grid(len(main_quantities(found)), _ACROSS)
-
-
-def _forests_height(found: Population) -> float:
-    return _KEY + _forest_grid(found)[0] * forest_height(found)
-
-
-def _draw_forests(found: Population, values: Mapping[str, Marked], block: _Block) -> None:
-    (rows, across), crowded = _forest_grid(found), len(found.study) > MOST_NAMED_IN_GROUP
-    inner = block._replace(top=block.top + _KEY, height=block.height - _KEY)
-    longest = max(len(plain(name, LONGEST)) for name in found.study.names)
-    axes = inner.panels(rows, across, left=0.4 if crowded else 0.2 + 0.06 * max(longest, 4), over=0.2, under=0.5, apart=0.2)
-    for i, (name, ax) in enumerate(zip_longest(main_quantities(found), axes)):
-        if name is None:
-            ax.remove()
-            continue
-        forest_axes(found, name, ax, values=values[name])
-        if i % across:
-            ax.tick_params(labelleft=False)
-        elif crowded:
-            ax.set_ylabel(f"{len(found.study):,} subjects, sorted in each panel", fontsize=LETTERS)
-    block.legend(axes[0], 0.5 * _KEY)
-
-
-def _draw_new(found: Population, check: PredictiveCheck | None, block: _Block) -> None:
-    left, right = block.panels(1, 2, left=0.55, over=0.55, under=0.5, apart=1.4)
-    new_subject_axes(found, left)
-    predictive_check_axes(predictive_check(found) if check is None else check, right)
-
-
-def _effects_grid(found: Population) -> tuple[int, int]:
-    return _grid(len(found.names) + (found.asymmetries is not None), _ACROSS + 1)
-
-
-def _effects_height(found: Population) -> float:
-    return _effects_grid(found)[0] * (0.85 + 0.4 * len(found.regressors.columns))
-
-
-def _draw_effects(found: Population, block: _Block) -> None:
-    (rows, across), names = _effects_grid(found), (*found.names, *([] if found.asymmetries is None else [ASYMMETRY]))
-    axes = block.panels(rows, across, left=1.35, over=0.3, under=0.45, apart=0.15)
-    block.say("effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter", 0.12)
-    for i, (name, ax) in enumerate(zip_longest(names, axes)):
-        if name is None:
-            ax.remove()
-            continue
-        effects_axes(found, name, ax)
-        ax.tick_params(labelleft=i % across == 0)
+        return of_parameters
+    of_answers = found.asymmetries.draws[:, :, np.flatnonzero(found.asymmetries.differences), 0]  # in the order of the columns
+    return of_parameters | {ASYMMETRY: of_answers.reshape(-1, len(columns))}

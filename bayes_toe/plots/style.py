@@ -1,4 +1,4 @@
-"""What all figures share: colours, sizes, panels, legends.
+"""What all figures share: colours, sizes, names and numbers as words, panels, legends.
 
 Functions take Axes or make a Figure of their own, return it, never show it and never touch global settings. Colours keep the
 paper's meaning in a palette safe for colour-blind readers: red weaker stimulus first, blue stronger first, grey equal stimuli;
@@ -10,14 +10,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
-    from matplotlib.figure import Figure
-    from matplotlib.gridspec import GridSpecBase
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpecBase
 
+from bayes_toe.arrays import FloatArray
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -27,6 +28,8 @@ BAD, BAND = "#C00000", "#EDEDED"
 #: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
 COLUMN, PAGE = 3.4, 7.0
 SMALL, LETTERS = 7.0, 8.0
+#: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
+MOST_NAMED, HIGH = 60, 5.6
 #: Quantiles that lines and intervals mark.
 MARKED = (0.05, 0.5, 0.95)
 LABELS = {
@@ -64,6 +67,9 @@ ORDERS = {
 }
 
 
+# --- words --------------------------------------------------------------------------------------------------------------------------
+
+
 def plain(name: str, limit: int = 32) -> str:
     r"""A subject's name as matplotlib may draw it: no dollar sign read as mathematics, and shortened in the middle.
 
@@ -79,6 +85,24 @@ def plain(name: str, limit: int = 32) -> str:
     return short.replace("$", r"\$")
 
 
+def said_interval(quantiles: FloatArray) -> str:
+    """Quantiles 5, 50, 95 % as words have them: with the digits that the width of the interval asks for.
+
+    Examples
+    --------
+    >>> said_interval(np.array([-0.0312, 0.0154, 0.41])), said_interval(np.array([0.8891, 0.91, 0.93]))
+    ('0.02 (−0.03, 0.41)', '0.910 (0.889, 0.930)')
+    """
+    low, middle, high = rounded(quantiles[0], quantiles[2], *quantiles.tolist())
+    return f"{middle} ({low}, {high})"
+
+
+def rounded(low: float, high: float, *values: float) -> list[str]:
+    """Numbers with two digits of the distance between two others."""
+    digits = max(0, 1 - int(np.floor(np.log10(high - low)))) if high > low else 3
+    return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]  # never -0.0
+
+
 @contextmanager
 def any_characters() -> Iterator[None]:
     """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
@@ -87,10 +111,11 @@ def any_characters() -> Iterator[None]:
         yield
 
 
+# --- panels -------------------------------------------------------------------------------------------------------------------------
+
+
 def new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
-    from matplotlib.figure import Figure
-
     return Figure(figsize=(wide, high), layout=layout)
 
 
@@ -136,16 +161,14 @@ def dress_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.6)
 
 
-def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> None:
-    """One legend for the figure, outside the panels: points may be anywhere in them; without a layout the figure has room for it.
+# --- legends ------------------------------------------------------------------------------------------------------------------------
 
-    Size of letters in points.
-    """
-    place: Literal["lower center", "outside lower center"]
-    place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+
+def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> None:
+    """One legend for the figure, outside the panels, since points may be anywhere in them; size of letters in points."""
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
     style: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2} if size <= LETTERS else {}
-    figure.legend(found.values(), found.keys(), loc=place, ncols=columns, frameon=False, fontsize=size, **style)
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=size, **style)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
@@ -15,7 +17,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import natural_curve, order_panel, over_panel, said_weaker, shown_range, weaker_stimuli
+from bayes_toe.plots.curves import main_weaker, natural_curve, order_panel, over_panel, shown_range, which_weaker
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -30,11 +32,6 @@ from bayes_toe.plots.style import (
     panel,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-
 _ACROSS = 3  # columns of one block of rows
 _SHADOWS = 40  # draws whose priors are shown behind the central one
 
@@ -47,20 +44,6 @@ def central(draws: Draws, subject: str) -> Natural:
     posterior = posterior_of(draws.subject(subject))
     x = unconstrained(draws.natural(subject), posterior.sbar).reshape(-1, 4)
     return posterior.natural(np.median(x, axis=0))
-
-
-def main_weaker(counts: Subject) -> float | None:
-    """The weaker stimulus that most pairs of different stimuli share (the reference r of the paper's design); None without such pairs."""
-    weaker = np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
-    if not weaker.size:
-        return None
-    values, found = np.unique(weaker, return_counts=True)
-    return float(values[np.argmax(found)])
-
-
-def which_weaker(counts: Subject, weaker: float | None) -> str:
-    """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
-    return "" if weaker is None or len(weaker_stimuli(counts)) < 2 else said_weaker(weaker)
 
 
 def answers_axes(
@@ -116,7 +99,7 @@ def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None
     refuse_intervals([counts], "panel of the prior")
     stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
     prior = steady_prior(middle.mu1, middle.sigma_p, middle.sigma_l)
-    low, high = _window(stimuli, prior)
+    low, high = _reach(stimuli, prior)
     x, peak = np.linspace(low, high, 400), float(prior.density(prior.mean))
     every = max(1, theta.mu1.size // _SHADOWS)
     some = steady_prior(*(np.ravel(values)[every // 2 :: every, None] for values in (theta.mu1, theta.sigma_p, theta.sigma_l)))
@@ -132,25 +115,19 @@ def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None
     dress(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
-    _point_outside(ax, float(prior.mean), low, high)
+    if not low <= prior.mean <= high:  # an arrow to where it is
+        side, way = (0.02, 1.0) if prior.mean < low else (0.98, -1.0)
+        style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
+        ax.annotate("", (side, 0.6), (side + 0.14 * way, 0.6), xycoords="axes fraction", textcoords="axes fraction", arrowprops=style)
     return ax
 
 
-def _window(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
+def _reach(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
     """Stimuli and prior, but no farther from the stimuli than keeps them apart on paper."""
     first, last = float(stimuli.min()), float(stimuli.max())
     span = max(last - first, 1.5 * float(prior.sd))
     low, high = float(prior.mean - 2.5 * prior.sd), float(prior.mean + 2.5 * prior.sd)
     return max(min(first - 0.15 * span, low), first - 4.0 * span), min(max(last + 0.15 * span, high), last + 4.0 * span)
-
-
-def _point_outside(ax: Axes, mean: float, low: float, high: float) -> None:
-    """An arrow where the prior's mean lies beyond the panel."""
-    if low <= mean <= high:
-        return
-    side, way = (0.02, 1.0) if mean < low else (0.98, -1.0)
-    style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
-    ax.annotate("", (side, 0.6), (side + 0.14 * way, 0.6), xycoords="axes fraction", textcoords="axes fraction", arrowprops=style)
 
 
 def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, mass: float = 0.6, size: float = 4.0) -> Axes:
@@ -198,30 +175,24 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         For an unknown subject.
     """
     across = even_columns(len(subjects), _ACROSS)
-    blocks = [list(subjects[i : i + across]) for i in range(0, len(subjects), across)]
-    wide = {1: COLUMN, 2: 5.0}.get(across, PAGE)
-    figure = new_figure(wide, 5.6 * len(blocks) + 0.3)
-    heights = (1.25, 0.85, 1.1) * len(blocks)
-    grid = figure.subplots(3 * len(blocks), across, squeeze=False, gridspec_kw={"height_ratios": heights})
-    for b, block in enumerate(blocks):
-        for column in range(across):
-            axes = grid[3 * b : 3 * b + 3, column]
-            if column < len(block):
-                _draw_column(list(axes), draws, block[column], first=column == 0)
-            else:
-                for ax in axes:
-                    ax.remove()
+    blocks = -(-len(subjects) // across)
+    figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * blocks + 0.3)
+    grid = figure.subplots(3 * blocks, across, squeeze=False, gridspec_kw={"height_ratios": (1.25, 0.85, 1.1) * blocks})
+    for place in range(blocks * across):
+        block, column = divmod(place, across)
+        axes = grid[3 * block : 3 * block + 3, column]
+        if place >= len(subjects):
+            for ax in axes:
+                ax.remove()
+            continue
+        subject = subjects[place]
+        counts, theta = draws.subject(subject), draws.natural(subject)
+        answers_axes(counts, theta, axes[0])
+        prior_axes(counts, theta, central(draws, subject), axes[1])
+        collapse_axes(counts, theta, axes[2])
+        about = which_weaker(counts, main_weaker(counts))
+        axes[0].set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
+        for ax in axes if column else ():
+            ax.set_ylabel("")
     legend_below(figure, size=SMALL)
     return figure
-
-
-def _draw_column(axes: Sequence[Axes], draws: Draws, subject: str, *, first: bool) -> None:
-    counts, theta = draws.subject(subject), draws.natural(subject)
-    answers_axes(counts, theta, axes[0])
-    prior_axes(counts, theta, central(draws, subject), axes[1])
-    collapse_axes(counts, theta, axes[2])
-    about = which_weaker(counts, main_weaker(counts))
-    axes[0].set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
-    if not first:
-        for ax in axes:
-            ax.set_ylabel("")

@@ -9,8 +9,7 @@ from legible import require_legible, texts_of
 from matplotlib.colors import to_rgb
 
 import bayes_toe as bt
-from bayes_toe.plots.evidence import _OF_KINDS, evidence_plane_axes
-from bayes_toe.plots.sorted import sorted_by_kind, stacked_shares
+from bayes_toe.plots.evidence import _OF_KINDS, evidence_plane_axes, sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
 
 

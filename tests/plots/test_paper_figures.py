@@ -22,12 +22,12 @@ from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.asymmetry import asymmetry_height
-from bayes_toe.plots.curves import order_panel
+from bayes_toe.plots.curves import main_weaker, order_panel
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
 from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, filter_figure, left_out, material_of, products, representative
 from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, new_figure
-from bayes_toe.plots.subject import central, main_weaker
+from bayes_toe.plots.subject import central
 
 NAMES = tuple(FIGURES)
 
@@ -48,14 +48,15 @@ def points_of(ax):
 
 def test_asymmetries_are_where_the_table_has_them(table):
     ax = bt.plots.asymmetry_axes(table)
-    drawn = points_of(ax)
+    drawn = sorted(points_of(ax), key=lambda point: point[1])
     expected = [one for row in table for one in row.comparisons]
     assert [x for x, *_ in drawn] == pytest.approx([one.asymmetry for one in expected])
-    [errors] = ax.collections
-    ends = [(one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se) for one in expected]
-    assert np.array([line[:, 0] for line in errors.get_segments()]) == pytest.approx(np.array(ends))
-    assert [line[0, 1] for line in errors.get_segments()] == pytest.approx([y for _, y, *_ in drawn])
     assert [round(y) for _, y, *_ in drawn] == [i for i, row in enumerate(table) for _ in row.comparisons]
+    segments = [bars.get_segments() for container in ax.containers for bars in container.lines[2]]
+    ends = sorted(np.concatenate(segments)[:, :, 0].tolist())
+    assert np.array(ends) == pytest.approx(
+        np.array(sorted([one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se] for one in expected))
+    )
     for one, (_, _, edge, face) in zip(expected, drawn, strict=True):
         assert edge == {1.0: STRONGER_FIRST, -1.0: WEAKER_FIRST, 0.0: EQUAL}[np.sign(one.asymmetry)]
         assert (face == edge) == (one.p_adjusted < 0.05)

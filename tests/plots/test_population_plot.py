@@ -8,9 +8,8 @@ import bayes_toe as bt
 from bayes_toe.classical.frequencies import laplace_estimate
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
-from bayes_toe.plots.forest import MOST_NAMED_IN_GROUP
-from bayes_toe.plots.said_interval import said_interval
-from bayes_toe.plots.style import ORDERS
+from bayes_toe.plots.population import MOST_NAMED_IN_GROUP
+from bayes_toe.plots.style import ORDERS, said_interval
 
 COLUMNS = (
     Regressor("group", "patient", "group patient against control", reference="control"),
