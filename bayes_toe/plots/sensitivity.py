@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
+from bayes_toe.comparison.model_comparison import STUDY
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable
 from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.comparison.words import STRONG
-from bayes_toe.plots.figure_files import save_figure
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, legend_above, new_figure, panel, plain
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+from bayes_toe.plots.style import (
+    EQUAL,
+    LETTERS,
+    SMALL,
+    STRONGER_FIRST,
+    WEAKER_FIRST,
+    dress,
+    first_panels,
+    legend_above,
+    new_figure,
+    panel,
+    plain,
+)
 
 #: Of the values of a prior in their order; a prior with more of them starts anew.
 _COLOURS, _MARKERS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333"), ("o", "s", "^", "D", "v")
@@ -29,6 +38,9 @@ _EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
 _LETTERS_AN_INCH = 15.0  # of words below
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
+_LINES = ((EQUAL, "D"), (WEAKER_FIRST, "o"), (STRONGER_FIRST, "s"), ("#CC79A7", "^"), ("#009E73", "v"))
+_PART_WIDE, _PART_HIGH = 1.05, 0.72  # inches of a panel
+_MOST = 12  # subjects
 
 
 def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = None) -> Axes:
@@ -92,11 +104,6 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
         fontsize=LETTERS if columns > 1 else SMALL,
     )
     return figure
-
-
-def save_sensitivity(table: SensitivityTable, path: str | Path, *, synthetic: bool = False, overwrite: bool = False) -> Path:
-    """Draw :func:`sensitivity_figure` and write it, whole or not at all; errors as in :func:`bayes_toe.plots.figure_files.save_figure`."""
-    return save_figure(sensitivity_figure(table, synthetic=synthetic), path, overwrite=overwrite)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,3 +187,54 @@ def _set_limits(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
     ax.set_ylim(low - pad, high + pad)
     if not known:
         ax.text(0.5, 0.5, "no reliable estimate", transform=ax.transAxes, ha="center", va="center", fontsize=SMALL, color=EQUAL)
+
+
+# --- parts of the model -------------------------------------------------------------------------------------------------------------
+
+
+def parts_sensitivity_figure(table: PartsSensitivity, part: str = "order", *, synthetic: bool = False) -> Figure:
+    """Probabilities of a part's levels against each number of the prior, the others as given (dotted line).
+
+    One row for the study, where there is one, then one for each subject whose most probable level changes within the range, at most 12 (the
+    first of them); where it changes for none, the first subjects. A gap: an evidence that is withheld.
+    """
+    shown = _shown(table, part)
+    columns = len(table.varied)
+    figure = new_figure(max(_PART_WIDE * columns + 0.9, 3.4), _PART_HIGH * len(shown) + 0.95)
+    axes = figure.subplots(len(shown), columns, squeeze=False, sharey=True)
+    for row, subject in zip(axes, shown, strict=True):
+        for ax, varied in zip(row, table.varied, strict=True):
+            _draw_part(ax, table, subject, varied, part)
+        row[0].set_ylabel("study" if subject == STUDY else plain(subject, 10), rotation=0, ha="right", va="center", fontsize=LETTERS)
+    for ax, varied in zip(axes[-1], table.varied, strict=True):
+        ax.set_xlabel(varied, fontsize=SMALL)
+        ax.tick_params(labelbottom=True)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=LETTERS)
+    figure.supxlabel("value of the prior" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS)
+    figure.supylabel("probability", fontsize=LETTERS)
+    return figure
+
+
+def _shown(table: PartsSensitivity, part: str) -> list[str]:
+    own = [name for name in table.subjects if name != STUDY]
+    turning = [name for name in own if table.turns(name, part)] or own
+    return [*((STUDY,) if STUDY in table.subjects else ()), *turning[:_MOST]]
+
+
+def _draw_part(ax: Axes, table: PartsSensitivity, subject: str, varied: str, part: str) -> None:
+    positive = table.prior.declared_as(varied).positive
+    given = float(getattr(table.prior, varied))
+    for (level, rows), (colour, marker) in zip(table.of(subject, varied, part).items(), _LINES, strict=False):
+        values = np.array([row.probability for row in rows], np.float64)  # None becomes NaN: a gap
+        ax.plot([row.value for row in rows], values, "-", marker=marker, ms=2.6, lw=0.9, color=colour, label=level)
+    ax.axvline(given, color="black", lw=0.6, ls=":", zorder=0)
+    if positive:
+        ax.set_xscale("log")
+    ticks = [rows[0].value, given, rows[-1].value]
+    ax.set_xticks(ticks, [f"{value:.3g}".replace("-", "−") for value in ticks])
+    ax.minorticks_off()
+    ax.set_yticks([0.0, 1.0])
+    ax.set_ylim(-0.06, 1.06)
+    ax.tick_params(labelbottom=False)
+    dress(ax)
