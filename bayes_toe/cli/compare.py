@@ -42,8 +42,8 @@ def compare(
     """
     from bayes_toe.comparison.model_comparison import beside
     from bayes_toe.model.ladder import require_models
-    from bayes_toe.plots.comparison import save_comparison
-    from bayes_toe.plots.figure_files import picture_beside
+    from bayes_toe.plots.comparison import comparison_figure
+    from bayes_toe.plots.figure_files import picture_beside, save_figure
 
     asked, files = model or space, (output, *beside(output), picture_beside(output))
     models = require_models(asked)
@@ -54,7 +54,7 @@ def compare(
         table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
-        save_comparison(table, folder / files[-1].name, synthetic=read.synthetic)
+        save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[-1].name)
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
     say_comparison(task.console, table)
@@ -77,9 +77,8 @@ def sensitivity(
     [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
     """
     from bayes_toe.comparison.prior_sensitivity import require_range
-    from bayes_toe.plots.figure_files import picture_beside
-    from bayes_toe.plots.parts_sensitivity import save_parts_sensitivity
-    from bayes_toe.plots.sensitivity import save_sensitivity
+    from bayes_toe.plots.figure_files import picture_beside, save_figure
+    from bayes_toe.plots.sensitivity import parts_sensitivity_figure, sensitivity_figure
 
     picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
     files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
@@ -97,10 +96,10 @@ def sensitivity(
     of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
-        save_sensitivity(table, folder / picture.name, synthetic=read.synthetic)
+        save_figure(sensitivity_figure(table, synthetic=read.synthetic), folder / picture.name)
         if of_parts is not None:
             of_parts.save(folder / parts.name, **task.saving)
-            save_parts_sensitivity(of_parts, picture_beside(folder / parts.name), synthetic=read.synthetic)
+            save_figure(parts_sensitivity_figure(of_parts, synthetic=read.synthetic), picture_beside(folder / parts.name))
     task.say_written("written:", *files, seed=table.seed)
 
 

@@ -9,7 +9,7 @@ from bayes_toe.comparison.parts_sensitivity import parts_sensitivity
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, infer
 from bayes_toe.model.ladder import require_models
-from bayes_toe.plots.parts_sensitivity import parts_sensitivity_figure
+from bayes_toe.plots.sensitivity import parts_sensitivity_figure
 
 MODELS = ["none", "constant error", "update", "none + sloped"]
 FACTORS = (0.5, 1.0, 2.0)
