@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.data.messages import visible
-from bayes_toe.explorer.words import meaning, symbol
+from bayes_toe.explorer.page import meaning, symbol
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.target import DOMINATED

@@ -1,33 +1,42 @@
-"""What the page keeps of one subject under one model: draws, contours, curves, counts, and what to know before believing them."""
+"""What the page keeps of one subject under one model: draws, contours, curves, counts, and what to know before believing them.
+
+Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays without parsing them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import base64
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from itertools import combinations
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
-from bayes_toe.explorer.contours import contours, frame
-from bayes_toe.explorer.curves import POINTS, axis, slice_count, slices
-from bayes_toe.explorer.packing import floats
+from bayes_toe.data.study import Subject
+from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import DOMINATED, contraction
-from bayes_toe.plots.corner import Span, known_from, spans_of
+from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, spans_of
 from bayes_toe.plots.style import MARKED
-
-if TYPE_CHECKING:
-    from bayes_toe.groups.population import Population
 
 #: Quantities of one entry; only free frequencies of a large design are more.
 MOST_QUANTITIES = 16
+#: Of every curve; with straight lines between them a bell is a bell.
+POINTS = 21
+#: Numbers of a contour's coordinate from one end of its frame to the other; one more parts two lines.
+FRAME = 65534
+_BEYOND = 0.04  # of its length, by which a curve goes on after its last pair
 _QUANTILES = np.linspace(0.0, 1.0, 201)
 
 
@@ -163,8 +172,28 @@ def thinned(size: int, rows: int) -> IndexArray:
 
 
 def outlined(samples: FloatArray, spans: list[Span]) -> dict[str, Any]:
-    """Spans, and contours in their frames."""
-    return {"spans": spans, "frames": [frame(one) for one in spans], "contours": contours(samples, spans)}
+    """Spans, frames, and of every two quantities the contours that hold shares of the draws, in parts of the frames; the inner one first.
+
+    A frame goes from the middle of one of the outermost bins of the density to that of the other.
+    """
+    beyond = (AROUND - 0.5) / BINS
+    frames = [(low - beyond * (high - low), high + beyond * (high - low)) for low, high in spans]
+    packed = [_contours(samples[:, [j, i]], [spans[j], spans[i]], [frames[j], frames[i]]) for j, i in combinations(range(len(spans)), 2)]
+    return {"spans": spans, "frames": frames, "contours": packed}
+
+
+def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> list[str]:
+    """Of each level x and y, point after point."""
+    from bokeh.plotting.contour import contour_data
+
+    found = Density.of(*samples.T, *spans)
+    lines = contour_data(found.x, found.y, found.values, sorted(set(found.levels)), want_fill=False, want_line=True).line_data
+    assert lines is not None
+    (left, right), (bottom, top) = frames
+    at = [
+        np.stack([(xs - left) / (right - left), (ys - bottom) / (top - bottom)], axis=1) for xs, ys in zip(lines.xs, lines.ys, strict=True)
+    ]
+    return [shorts(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME))) for points in at[::-1]]
 
 
 def prior_of(entry: Entry) -> dict[str, Any] | None:
@@ -238,3 +267,117 @@ def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, 
         x, _ = target.from_group(eta.reshape(-1, eta.shape[-1]))
         made.append(Entry(label, target, x.reshape(eta.shape), told, truths.get(name), False, found.study.synthetic, about))
     return made
+
+
+# --- curves -------------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """Pairs with one weaker stimulus, at one interval: what one panel of curves shows.
+
+    Attributes
+    ----------
+    weaker : float
+        Natural-log intensity.
+    isi : float or None
+        Seconds.
+    pairs : array of int
+        Which of the subject's pairs these are.
+    x : array, shape (POINTS,)
+        The stronger stimulus.
+    orders : tuple of int
+        Orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several intensities.
+    """
+
+    weaker: float
+    isi: float | None
+    pairs: IndexArray
+    x: FloatArray
+    orders: tuple[int, ...]
+
+    def title(self, several: bool) -> str:
+        """What tells it from others."""
+        words = [f"weaker stimulus {self.weaker:.3g}"] if several else []
+        return ", ".join(words + ([] if self.isi is None else [f"interval {self.isi:g} s"])).replace("-", "−")
+
+    def equal(self, fitted: Predictor) -> FloatArray:
+        """P(equal) of every draw, shape (orders, POINTS, draws)."""
+        fixed = np.full_like(self.x, self.weaker)
+        presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
+        seconds = None if self.isi is None else np.full_like(self.x, self.isi)
+        return np.stack([fitted.equal(*presented[order], seconds).T for order in self.orders])
+
+
+def slices(counts: Subject, most: int) -> list[Slice]:
+    """The slices with the most trials of different stimuli, at most so many, in the order of weaker stimulus and interval."""
+    chosen = [key for key, _ in _trials(counts).most_common(most)]
+    return [_slice(counts, low, isi) for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))]
+
+
+def slice_count(counts: Subject) -> int:
+    """How many slices there are."""
+    return len(_trials(counts))
+
+
+def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
+    """Trials of different stimuli by weaker stimulus and interval; without any, of all stimuli at once."""
+    weaker, order = np.minimum(counts.s1, counts.s2), presentation_order(counts)
+    seconds = [None] * counts.n_pairs if counts.isi is None else counts.isi.tolist()
+    found: Counter[tuple[float, float | None]] = Counter()
+    for low, isi, kind, count in zip(weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True):
+        if kind:
+            found[low, isi] += count
+    return found or Counter({(float(weaker.min()), seconds[0]): 1})
+
+
+def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
+    low, high, order = np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2), presentation_order(counts)
+    shown = (low == weaker) | ((order == 0) & (high >= weaker))
+    if isi is not None:
+        shown &= np.asarray(counts.isi) == isi
+    top = max(float(high[shown].max()), weaker + 1e-9)
+    x = np.linspace(weaker, top + _BEYOND * (top - weaker), POINTS)
+    orders = [one for one in (-1, 1) if (order[shown] == one).any()]
+    several = len(np.unique(high[shown & (order == 0)])) > 1 or not orders
+    return Slice(weaker, isi, np.flatnonzero(shown), x, (*orders, 0) if several else tuple(orders))
+
+
+def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
+    """Second stimulus that seems equal to the first, at both ends of a line: s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
+
+    At the reference interval, where there are several. Source: the distance z of :mod:`bayes_toe.model.posterior` is 0 there.
+    """
+    first = np.asarray(ends)[:, None]
+    none = np.zeros(len(next(iter(quantities.values()))))
+    return np.asarray(first - quantities.get("pull", none) * (first - sbar) + quantities.get("offset", none))
+
+
+# --- numbers as text ----------------------------------------------------------------------------------------------------------------
+
+
+def floats(values: npt.ArrayLike) -> str:
+    """As float32.
+
+    Examples
+    --------
+    >>> floats([1.0])
+    'AACAPw=='
+    """
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode("ascii")
+
+
+def shorts(values: npt.ArrayLike) -> str:
+    """As unsigned integers of 16 bits."""
+    return base64.b64encode(np.ascontiguousarray(values, "<u2").tobytes()).decode("ascii")
+
+
+def island(content: Any) -> str:
+    r"""JSON for a script element: nothing in it ends the element, whatever a subject is called.
+
+    Examples
+    --------
+    >>> island({"subject": "</script>"})
+    '{"subject":"\\u003c/script>"}'
+    """
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")

@@ -113,18 +113,17 @@ window.explorer = (() => {
     fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
   }
 
-  function contours(packed, place, names, frames) {  // lines of the two named quantities
+  function contours(packed, place, names, frames) {  // lines of the two named quantities, those of a level in one
     const [i, j] = names.map(name => place.indexOf(name)), lines = { xs: [], ys: [], width: [] };
     if (i < 0 || j < 0) return lines;
     const [left, right] = [Math.min(i, j), Math.max(i, j)], count = place.length;
-    const numbers = new Uint16Array(bytes(packed[left * count - left * (left + 1) / 2 + right - left - 1]));
-    const scale = (value, [low, high]) => low + value / 65535 * (high - low);
-    for (let start = 0; start < numbers.length; start += 2 + 2 * numbers[start + 1]) {
-      const points = range(numbers[start + 1]).map(k => [numbers[start + 2 + 2 * k], numbers[start + 3 + 2 * k]]);
-      const first = points.map(point => scale(point[0], frames[left])), second = points.map(point => scale(point[1], frames[right]));
+    for (const [level, text] of packed[left * count - left * (left + 1) / 2 + right - left - 1].entries()) {
+      const numbers = Array.from(new Uint16Array(bytes(text)), value => value === 65535 ? NaN : value / 65534);
+      const along = (offset, [low, high]) => range(numbers.length / 2).map(k => low + numbers[2 * k + offset] * (high - low));
+      const first = along(0, frames[left]), second = along(1, frames[right]);
       lines.xs.push(i < j ? first : second);
       lines.ys.push(i < j ? second : first);
-      lines.width.push(numbers[start] === 0 ? 2.5 : 1.3);
+      lines.width.push(level === 0 ? 2.5 : 1.3);
     }
     return lines;
   }

@@ -16,9 +16,7 @@ from bayes_toe.data.messages import listed
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.explorer.entry import Entry, entries_of, in_group, outlined, prior_of, quantiles
-from bayes_toe.explorer.packing import island
-from bayes_toe.explorer.words import meaning, symbol
+from bayes_toe.explorer.entry import Entry, entries_of, in_group, island, outlined, prior_of, quantiles
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.corner import spans_of
 
@@ -35,6 +33,24 @@ _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
+#: What quantities are called on the page: a short symbol and what it is in words.
+_QUANTITIES = {
+    "mu1": ("μ₁", "where the first stimulus is pulled to: the prior's mean"),
+    "sigma_p": ("σₚ", "noise that is added between the stimuli"),
+    "sigma_l": ("σℓ", "noise of the measurement"),
+    "q0": ("q₀", "P(equal) at the peak"),
+    "gamma": ("γ", "σℓ²/σₚ²"),
+    "sigma1": ("σ₁", "spread of the prior"),
+    "gain": ("gain K", "weight of the first stimulus; 1: no pull"),
+    "width": ("width w", "distance at which P(equal) has halved"),
+    "offset": ("offset c", "constant part of the order effect"),
+    "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
+    "rho": ("ρ", "what is kept of a memory"),
+    "noise_slope": ("slope b", "how noise departs from Weber's law"),
+    "lapse_rate": ("lapse λ", "share of answers that are guesses"),
+    "exponent": ("exponent ν", "shape of the curve; 2: the bell"),
+    "icc": ("ICC", "correlation of answers to one pair"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +271,24 @@ def _index(found: Sequence[Entry], told: list[dict[str, Any]], priors: _Priors, 
         "slots": SLOTS,
         "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
     }
+
+
+def symbol(name: str) -> str:
+    """What an axis is called.
+
+    Examples
+    --------
+    >>> symbol("mu1"), symbol("q_13")
+    ('μ₁', 'q_13')
+    """
+    return _QUANTITIES.get(name, (name, ""))[0]
+
+
+def meaning(name: str) -> str:
+    """In words; of a free frequency, which it is."""
+    if name.startswith("q_"):
+        return f"P(equal) of pair {name[2:]}"
+    return _QUANTITIES.get(name, (name, ""))[1]
 
 
 def _first(told: Sequence[Mapping[str, Any]]) -> tuple[int, int | None]:

@@ -6,6 +6,7 @@ place. Draws have a source for every panel, so that those of panels which are no
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 from bokeh.document import Document
@@ -29,7 +30,6 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bayes_toe.explorer.contours import pairs
 from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
@@ -53,7 +53,7 @@ def document() -> Document:
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     corner = [_distribution(sources, ranges, i) for i in range(SLOTS)]
-    corner += [_cloud(sources, ranges, i, j) for j, i in pairs(SLOTS)]
+    corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     made = Document()
     with made.models.freeze():  # otherwise all models are collected anew with every root
         for root in (*corner, *(make(sources, letter) for letter in LETTERS for make in (_curves, _plane))):

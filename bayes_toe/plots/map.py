@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
@@ -30,10 +37,6 @@ from bayes_toe.plots.style import (
     plain,
 )
 from bayes_toe.plots.subject import answers_axes, central
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Draws or replicates of (mu_1, sigma_p), each of shape (R,), by subject.
 Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
@@ -86,9 +89,12 @@ def map_axes(
     """
     if not clouds:
         raise InputError("a map needs at least one subject")
-    ax = _panel(ax)
+    ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
     found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
-    centres = {name: _centre(found[name], *clouds[name]) for name in clouds}
+    centres = {
+        name: np.array([np.nanmedian(np.asarray(values, np.float64)) for values in clouds[name]]) if ellipse is None else ellipse.centre
+        for name, ellipse in found.items()
+    }
     known = {} if truth is None else {name: np.array(truth[name], np.float64) for name in clouds if name in truth}
     _set_limits(ax, [*centres.values(), *known.values()], found, None if stimuli is None else np.asarray(stimuli, np.float64))
     colours = _colours(ax, clouds, sigma_l)
@@ -108,10 +114,6 @@ def map_axes(
     if unnamed:
         ax.set_title("; ".join([*filter(None, [ax.get_title(loc="left")]), f"no room for {unnamed} names"]), fontsize=SMALL, loc="left")
     return ax
-
-
-def _panel(ax: Axes | None) -> Axes:
-    return panel(ax, wide=COLUMN + 0.6, high=COLUMN)
 
 
 def _named(centres: Mapping[str, FloatArray]) -> list[str]:
@@ -182,7 +184,7 @@ def study_map_axes(
         As in :func:`map_figure`.
     """
     subjects = [draws.subject(name) for name in draws.names]
-    ax = _panel(ax)
+    ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
     if draws.synthetic:
         ax.set_title("synthetic data", fontsize=SMALL, loc="right")  # before names are placed
     return map_axes(
@@ -200,11 +202,8 @@ def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them: some 2,000 to 4,000 draws each, evenly spaced."""
     chains, size = (draws.group("posterior").sizes[name] for name in ("chain", "draw"))
     step = max(1, chains * size // _ENOUGH)
-    return {name: (_every(draws, name, "mu1", step), _every(draws, name, "sigma_p", step)) for name in draws.names}
-
-
-def _every(draws: Draws, name: str, parameter: str, step: int) -> FloatArray:
-    return draws.values(name, parameter).ravel()[::step].copy()  # a view would keep all of them
+    some = {name: [draws.values(name, one).ravel()[::step].copy() for one in ("mu1", "sigma_p")] for name in draws.names}  # no views of all
+    return {name: (mu1, sigma_p) for name, (mu1, sigma_p) in some.items()}
 
 
 def without_pointwise(draws: Draws) -> Draws:
@@ -229,7 +228,7 @@ def farthest(values: Sequence[float], count: int) -> list[int]:
     return order if count >= len(order) else order[:low] + order[len(order) - (count - low) :]
 
 
-def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str, str]) -> None:
+def _draw_insets(figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapping[str, str]) -> None:
     """Small panels in the order of their letters, at least three rows high so that they stay small."""
     down = max(-(-len(letters) // _ACROSS), 3)
     panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
@@ -241,12 +240,6 @@ def _draw_insets(figure: Figure, place: Any, draws: Draws, letters: Mapping[str,
         ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
         ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)
     legend_below(figure, size=SMALL)
-
-
-def _centre(ellipse: Ellipse | None, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike) -> FloatArray:
-    if ellipse is not None:
-        return ellipse.centre
-    return np.array([np.nanmedian(np.asarray(values, np.float64)) for values in (mu1, sigma_p)])
 
 
 def _set_limits(ax: Axes, places: Sequence[FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
@@ -273,9 +266,6 @@ def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> d
     """Colour of each subject; with likelihood noise the bar that explains it."""
     if sigma_l is None:
         return dict.fromkeys(clouds, EQUAL)
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     values = [sigma_l[name] for name in clouds]
     scale = ScalarMappable(Normalize(min(0.0, *values) if len(values) > 1 else 0.0, max(values)), COLOURS)
     bar = ax.figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
@@ -302,20 +292,14 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
 
     Those farthest to either side come first. Returns how many found no place: names over each other cannot be read.
     """
-    from matplotlib.patheffects import withStroke
-
     figure = ax.get_figure(root=True)
     assert figure is not None
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        layout.execute(figure)  # it decides where the panel is
-    renderer = figure._get_renderer()  # type: ignore[attr-defined]
-    within, at = ax.get_window_extent(renderer), ax.transData
-    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    shown = {n: np.clip(c, [low, bottom], [high, top]) for n, c in centres.items() if np.isfinite(c).all()}
-    marks = {name: at.transform(point) for name, point in shown.items()}
-    taken: list[Any] = [_box_around(point, 2.0) for point in marks.values()]
-    middle, unnamed = float(np.median([point[0] for point in marks.values()])) if marks else 0.0, 0
+    figure.draw_without_rendering()  # decides where the panel is
+    within, (low, high), (bottom, top) = ax.get_window_extent(), ax.get_xlim(), ax.get_ylim()
+    shown = {name: np.clip(centre, [low, bottom], [high, top]) for name, centre in centres.items() if np.isfinite(centre).all()}
+    marks = {name: ax.transData.transform(point) for name, point in shown.items()}
+    taken = [Bbox([mark - 2.0, mark + 2.0]) for mark in marks.values()]
+    middle, unnamed = float(np.median([mark[0] for mark in marks.values()])) if marks else 0.0, 0
     for name in sorted((one for one in marks if one in labels), key=lambda n: (-abs(marks[n][0] - middle), marks[n][1])):
         beyond = bool(np.any(shown[name] != centres[name]))
         words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
@@ -323,50 +307,26 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
         text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])  # legible over ellipses too
         if beyond:
             ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
-        if not _place(text, renderer, within, taken):
+        for place, (across, up) in _PLACES:
+            text.set(position=place, ha=("right", "center", "left")[across + 1], va=("top", "center", "bottom")[up + 1])
+            box = text.get_window_extent()
+            inside = all(map(within.contains, (box.x0, box.x1), (box.y0, box.y1)))
+            if inside and not any(box.overlaps(other) for other in taken):
+                break
+        else:
             text.remove()
             unnamed += 1
             continue
-        if np.hypot(*text.xyann) > _LEADER:
+        if np.hypot(*place) > _LEADER:
             line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
-            ax.annotate("", tuple(shown[name]), text.xyann, textcoords="offset points", arrowprops=line, zorder=5)
-        taken.append(text.get_window_extent(renderer))
+            ax.annotate("", tuple(shown[name]), place, textcoords="offset points", arrowprops=line, zorder=5)
+        taken.append(box)
     return unnamed
 
 
-def _place(text: Any, renderer: Any, within: Any, taken: Sequence[Any]) -> bool:
-    """Put a text at the first free place inside the panel, if there is one."""
-    for place in _places():
-        box = _put(text, place, renderer)
-        inside = within.x0 <= box.x0 and box.x1 <= within.x1 and within.y0 <= box.y0 and box.y1 <= within.y1
-        if inside and not any(box.overlaps(other) for other in taken):
-            return True
-    return False
-
-
-def _put(text: Any, place: tuple[float, float, str, str], renderer: Any) -> Any:
-    text.xyann = place[:2]
-    text.set(ha=place[2], va=place[3])
-    return text.get_window_extent(renderer)
-
-
-def _places() -> Iterator[tuple[float, float, str, str]]:
-    """Offsets in points with their alignment: right, left, above, below and between, then farther out."""
-    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0, 62.0, 78.0, 96.0):
-        near = 0.7 * away
-        yield from (
-            (away, 0.0, "left", "center"),
-            (-away, 0.0, "right", "center"),
-            (0.0, away, "center", "bottom"),
-            (0.0, -away, "center", "top"),
-            (near, near, "left", "bottom"),
-            (near, -near, "left", "top"),
-            (-near, near, "right", "bottom"),
-            (-near, -near, "right", "top"),
-        )
-
-
-def _box_around(point: FloatArray, half: float) -> Any:
-    from matplotlib.transforms import Bbox
-
-    return Bbox.from_extents(point[0] - half, point[1] - half, point[0] + half, point[1] + half)
+#: Offsets in points with their sides: right, left, above, below and between, then farther out.
+_PLACES = [
+    ((away * across * scale, away * up * scale), (across, up))
+    for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0, 62.0, 78.0, 96.0)
+    for across, up, scale in ((1, 0, 1.0), (-1, 0, 1.0), (0, 1, 1.0), (0, -1, 1.0), (1, 1, 0.7), (1, -1, 0.7), (-1, 1, 0.7), (-1, -1, 0.7))
+]

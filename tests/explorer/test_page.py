@@ -13,9 +13,7 @@ from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
-from bayes_toe.explorer.contours import contours, frame
-from bayes_toe.explorer.curves import slice_count, slices
-from bayes_toe.explorer.entry import Entry, badges
+from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slice_count, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.inference.predictive_checks import FitSummary
 
@@ -74,18 +72,16 @@ def test_axis_and_curves_agree_with_the_beliefs_of_the_closed_form(held, analysi
 def test_contours_hold_their_shares():
     samples = np.random.default_rng(1).normal(size=(40_000, 2)) * [1.0, 0.2]
     spans = [(-4.0, 4.0), (-0.8, 0.8)]
-    packed = numbers(contours(samples, spans)[0], "<u2").astype(int)
-    inside_of = {}
-    while packed.size:
-        level, count = packed[:2]
-        line = packed[2 : 2 + 2 * count].reshape(-1, 2) / 65535
-        ends = np.array([frame(span) for span in spans])
-        line = ends[:, 0] + line * (ends[:, 1] - ends[:, 0])
-        radius = np.hypot(line[:, 0], line[:, 1] / 0.2)
-        inside_of[int(level)] = 1.0 - np.exp(-0.5 * np.mean(radius**2))
-        packed = packed[2 + 2 * count :]
+    made = outlined(samples, spans)
+    low, high = np.array(made["frames"]).T
+    inside_of = []
+    for text in made["contours"][0]:
+        points = numbers(text, "<u2").reshape(-1, 2)
+        points = low + points[points[:, 0] <= FRAME] / FRAME * (high - low)
+        radius = np.hypot(points[:, 0], points[:, 1] / 0.2)
+        inside_of.append(1.0 - np.exp(-0.5 * np.mean(radius**2)))
     # Smoothed over one bin of a fifth of a standard deviation; 0.02 is several times what 40,000 draws scatter.
-    assert inside_of == {0: pytest.approx(0.5, abs=0.02), 1: pytest.approx(0.9, abs=0.02)}
+    assert inside_of == pytest.approx([0.5, 0.9], abs=0.02)
 
 
 def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
