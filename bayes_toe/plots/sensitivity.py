@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.model_comparison import STUDY
+from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable
 from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.comparison.words import STRONG
