@@ -170,15 +170,17 @@ def _done_by_workers(jobs: Iterable[tuple[int, Callable[[], Result]]], count: in
     with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)):
         parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None)
     _have_begun_workers.add(os.getpid())
+    results = None
     with _starting_workers():
-        with _held_back():
-            results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
         try:
+            with _held_back():
+                results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
             yield results
         finally:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
-                results.close()
+                if results is not None:
+                    results.close()
 
 
 def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
@@ -199,11 +201,11 @@ def _starting_workers() -> Iterator[None]:
 
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """Processes that begin meanwhile never hear what a terminal says to all: Python, beginning, would die of it with many lines."""
+    """Signals wait: a Python that begins meanwhile would die of what a terminal says to all, with many lines, and joblib warn of it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _FROM_TERMINALS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS])
     try:
         yield
     finally:
@@ -214,6 +216,8 @@ def _begin(parent: int) -> None:
     """In a worker, first: no worker answers a terminal or outlives its parent."""
     for one in _FROM_TERMINALS:
         signal.signal(one, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
