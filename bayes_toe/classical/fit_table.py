@@ -14,7 +14,6 @@ from bayes_toe.classical.maximum_likelihood import Fits, fit_subject
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
@@ -23,6 +22,8 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from bayes_toe.inference.draws import Draws
 
 
 #: Bootstrap replicates of a subject, as many as in the paper.

@@ -90,8 +90,9 @@ def _means(found: Population) -> Iterator[PopulationRow]:
     for k, label in enumerate(labels):
         yield _row(label, "mean", "", found.chains.mean[..., k], found.chains.convergence["mean", -1, k])
     for name, values in found.quantities(found.chains.mean).items():
-        if name not in labels:
-            yield _row(name, "mean", "", values)
+        if name not in labels:  # ranks of a group parameter are those of its quantity
+            known = found.chains.convergence["mean", -1, found.names.index(name)] if name in found.names else None
+            yield _row(name, "mean", "", values, known)
 
 
 def _scatters(found: Population) -> Iterator[PopulationRow]:
@@ -171,7 +172,9 @@ def _subject_rows(found: Population, i: int) -> Iterator[SummaryRow]:
     name = found.study.names[i]
     pooled, unpooled = found.quantities(found.chains.eta[:, :, i]), found.quantities(found.unpooled[:, i])
     reported = {key: pooled[key] for key in found.posterior(name).names.reported}
-    judged, uncertain = convergence_of(reported), errors_of(reported)
+    known = {key: Convergence(*row) for key, row in zip(found.names, found.chains.subject_convergence[i].tolist(), strict=True)}
+    judged = known | convergence_of({key: values for key, values in reported.items() if key not in known})
+    uncertain = errors_of(reported)
     for key, values in reported.items():
         own = np.quantile(unpooled[key], list(_UNPOOLED.values())).tolist()
         yield (name, key, *location(values), *judged[key], *uncertain[key], *own)

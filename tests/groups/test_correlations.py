@@ -8,7 +8,6 @@ from scipy import stats
 import bayes_toe as bt
 from bayes_toe.cli.population import correlations
 from bayes_toe.groups.no_difference import no_difference
-from bayes_toe.groups.predictive_check import predictive_check
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.groups.scatter import Root, log_lkj
 from bayes_toe.records import packed
@@ -49,25 +48,6 @@ def test_a_further_subject_has_them(small_study):
     assert found.chains.correlation == pytest.approx(np.broadcast_to(R, (*SIZE, 4, 4)), abs=1e-12)
     seen = np.corrcoef(found.new_subject().reshape(-1, 4).T)
     assert np.abs(seen - R).max() < 5 / np.sqrt(800)
-
-
-def test_asymmetries_and_new_groups_have_them(small_study):
-    """Against 40,000 subjects for one draw, and against independent parameters: pulled less where the pull is toward further below."""
-    same = np.broadcast_to(CENTRE, (*SIZE, 4))
-    found, apart = known(small_study, mean=same, scatter=0.6), made_up(small_study, mean=same, scatter=0.6)
-    u = np.random.default_rng(4).standard_normal((40_000, 4)) @ np.linalg.cholesky(R).T
-    at = found.quantities(CENTRE + 0.6 * u)
-    label = found.asymmetries.comparisons[1]
-    strong, weak = (float(word) for word in label.removeprefix("P(equal) ").split(" less ")[0].split(" then "))
-    there, back = (
-        bt.model.equal_probability(*pair, at["mu1"], at["sigma_p"], at["sigma_l"], at["q0"]) for pair in ((strong, weak), (weak, strong))
-    )
-    many = np.ravel(there - back)
-    mean, independent = (one.asymmetries.draws[0, 0, 0, 1] for one in (found, apart))
-    assert mean == pytest.approx(many.mean(), abs=4 * many.std() / 200 + 0.03 * many.std())
-    assert abs(mean - independent) > 0.05 * many.std()
-    spreads = [predictive_check(one, groups=200).statistics[0].q50 for one in (found, apart)]
-    assert spreads[0] != spreads[1]
 
 
 def test_no_difference_of_known_members_is_the_exact_ratio(small_study):

@@ -79,26 +79,6 @@ def test_and_a_wrong_acceptance_would_be_seen():
     assert min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T) < 1e-4
 
 
-def test_a_skewed_density_from_far_off():
-    chains = sampler(skewed, np.random.default_rng(6).normal(-8.0, 4.0, (16, 3)), 7, together=1)
-    chains.warm_up()
-    u = uniforms(chains.advance(800).x[::8].reshape(-1, 3))
-    for column in u.T:
-        assert stats.kstest(column, "uniform").pvalue > 1e-4
-
-
-def test_one_chain_that_starts_far_away_arrives():
-    start = np.random.default_rng(8).standard_normal((16, 4))
-    start[3] = 60.0
-
-    def density(x):
-        return -0.5 * np.square(x).sum(axis=1), -x
-
-    chains = sampler(density, start, 9)
-    chains.warm_up()
-    assert np.abs(chains.advance(5).x).max() < 6.0
-
-
 def test_trajectories_over_a_cliff_are_refused_and_counted():
     def cliff(x):
         steep = 1e9 * np.where(np.abs(x) > 1.0, np.sign(x) * (np.abs(x) - 1.0), 0.0)

@@ -78,15 +78,6 @@ def test_scaled():
     assert (after.mean.tolist(), after.effect_sd.tolist()) == (before.mean.tolist(), before.effect_sd.tolist())
 
 
-def test_words():
-    assert Hyperprior().describe(["gain", "mu1"]) == (
-        "probit(gain/2): mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(1), effect ~ Normal(0, 1)",
-        "mu1: mean ~ Normal(the stimuli's mean s1, the stimuli's four ranges), "
-        "sd between subjects ~ HalfNormal(the stimuli's four ranges), "
-        "effect ~ Normal(0, the stimuli's four ranges), natural-log intensity",
-    )
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -6,15 +6,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from bayes_toe.data.study import Subject
 from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.scatter import scatter_named
-from bayes_toe.groups.subjects import Funnel, GroupLikelihood, NormalApproximation
+from bayes_toe.groups.subjects import Funnel, NormalApproximation
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import Prior
 
 N, K, CENTRE = 3, 4, 0.3
 HYPERPRIOR = HyperpriorNumbers(*np.array([[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]), 1.7)
@@ -194,53 +191,6 @@ def test_correlated_parameters(case, far):
     require_right(made(*CORRELATED[case], correlated=True), far)
 
 
-def whole_jacobian(joint, theta):
-    """Of (m, tau, beta, eta) with respect to one point, by differences, (D, D)."""
-
-    def natural(at):
-        hyper, _ = joint.split(at)
-        return np.concatenate(
-            [hyper.mean, np.exp(hyper.log_scatter), *np.moveaxis(hyper.effects, 1, 0), *np.moveaxis(joint.eta(at), 1, 0)], axis=1
-        )
-
-    h = 1e-3 * np.eye(joint.dimension)
-    a, b, c, d = (natural(theta + f * h) for f in (-2.0, -1.0, 1.0, 2.0))
-    return ((a - 8.0 * b + 8.0 * c - d) / 12e-3).T
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_with_real_answers_and_a_jacobian_by_differences(case):
-    rng = np.random.default_rng(17)
-    people = [Subject(f"S{i}", *rng.normal(0.3, 0.3, (2, 5)), rng.integers(0, 20, 5), np.full(5, 20)) for i in range(N)]
-    funnel, scatter, regressors, told = CASES[case]
-    many = made(
-        funnel, scatter, regressors, "some" if told == "much" else told, GroupLikelihood(PREDICTIVE_UPDATE, Prior(), people, CENTRE, 2)
-    )
-    theta = points(many, far=False)
-    hyper, eta = many.split(theta)[0], many.eta(theta)
-    values, gradients = many(theta)
-    for p in range(2):
-        mean, tau, effects = hyper.mean[p], np.exp(hyper.log_scatter[p]), hyper.effects[p]
-        own = [Posterior(one, PREDICTIVE_UPDATE, Prior(), centre=CENTRE) for one in people]
-        total = sum(one.log_likelihood(one.from_group(eta[p, i : i + 1])[0])[0] for i, one in enumerate(own))
-        u = (eta[p] - mean - many.x @ effects) / tau
-        total += (
-            (np.log(0.375) - 2.5 * np.log1p(u**2 / 4)) if scatter == "t" else -0.5 * u**2 - 0.5 * np.log(2 * np.pi)
-        ).sum() - N * np.log(tau).sum()
-        for value, at, sd in (
-            (mean, HYPERPRIOR.mean, HYPERPRIOR.mean_sd),
-            (tau, 0.0, HYPERPRIOR.sd_scale),
-            (effects, 0.0, HYPERPRIOR.effect_sd),
-        ):
-            total += (-0.5 * ((value - at) / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi) + 0.0 * value).sum()
-        total += K * np.log(2.0) + np.linalg.slogdet(whole_jacobian(many, theta[p : p + 1]))[1]
-        assert values[p] == pytest.approx(total, abs=1e-8)
-    for j in rng.choice(many.dimension, 8, replace=False):
-        h = 1e-4 * np.eye(many.dimension)[j]
-        a, b, c, d = (many(theta + f * h)[0] for f in (-2.0, -1.0, 1.0, 2.0))
-        assert gradients[:, j] == pytest.approx((a - 8 * b + 8 * c - d) / 12e-4, rel=1e-6, abs=1e-6)
-
-
 @pytest.mark.parametrize("case", [*CASES, *CORRELATED])
 def test_there_and_back(case):
     joint = made(*(CASES | CORRELATED)[case], correlated=case in CORRELATED)
@@ -288,18 +238,3 @@ FAR = 6.0
 @pytest.mark.parametrize("funnel", [False, True])
 def test_without_answers_the_hyperprior_comes_back(funnel):
     assert farthest(*drawn_without_answers(funnel)) < FAR
-
-
-def test_and_does_not_with_a_wrong_jacobian(monkeypatch):
-    """A part of the Jacobian that is forgotten: value and gradient belong together, but to another density."""
-    right = Joint.__call__
-
-    def forgetful(self, theta):
-        value, gradient = right(self, theta)
-        log_ratio = self.approximation.log_precision + 2.0 * self.split(theta)[0].log_scatter[:, None]
-        share = 1.0 / (1.0 + np.exp(log_ratio))
-        gradient[:, K : 2 * K] += (1.0 - share).sum(axis=1)
-        return value - 0.5 * np.log(share).sum(axis=(1, 2)), gradient
-
-    monkeypatch.setattr(Joint, "__call__", forgetful)
-    assert farthest(*drawn_without_answers(funnel=False)) > FAR

@@ -38,11 +38,6 @@ def test_it_comes_back_to_the_bit(found, file):
     assert packed(again.table.rows) == packed(found.table.rows)
 
 
-def test_without_covariates(small_study, tmp_path):
-    found = made_up(small_study, kind="t")
-    assert packed(bt.load_population(found.save(tmp_path / "p.nc"))) == packed(found)
-
-
 def test_arviz_opens_it(found, file):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # ArviZ announces its own changes

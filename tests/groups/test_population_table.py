@@ -66,10 +66,3 @@ def test_subjects_in_the_group_and_alone(found):
     assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width"]
     assert one.q95["mu1"] == pytest.approx(np.quantile(found.chains.eta[:, :, 1, 0], 0.95))
     assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.unpooled[:, 1, 2]), 0.05))
-
-
-def test_without_covariates(small_study):
-    frame = made_up(small_study).summary()
-    assert not (frame.quantity == "effect").any()
-    assert frame.level.eq("").all()
-    assert frame.bf_below.dtype == float

@@ -5,8 +5,7 @@ import pytest
 
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.errors import InputError
-from bayes_toe.groups.regressors import Regressors, regressors
-from bayes_toe.records import packed, unpacked
+from bayes_toe.groups.regressors import regressors
 
 NAMES = tuple("abcdefgh")
 AGES = dict(zip(NAMES, [23.0, 31.0, 40.0, 28.5, 61.0, 19.0, 35.0, 44.0], strict=True))
@@ -47,12 +46,6 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     )
 
 
-def test_a_level_of_those_left_out_only_is_none():
-    sites = {**SITES, "a": "attic"}
-    ages = {name: age for name, age in AGES.items() if name != "a"}
-    assert [one.level for one in regressors(Covariates({"age": ages, "site": sites}), NAMES).columns] == ["", "north", "west"]
-
-
 def test_numbers_are_numbers_unless_asked():
     dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
     assert [one.level for one in regressors(Covariates({"dose": dose}), NAMES).columns] == [""]
@@ -69,19 +62,6 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
     there = {name: (age + shift) * factor for name, age in AGES.items()}
     plain, moved = (regressors(Covariates({"age": values}), NAMES).x for values in (AGES, there))
     assert moved == pytest.approx(plain, abs=1e-10)
-
-
-def test_without_covariates():
-    for found in (Regressors.none(["a", "b"]), regressors(Covariates({}), ["a", "b"])):
-        assert (found.subjects, found.x.shape, found.columns, dict(found.left_out), found.notes) == (("a", "b"), (2, 0), (), {}, ())
-
-
-def test_they_are_kept_as_they_are():
-    found = regressors(Covariates({"age": AGES, "site": SITES}), (*NAMES, "z"))
-    again = unpacked(packed(found))
-    assert np.array_equal(again.x, found.x)
-    for key in ("subjects", "columns", "left_out", "notes"):
-        assert getattr(again, key) == getattr(found, key)
 
 
 @pytest.mark.parametrize(
@@ -111,8 +91,3 @@ def test_what_cannot_be_used_is_one_line(columns, said):
         regressors(Covariates(columns), NAMES)
     (line,) = refused.value.problems
     assert line.startswith(said)
-
-
-def test_columns_that_all_but_agree_are_told_apart():
-    almost = {name: age + 1e-4 * i * i for i, (name, age) in enumerate(AGES.items())}
-    assert len(regressors(Covariates({"age": AGES, "almost": almost}), NAMES).columns) == 2
