@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.beliefs import Gaussian, TrialView, noticed, trial_view
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.plots.style import BELIEF, EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, dress, panel
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: Height of the tallest curve in units of the distance between rows.
 _TALL = 0.78
@@ -73,7 +68,9 @@ def filter_axes(
         if stimulus is not None:
             noise = Gaussian(np.asarray(stimulus), np.square(np.asarray(sigma_l, np.float64)))
             _draw_stimulus(ax, base, grid, narrowest, noise, (f"$s_{1 if base else 2}$", colour))
-    _draw_shift(ax, view)
+    start, end = float(view.evolved.mean), float(view.after_second.mean)  # the shift of the mean by the second stimulus, mu_f - mu_2
+    style = {"arrowstyle": "->", "lw": 1.1, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 7.0}
+    ax.annotate("", (end, 0.1), (start, 0.1), arrowprops=style, zorder=5)
     ax.set_yticks([3.2, 2.2, 1.2, 0.2], [label for label, *_ in rows])
     ax.set(xlim=(grid[0], grid[-1]), ylim=(-0.16, 3.2 + _height(float(view.prior.sd), narrowest)), xlabel="stimulus (ln intensity)")
     order = "weaker first" if s1 < s2 else "stronger first" if s1 > s2 else "equal stimuli"
@@ -147,15 +144,11 @@ def filter_span(s1: float, s2: float, mu1: float, sigma_p: float, sigma_l: float
 
 
 def _grid(view: TrialView, s1: float, s2: float, sigma_l: float, span: tuple[float, float]) -> FloatArray:
-    points = np.unique(np.concatenate([np.linspace(*span, 400), *_fine(view, s1, s2, sigma_l)]))
-    return points[(points >= span[0]) & (points <= span[1])]
-
-
-def _fine(view: TrialView, s1: float, s2: float, sigma_l: float) -> list[FloatArray]:
-    """More points where a curve may be narrow."""
+    """Places along the panel, more of them where a curve may be narrow."""
+    narrow = [(float(b.mean), float(b.sd)) for b in (view.after_first, view.after_second)] + [(s1, sigma_l), (s2, sigma_l)]
     steps = np.linspace(-3.0, 3.0, 61)
-    narrow = [(float(b.mean), float(b.sd)) for b in (view.after_first, view.after_second)]
-    return [mean + sd * steps for mean, sd in (*narrow, (s1, sigma_l), (s2, sigma_l))]
+    points = np.unique(np.concatenate([np.linspace(*span, 400), *(mean + sd * steps for mean, sd in narrow)]))
+    return points[(points >= span[0]) & (points <= span[1])]
 
 
 def _height(sd: float, narrowest: float) -> float:
@@ -186,10 +179,3 @@ def _draw_stimulus(ax: Axes, base: float, x: FloatArray, narrowest: float, noise
     if seen:
         ax.plot(x, base + _curve(x, noise, narrowest), "--", color=colour, lw=0.9)
     ax.plot(float(noise.mean), base, "^", ms=5.5, color=colour, mec="white", mew=0.5, zorder=4, clip_on=False)
-
-
-def _draw_shift(ax: Axes, view: TrialView) -> None:
-    """The displacement of the mean by the second stimulus, mu_f - mu_2, on the last row's base line."""
-    start, end = float(view.evolved.mean), float(view.after_second.mean)
-    style = {"arrowstyle": "->", "lw": 1.1, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 7.0}
-    ax.annotate("", (end, 0.1), (start, 0.1), arrowprops=style, zorder=5)

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -29,10 +31,6 @@ from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -238,11 +236,23 @@ class Density(NamedTuple):
         return cls(middle_x, middle_y, values, tuple(levels))
 
 
+def corner_package() -> Any:
+    """The corner package, which takes a second to import: who only wants spans and densities need not wait.
+
+    ArviZ 0.23, which it imports, announces its refactoring once a day, and notes the day in a file that two processes at once lose.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        try:
+            import corner as package
+        except FileNotFoundError:
+            import corner as package
+    return package
+
+
 def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool) -> None:
     """Histograms, contours and true values of one subject; in a figure that has panels already, over what is there."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23, which corner imports, announces its refactoring
-        import corner as library  # takes a second, which who only wants spans and densities need not wait
+    library = corner_package()
     library.corner(
         one.samples,
         fig=figure,

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
@@ -30,10 +34,6 @@ from bayes_toe.plots.style import (
     new_figure,
     panel,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Quantity = Literal["prior_uncertainty", "slope", "prefactor"]
 QUANTITIES: tuple[Quantity, ...] = ("prior_uncertainty", "slope", "prefactor")
@@ -67,11 +67,14 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
         Share of the draws of the axis within its dotted band, at each first stimulus.
     """
     ax = panel(ax, high=3.3)
-    low, high = _square(counts)
+    both = np.concatenate([counts.s1, counts.s2])
+    pad = max(0.18 * float(np.ptp(both)), 0.1)
+    low, high = float(both.min()) - pad, float(both.max()) + pad
     side = np.linspace(low, high, _CELLS)
     some = Natural(*(values.ravel() for values in thinned(theta)))
-    grid = plane(side, side, some)
-    ax.imshow(grid.q, origin="lower", extent=_extent(side), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
+    grid, half = plane(side, side, some), 0.5 * float(side[1] - side[0])
+    ends = (low - half, high + half)  # of an image whose outermost pixels are centred on the ends of the grid
+    ax.imshow(grid.q, origin="lower", extent=(*ends, *ends), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
     ax.contour(side, side, grid.q, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
     line = axis_band(some, side, levels=(0.5 - band / 2.0, 0.5, 0.5 + band / 2.0))
@@ -100,8 +103,6 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     InputError
         For an unknown subject.
     """
-    from matplotlib.cm import ScalarMappable
-
     across = even_columns(len(subjects), _ACROSS)
     down = -(-len(subjects) // across)
     figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
@@ -159,23 +160,6 @@ def gamma_figure(draws: Draws | None = None) -> Figure:
     return figure
 
 
-def _square(counts: Subject) -> tuple[float, float]:
-    both = np.concatenate([counts.s1, counts.s2])
-    low, high = float(both.min()), float(both.max())
-    pad = max(0.18 * (high - low), 0.1)
-    return low - pad, high + pad
-
-
-def _extent(side: FloatArray) -> tuple[float, float, float, float]:
-    """Edges of an image whose outermost pixels are centred on the ends of the grid."""
-    half = 0.5 * float(side[1] - side[0])
-    low, high = float(side[0]) - half, float(side[-1]) + half
-    return low, high, low, high
-
-
 def _greys() -> Any:
     """Greys without the darkest, on which a black axis would be lost."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
     return ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetry
@@ -30,10 +30,6 @@ from bayes_toe.plots.map import map_figure, without_pointwise
 from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 CAPTIONS = "captions.md"
 #: How many subjects the figures of single subjects show, where none are chosen.

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_toe.data.study import Study
 from bayes_toe.experiments.prior_predictive import RARELY, PriorPrediction, prior_predictive
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, Record
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import LETTERS, ORDERS, PAGE, dress, legend_above, new_figure, panel
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _OUTER, _INNER = "#E3E3E3", "#BDBDBD"
 _BANDS = ((0.05, 0.95, _OUTER, "prior, 5 to 95 %"), (0.25, 0.75, _INNER, "prior, 25 to 75 %"))
