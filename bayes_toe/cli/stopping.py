@@ -50,9 +50,7 @@ def main() -> None:
         finally:
             _ignore(heard)
     except Stopped as stop:
-        there = ", ".join(shown(path) for path in finished if os.path.lexists(path))
-        said = said_kept() or (f"written: {there}" if there else "nothing written")
-        print(f"stopped by {signal.Signals(stop.number).name}: {said}", file=sys.stderr)
+        say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
     sys.stdout.flush()
     if output.failed is not None and output.failed.errno != errno.EPIPE:  # a reader may go away, as `head` does
@@ -114,7 +112,7 @@ def listen() -> list[signal.Signals]:
 
     def stop(number: int, _: FrameType | None) -> None:
         _ignore(heard)  # a second one must not interrupt the tidying up
-        end = Timer(_PATIENCE, os._exit, (128 + number,))  # in any case: a library may swallow the exception
+        end = Timer(_PATIENCE, _end, (number,))
         end.daemon = True
         end.start()
         raise Stopped(number)
@@ -122,6 +120,19 @@ def listen() -> list[signal.Signals]:
     for one in heard:
         signal.signal(one, stop)
     return heard
+
+
+def say_stopped(number: int) -> None:
+    """What a signal has left of the command's work, on standard error."""
+    there = ", ".join(shown(path) for path in finished if os.path.lexists(path))
+    said = said_kept() or (f"written: {there}" if there else "nothing written")
+    print(f"stopped by {signal.Signals(number).name}: {said}", file=sys.stderr, flush=True)
+
+
+def _end(number: int) -> None:
+    """End in any case: a library may swallow the exception, or take long to notice; workers see that and end as well."""
+    say_stopped(number)
+    os._exit(128 + number)
 
 
 def _ignore(heard: list[signal.Signals]) -> None:
