@@ -133,5 +133,5 @@ def test_what_a_killed_command_leaves_is_ended_and_swept(running):
     until_gone(running.pid)
     assert list(running.folder.glob(".bayes_toe-*"))
     again = start("run", "none.csv", "-o", "out", cwd=running.folder)
-    assert "out.partial: holds 3 results of a stopped command" in again.communicate()[1]
+    assert "out.partial: found 3 results of a stopped command" in again.communicate()[1]
     assert not list(running.folder.glob(".bayes_toe-*"))

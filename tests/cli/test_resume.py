@@ -66,6 +66,6 @@ def test_what_was_kept_is_thrown_away_where_that_is_asked_for(folder):
     options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1")
     refused = inside(*options, cwd=folder)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-    assert "evidence.csv.partial: holds 1 results of a stopped command" in refused.stderr
+    assert "evidence.csv.partial: found 1 results of a stopped command" in refused.stderr
     assert inside(*options, "--overwrite", cwd=folder).returncode == 0
     assert sorted(path.name for path in folder.iterdir()) == ["evidence.csv", "study.csv"]
