@@ -44,7 +44,9 @@ Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-Store = Annotated[Literal["nc", "zarr"], typer.Option("--store", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
+Store = Annotated[
+    Literal["nc", "zarr"], typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")
+]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
 InTheirPlace = Annotated[
     Path | None,
