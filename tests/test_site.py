@@ -1,7 +1,6 @@
 """The site without building it: every document is in its contents, every command, option and public name on its pages."""
 
 import re
-import tomllib
 from importlib import import_module
 from pathlib import Path
 
@@ -56,12 +55,6 @@ def test_every_public_name_has_its_entry_once(face):
         rf"^\.\. auto(?:function|class|data):: {re.escape(face)}::(\w+)$", reference_pages.name_reference(face), re.MULTILINE
     )
     assert sorted(entries) == [name for name in import_module(face).__all__ if name not in ("model", "plots")]
-
-
-def test_the_tests_do_not_need_what_the_site_is_built_with():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    assert any(words.startswith("sphinx") for words in extras["docs"])
-    assert not [words for words in extras["test"] if "sphinx" in words or "docs" in words]
 
 
 def test_every_figure_is_in_the_gallery():

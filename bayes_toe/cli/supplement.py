@@ -6,7 +6,7 @@ And the two languages in which these and the text of :mod:`bayes_toe.cli.methods
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -99,19 +99,13 @@ class SupplementTable:
         return Markup(markup.table(head, self.rows, self.caption, Markup(f"{stem}_{self.name}")).strip())
 
 
-def shown_parameters(draws: Draws) -> tuple[str, ...]:
-    """Natural parameters of a model, with the gain where it has one."""
-    names = draws.posterior(draws.names[0]).names
-    return (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
-
-
 def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
     """Medians and intervals of every subject, what the prior rules, and what sampling has reached."""
     import pandas as pd
 
-    shown, stats, missed = shown_parameters(draws), draws.group("sample_stats"), draws.not_converged
-    frames: list[dict[str, Any]] = []
-    rows = []
+    names, stats, missed = draws.posterior(draws.names[0]).names, draws.group("sample_stats"), draws.not_converged
+    shown = (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
+    frames, rows = list[dict[str, Any]](), list[tuple[str, ...]]()
     for i, (name, part) in enumerate(summary.groupby("subject", sort=False)):
         by = {str(row["parameter"]): row for row in part.to_dict("records")}
         ruled = [key for key in shown if by[key]["contraction"] < DOMINATED]
@@ -119,21 +113,35 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
         values = {f"{key}_{ending}": by[key][column] for key in shown for ending, column in _RANGE.items()}
         converged = "no" if name in missed else "yes"
         frames.append({"subject": name, **values, "prior_dominated": ", ".join(ruled), **reached, "converged": converged})
-        cells = [_range(by[key]) + ("*" if key in ruled else "") for key in shown]
+        ranges = {key: allowed_quantiles(by[key], 3) for key in shown}
+        cells = [f"{middle} ({low}, {high}){'*' * (key in ruled)}" for key, (low, middle, high) in ranges.items()]
         rows.append((str(name), *cells, f"{reached['min_ess']:.0f}", f"{reached['max_r_hat']:.3f}", converged))
     caption = (
         f"Posterior medians (5 %, 95 %) of each subject under the model {draws.model}. *: dominated by the prior (contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
     )
-    return SupplementTable(
-        "parameters", caption, pd.DataFrame(frames), ("subject", *shown, "ESS", "R-hat", "converged"), tuple(rows)
-    )  # fmt: skip
+    head = ("subject", *shown, "ESS", "R-hat", "converged")
+    return SupplementTable("parameters", caption, pd.DataFrame(frames), head, tuple(rows))
 
 
-def _range(row: dict[Any, Any]) -> str:
-    """Median and interval, with the digits that their Monte Carlo errors allow."""
-    low, middle, high = allowed_quantiles(row, 3)
-    return f"{middle} ({low}, {high})"
+def _probability(value: float) -> str:
+    return compared(value).removeprefix("= ")
+
+
+#: What people read of the columns of the next table: the head of each, and its values in words, where there are some.
+_COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "subject": ("subject", str),
+    "n_trials": ("trials", str),
+    "order_effect": ("order effect", str),
+    "p_none": ("P(none)", _probability),
+    "p_constant_error": ("P(constant)", _probability),
+    "p_update": ("P(update)", _probability),
+    "predictive_p": ("predictive p", p_value),
+    "p_deviance": ("p of deviance", p_value),
+    "fits": ("fits", str),
+    "log_bayes_factor": ("ln BF H1:H0", "{:.2f}".format),
+    "log_evidence_h1_se": ("s.e.", "{:.4f}".format),
+}
 
 
 def order_effect_table(draws: Draws, evidence: EvidenceTable | None) -> SupplementTable:
@@ -141,15 +149,18 @@ def order_effect_table(draws: Draws, evidence: EvidenceTable | None) -> Suppleme
     import pandas as pd
 
     frames = [dict(_numbers(draws, name, evidence)) for name in draws.names]
-    columns = [column for column in _COLUMNS if column.name in frames[0]]
-    rows = tuple(tuple(column.words(row[column.name]) for column in columns) for row in frames)
+    columns = {name: column for name, column in _COLUMNS.items() if name in frames[0]}
+
+    def said(row: dict[str, Any], name: str) -> str:
+        value = row[name]
+        return _NOTHING if value is None or value == "" or value != value else columns[name][1](value)
+
     begin = "Fit of the model" if evidence is None else "Order effect, fit of H1 (the predictive update) and its evidence against H0"
     caption = f"{begin} by subject. Fits: no where a predictive p or a p-value of the deviance is below 0.01." + (
         "" if evidence is None else " P: posterior probabilities at equal prior odds; ln BF: natural log Bayes factor, with standard error."
     )
-    return SupplementTable(
-        "fit" if evidence is None else "order_effect", caption, pd.DataFrame(frames), tuple(column.head for column in columns), rows
-    )
+    head, rows = tuple(one for one, _ in columns.values()), tuple(tuple(said(row, name) for name in columns) for row in frames)
+    return SupplementTable("fit" if evidence is None else "order_effect", caption, pd.DataFrame(frames), head, rows)
 
 
 def _numbers(draws: Draws, name: str, evidence: EvidenceTable | None) -> Iterator[tuple[str, Any]]:
@@ -174,44 +185,21 @@ def stored_fit(draws: Draws, name: str) -> FitSummary | None:
     return draws.fit(name)
 
 
-@dataclass(frozen=True)
-class _Column:
-    name: str
-    head: str
-    words: Callable[[Any], str]
-
-
-def _or_dash(words: Callable[[Any], str]) -> Callable[[Any], str]:
-    return lambda value: _NOTHING if value is None or value == "" or value != value else words(value)
-
-
-def _probability(value: float) -> str:
-    return compared(value).removeprefix("= ")
-
-
-_COLUMNS = (
-    *(_Column("subject", "subject", str), _Column("n_trials", "trials", str)),
-    _Column("order_effect", "order effect", str),
-    *(_Column(name, f"P({said})", _or_dash(_probability)) for name, said in
-      (("p_none", "none"), ("p_constant_error", "constant"), ("p_update", "update"))),
-    *(_Column("predictive_p", "predictive p", _or_dash(p_value)), _Column("p_deviance", "p of deviance", _or_dash(p_value))),
-    _Column("fits", "fits", _or_dash(str)),
-    _Column("log_bayes_factor", "ln BF H1:H0", _or_dash("{:.2f}".format)),
-    _Column("log_evidence_h1_se", "s.e.", _or_dash("{:.4f}".format)),
-)  # fmt: skip
-
-
 def group_table(found: Population) -> SupplementTable:
     """Everything that is said of a population: the rows of population.csv."""
     frame = found.table.frame()
     rows = tuple(
-        (row.quantity.replace("_", " "), row.parameter, row.level, f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})", _sign(row.p_direction),
-         _NOTHING if row.bf_no_difference is None else f"{row.bf_no_difference:.2g}", f"{row.ess_bulk:.0f}", f"{row.r_hat:.3f}")
+        (
+            row.quantity.replace("_", " "),
+            row.parameter,
+            row.level,
+            f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
+            _NOTHING if row.p_direction is None else _probability(row.p_direction),
+            _NOTHING if row.bf_no_difference is None else f"{row.bf_no_difference:.2g}",
+            f"{row.ess_bulk:.0f}",
+            f"{row.r_hat:.3f}",
+        )
         for row in found.table
-    )  # fmt: skip
-    head: Sequence[str] = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF no difference", "bulk ESS", "R-hat")
-    return SupplementTable("population", f"The population under the model {found.settings.model}.", frame, tuple(head), rows)
-
-
-def _sign(p: float | None) -> str:
-    return _NOTHING if p is None else _probability(p)
+    )
+    head = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF no difference", "bulk ESS", "R-hat")
+    return SupplementTable("population", f"The population under the model {found.settings.model}.", frame, head, rows)

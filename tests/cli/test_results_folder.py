@@ -1,4 +1,4 @@
-"""The results folder of a study: whose pictures are drawn, one report or an index with pages, jobs that carry keys."""
+"""The results folder of a study: whose pictures are drawn, one report or an index with pages, the explorer and the group beside them."""
 
 import re
 from dataclasses import replace
@@ -6,94 +6,152 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 from commands import inside
+from conftest import few_pairs, grouped_csv
+from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.headline import flagged
-from bayes_toe.cli.results_folder import Drawn, opened, write_results
+from bayes_toe.cli.report import Group
+from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_results
 from bayes_toe.errors import InputError
+from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
+from bayes_toe.groups.regressors import Regressor
+
+WRONG = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, above=True)
+
+
+def page(folder, name="report.html"):
+    return " ".join((folder / name).read_text(encoding="utf-8").split())
+
+
+def section(folder):
+    text = page(folder)
+    return text[text.index('<h2 id="group">') : text.index('<h2 id="appendix-c">')]
 
 
 def test_who_must_be_looked_at_and_why(marked):
     assert flagged(marked.evidence, (), marked.presets) == {"A": ("misfit", "prior decides"), "C": ("evidence withheld",)}
     assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)
-    assert set(results_folder.PICTURE_BYTES) == {"all", "flagged", "none"}
 
 
-@pytest.mark.parametrize(("which", "drawn"), [("all", "ABC"), ("flagged", "AC"), ("none", "")])
-def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn):
+@pytest.mark.parametrize(
+    ("which", "drawn", "said"),
+    [
+        ("all", "ABC", "Answers and fitted curves"),
+        ("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "),
+        ("none", "", "drawn of no subjects"),
+    ],
+)
+def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn, said):
     told = []
     write_results(marked, tmp_path / "out", pictures=Drawn(which), workers=1, progress=told.append)
     corners = tmp_path / "out" / "corner"
     assert sorted(file.stem for file in corners.glob("*")) == list(drawn)
     assert corners.exists() == bool(drawn)
     assert told == list(drawn)
-    text = " ".join((tmp_path / "out" / "report.html").read_text(encoding="utf-8").split())
+    text = page(tmp_path / "out")
     assert text.count("data:image/png") == 5 + 2 * len(drawn)
     assert text.count("Not drawn (--pictures") == 3 - len(drawn)
-    said = {
-        "all": "Answers and fitted curves",
-        "flagged": "drawn of 2 subjects (--pictures flagged: ",
-        "none": "drawn of no subjects",
-    }
-    assert said[which] in text
+    assert said in text
     assert {path.name for path in (tmp_path / "out").iterdir()} <= {*results_folder.PRODUCTS, ".bayes_toe_files.json"}
     summary = marked.draws.summary()
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "summary.csv", keep_default_na=False), summary, check_exact=True)
 
 
-def test_an_unknown_choice_of_pictures_is_refused_before_the_work(tmp_path):
+def test_an_unknown_choice_of_pictures_is_refused():
     with pytest.raises(InputError, match="allowed are all, flagged, none"):
         Drawn("some")
-    done = inside("run", "-o", tmp_path / "out", "--pictures", "some")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_explorer_stands_beside_the_report_where_it_is_asked_for(marked, tmp_path):
-    pytest.importorskip("bokeh")
-    write_results(marked, tmp_path / "out", pictures=Drawn("none", explorer=True), workers=1)
-    assert "<title>Explore a posterior</title>" in (tmp_path / "out" / "explorer.html").read_text(encoding="utf-8")
-    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert text.count('href="explorer.html"') == 2
-    assert "bayes-toe explore" not in text
-    settings = replace(marked.settings, prior=replace(marked.settings.prior, offset_sd=0.5))
-    write_results(replace(marked, settings=settings), tmp_path / "out", pictures=Drawn("none"), workers=1, overwrite=True)
-    assert not (tmp_path / "out" / "explorer.html").exists()
-    # The probabilities of the order effect depend on the constant error's own prior, so the report has it.
-    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "offset of a constant error ~ Normal(0, 0.5)" in text
-
-
-def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
-    for said in ("explore: found 3 subjects, allowed: at most 2 in a page", "pip install 'bayes_toe[explore]'"):
-        done = inside("run", study_csv, "-o", tmp_path / "out", "--explore")
-        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-        assert said in done.stderr
-        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert not (tmp_path / "out").exists()
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marked, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "MOST_IN_ONE", 2)
     out = tmp_path / "out"
     write_results(marked, out, pictures=Drawn("flagged"), workers=1)
-    index = (out / "report.html").read_text(encoding="utf-8")
+    index = page(out)
     assert re.findall(r'href="(subjects/[^"]+)"', index) == ["subjects/A.html", "subjects/C.html", "subjects/B.html"]  # flagged ones first
     assert index.count("data:image/png") == 5
     assert '<details class="subject' not in index
     assert "2 of 3 must be looked at" in index
-    pages = {name: (out / "subjects" / f"{name}.html").read_text(encoding="utf-8") for name in "ABC"}
+    pages = {name: page(out / "subjects", f"{name}.html") for name in "ABC"}
     assert {name: text.count("data:image/png") for name, text in pages.items()} == {"A": 2, "B": 0, "C": 2}
     assert "H1 does not describe the answers" in pages["A"]
     assert "The choice of the prior decides: A: no order effect" in pages["A"]
     assert all('href="../report.html#read"' in text and 'href="../report.html#term-sigma_p"' in text for text in pages.values())
     assert 'href="../corner/A.png"' in pages["A"]
-    monkeypatch.setattr(report, "MOST_IN_ONE", 200)
-    write_results(marked, out, overwrite=True, pictures=Drawn("none"), workers=1)  # leaves none of the pages behind
-    assert not (out / "subjects").exists()
-    assert not (out / "corner").exists()
+
+
+def test_an_explorer_and_a_group_stand_beside_the_report_where_asked_for_and_go_where_not(marked, tmp_path):
+    """The section of the group says first what speaks against it, then the answer, figure and tables."""
+    pytest.importorskip("bokeh")
+    out, columns = tmp_path / "out", [Regressor("group", "<b>", "group <b> against a", reference="a")]
+    found = made_population(ordinary(3), columns=columns, x=[[0.0], [1.0], [0.0]], reason="few draws")
+    group = Group(found, PredictiveCheck((WRONG,), "normal", 500))
+    write_results(marked, out, pictures=Drawn("none", explorer=True), workers=1, group=group)
+    assert "<title>Explore a posterior</title>" in (out / "explorer.html").read_text(encoding="utf-8")
+    assert page(out).count('href="explorer.html"') == 2
+    assert "bayes-toe explore" not in page(out)
+    said = section(out)
+    order = [
+        "not converged</span>",
+        "chains did not converge: few draws.",
+        "the spread of the accuracy between subjects is larger than a normal population has it (0.3, 0.1 to 0.2 expected, p = 0.004); try",
+        'class="lead">',
+        "Order effect</a> of the population: ",
+        "Group &lt;b&gt; - a: ",
+        "data:image/png;base64,",
+        "<th>sd between subjects",
+        "<th>further subject",
+        "<th>BF no difference",
+        "Hyperprior: mu1: ",
+    ]
+    places = [said.index(words) for words in order]
+    assert places == sorted(places)
+    numbers = re.sub(r"base64,[^\"]*|Hyperprior.*", "", said)
+    assert "−" in numbers
+    assert not re.search(r"[ (>]-\d", numbers)
+    assert all((out / name).stat().st_size > 500 for name in GROUP_PRODUCTS)
+    settings = replace(marked.settings, prior=replace(marked.settings.prior, offset_sd=0.5))
+    write_results(replace(marked, settings=settings), out, pictures=Drawn("none"), workers=1, overwrite=True)
+    assert 'id="group"' not in page(out)
+    assert not any((out / name).exists() for name in ("explorer.html", *GROUP_PRODUCTS))
+    # The probabilities of the order effect depend on the constant error's own prior, so the report has it.
+    assert "offset of a constant error ~ Normal(0, 0.5)" in page(out)
+
+
+def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(analysis, tmp_path, monkeypatch):
+    asked = {}
+
+    def population(study, **options):
+        asked.update(options, names=study.names)
+        return made_population(ordinary(3), reason="few draws")
+
+    monkeypatch.setattr("bayes_toe.population", population)
+    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: analysis)
+    file = grouped_csv(tmp_path / "study.csv", analysis.study)
+    done = inside("run", file, "-o", tmp_path / "out", "--population", "--pictures", "none", "--seed", 5, "--workers", 1)
+    assert (done.returncode, asked["names"]) == (3, analysis.study.names)
+    assert asked["posterior"] is analysis.draws  # whose prior and seed are the group's
+    assert "order effect of the population: " in done.stdout
+    assert "attention the group's chains did not converge: few draws" in done.stdout
+    assert "population.csv, population_subjects.csv, population.png, population.nc" in done.stdout
+    assert "few draws" in section(tmp_path / "out")
+
+
+def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_work(study_csv, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
+    one = grouped_csv(tmp_path / "one.csv", few_pairs("A"))
+    for file, option, said in (
+        (one, "--population", "--population: found 1 subject, allowed: 2 and more"),
+        (study_csv, "--explore", "explore: found 3 subjects, allowed: at most 2 in a page"),
+        (study_csv, "--explore", "pip install 'bayes_toe[explore]'"),
+    ):
+        if "pip" in said:
+            monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+        done = inside("run", file, "-o", tmp_path / "out", option)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert said in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(analysis, tmp_path, monkeypatch):
@@ -107,8 +165,3 @@ def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(
     opened(file, 1)
     assert loads == [file, file]
     opened.cache_clear()
-
-
-def test_what_a_page_lists_ends_with_a_count():
-    assert report._head({"a": 1, "b": 2, "c": 3}, 2) == ([("a", 1), ("b", 2)], 1)
-    assert report._head(["a"], None) == (["a"], 0)

@@ -1,14 +1,16 @@
-"""What the terminal says of very many subjects: so much as can be read, those first that need attention, and a count of the rest."""
+"""What the terminal says: no digit that is not known; of very many subjects those first that need attention, and a count of the rest."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import bayes_toe as bt
 from bayes_toe.cli.describe import say_fits
 from bayes_toe.cli.headline import scale_first
 from bayes_toe.cli.infer import say_draws, say_evidence
-from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, new_console, once, say_lines, say_table
+from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, allowed, allowed_in_order, new_console, once, say_lines, say_table
 from bayes_toe.model.study_prior import prior_for
 
 
@@ -73,3 +75,44 @@ def test_a_table_lines_and_notes_that_are_cut_say_so(analysis, capsys):
     say_fits(console, replace(analysis.fits, rows=(fit,)))
     assert "... and 5 more in the output" in capsys.readouterr().out
     assert once([(f"S{i}", "short") for i in range(MOST_NAMES + 1)])[0].endswith("S19, ... and 1 more: short")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "most", "shown"),
+    [
+        (0.123456, 0.004, 6, "0.123"),
+        (0.123456, 0.004, 2, "0.12"),  # never more than asked for
+        (0.123456, 0.0096, 6, "0.12"),  # 0.01 to one digit
+        (0.123456, 0.0094, 6, "0.123"),
+        (-1.2345, 0.1, 3, "-1.2"),
+        (9.96, 0.2, 3, "10.0"),
+        (-0.03, 0.2, 3, "0.0"),  # no minus before nothing
+        (12.6, 3.0, 3, "13"),
+        (1234.5, 30.0, 3, "1230"),
+        (-1.0e20, 1.0e18, 2, "-100000000000000000000"),
+        (12.0, 300.0, 2, "0"),
+        (1.5, math.nan, 3, "1.500"),
+        (1.5, 0.0, 3, "1.500"),
+        (1.5, math.inf, 3, "1.500"),
+        (1.5, 1e-300, 3, "1.500"),
+        (np.float64(0.98765), np.float64(0.02), 3, "0.99"),
+        (math.nan, 0.1, 2, "nan"),
+    ],
+)
+def test_digits_end_where_the_error_begins(value, error, most, shown):
+    assert allowed(value, error, most) == shown
+
+
+@pytest.mark.parametrize(
+    ("values", "errors", "shown"),
+    [
+        ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),  # each by its own error, in their order
+        ([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], ["0", "40000", "90000"]),  # not 50, 0, 86443.60
+        ([0.0, 77.3, 345_678.0], [3e4, 1.0, 9e4], ["0", "77", "350000"]),
+        ([0.12, 0.123, 0.15], [0.1, 0.1, 0.01], ["0.12", "0.12", "0.15"]),  # alike with all the decimals that there may be
+        ([0.0, 0.0, 0.0], [math.nan] * 3, ["0.00"] * 3),
+    ],
+)
+def test_a_median_is_shown_between_its_limits(values, errors, shown):
+    assert allowed_in_order(values, errors, 2) == shown
+    assert [float(text) for text in shown] == sorted(float(text) for text in shown)
