@@ -14,7 +14,6 @@ from bayes_toe.cli.options import writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
 from bayes_toe.data.messages import counted, quoted
-from bayes_toe.planning.information import AIMS
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -144,7 +143,9 @@ def design(
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
     space: LevelOptions,
-    aim: Annotated[str, typer.Option("--for", metavar="|".join(AIMS), help="Name the update, or know a quantity, or all.")] = "update",
+    aim: Annotated[
+        str, typer.Option("--for", metavar="update|gain|mu1|width|parameters", help="Name the update, or know a quantity, or all.")
+    ] = "update",
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
     observers: Observers = None,
