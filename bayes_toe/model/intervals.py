@@ -11,7 +11,12 @@ at one interval: a stimulus is measured, the belief evolves for t, the next stim
 
 **Random walk** (predictive update). The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and
 v = sqrt(t) (G_t/G_1)^(3/2): the longer the interval, the nearer the weight of the first stimulus comes to 1, and the width grows without
-end. Assumed is a self-consistent prior of each interval; see :mod:`bayes_toe.model.intervals`.
+end. In seconds everything that the paper derives for one interval holds with sigma_p sqrt(t) in the place of sigma_p, which then is in
+natural-log intensity per square root of a second; mu1, sigma_l and q0 are common to all intervals. Assumed is that each interval has its
+own self-consistent prior, of variance G_t sigma_p^2 t, as it has when its trials are run in a block. Were intervals mixed at random and
+the prior one for all of them, the first stimulus would be weighted alike at every interval, and only the width would depend on it; data
+from mixed intervals can tell. Forgetting shows in the width alone (erratum 6; see docs/errata.md), which is least, 2 sigma_l, where
+gamma_t = 2: at shorter intervals the memory is so narrow that the second stimulus moves it little.
 
 **Mean-reverting memory** (Ornstein-Uhlenbeck). Drift -(s - mu1)/tau and diffusion 2 sigma1^2/tau have the prior as their stationary state,
 as at one interval, where the record ties both to (mu1, sigma1). Two such steps make one, rho_(t+u) = rho_t rho_u with rho_t = exp(-t/tau),
@@ -120,14 +125,18 @@ def require_intervals(isi: npt.ArrayLike) -> FloatArray:
 
 
 class Scales(NamedTuple):
-    """Pull and width at an interval over those at the reference, r and v, each of shape (points, intervals)."""
+    """Pull and width at an interval over those at the reference, r and v, each of shape (points, intervals).
+
+    Or their logarithmic derivatives in the q coordinates of a propagator, each of shape (q, points, intervals).
+    """
 
     pull: FloatArray
     width: FloatArray
 
     def of_pairs(self, which: IndexArray) -> Scales:
-        """The scales of pairs, shape (points, pairs), given the place of each pair's interval, shape (pairs,) or (points, pairs)."""
-        return Scales(_at_pairs(self.pull, which), _at_pairs(self.width, which))
+        """Those of pairs, shape (..., points, pairs), given the place of each pair's interval, shape (pairs,) or (points, pairs)."""
+        at = (..., which) if which.ndim == 1 else (..., np.arange(len(which))[:, None], which)
+        return Scales(self.pull[at], self.width[at])
 
 
 #: At one interval, and of a model that does not mention the interval: exactly 1.
@@ -207,23 +216,7 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, inter
     return Scales(at.pull / one.pull, at.width / one.width)
 
 
-class Growth(NamedTuple):
-    """Logarithmic derivatives of the scales in a propagator's q coordinates, each of shape (q, points, intervals)."""
-
-    pull: FloatArray
-    width: FloatArray
-
-    def of_pairs(self, which: IndexArray) -> Growth:
-        """The derivatives of pairs, given the place of each pair's interval."""
-        return Growth(*(_at_pairs(part, which) for part in self))
-
-
-def _at_pairs(values: FloatArray, which: IndexArray) -> FloatArray:
-    """Values of intervals, (..., points, intervals), at those of the pairs, (pairs,) or (points, pairs)."""
-    return values[..., which] if which.ndim == 1 else values[..., np.arange(len(which))[:, None], which]
-
-
-def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:
+def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
     """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
 
     With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
@@ -231,23 +224,23 @@ def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Growth:
     gamma = noise_ratio_at(logit_pull)
     p1, pt = pull(gamma), pull(gamma / intervals)
     slope = (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
-    return Growth(-2.0 * slope[None], 1.5 * slope[None])
+    return Scales(-2.0 * slope[None], 1.5 * slope[None])
 
 
-def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Growth:
+def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Scales:
     """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split), with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
     lost, log_growth = np.logaddexp(0.0, logit_pull[:, None]), log_lost_slope(logit_pull[:, None])
     kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
 
-    def forms(t: FloatArray) -> Growth:
+    def forms(t: FloatArray) -> Scales:
         """Of log(1 - g_t) and log f_t, less what log l adds to each."""
         m, n = kept + decayed * t, kept + 2.0 * decayed * t
         by_m, by_n = kept * decayed * (t - 1.0) / m, kept * decayed * (2.0 * t - 1.0) / n
         once, twice, mixed = (1.0 / exprel(lost * part) for part in (m, 2.0 * m, n))
         of_width = log_growth * (twice - 0.5 * mixed - 0.5), by_m * twice - 0.5 * by_n * mixed
-        return Growth(np.stack([log_growth * (once - 1.0), by_m * once]), np.stack(of_width))
+        return Scales(np.stack([log_growth * (once - 1.0), by_m * once]), np.stack(of_width))
 
-    return Growth(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
+    return Scales(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
 
 
 def log_lost_slope(logit_pull: FloatArray) -> FloatArray:
@@ -273,7 +266,7 @@ class Propagator:
     scales : callable
         From these coordinates, each of shape (points,), and the intervals over the reference, shape (intervals,), to :class:`Scales`.
     growth : callable
-        From the same to the logarithmic derivatives of the scales, :class:`Growth`.
+        From the same to the logarithmic derivatives of the scales, :class:`Scales`.
     units : tuple of (name, unit)
         Of quantities that are those at the reference interval, {} in them.
     """
@@ -281,7 +274,7 @@ class Propagator:
     about: str
     coordinates: tuple[str, ...]
     scales: Callable[..., Scales]
-    growth: Callable[..., Growth]
+    growth: Callable[..., Scales]
     units: tuple[tuple[str, str], ...]
 
 

@@ -276,25 +276,27 @@ class Posterior:
             steep = -_finished(slopes.z, z)  # what a coordinate of log width adds
 
         gradient, per = np.zeros(x.shape), scales.pull * self._per_width(x, scales)
-        if self._offset_place is not None:
-            gradient[:, self._offset_place] -= _over_pairs(_finished(slopes.z, offset[1] * per), z)
+
+        def add(name: str, values: FloatArray) -> None:
+            """What pairs add to the slope in a coordinate, if it is free."""
+            if name in self._places:
+                gradient[:, self._places[name]] += np.broadcast_to(values, z.shape).sum(axis=1)
+
+        for name in _OFFSETS:
+            add(name, -_finished(slopes.z, offset[1] * per))
         if self.model.pull is not None:
-            place = self._places[self.model.pull.coordinate]
-            rise = self.model.pull.span * expit(x[:, place, None]) * expit(-x[:, place, None])
-            gradient[:, place] += _over_pairs(_finished(slopes.z, rise * lever * per), z)
-        gradient[:, self._places["log_width"]] += _over_pairs(steep, z)
-        if _SLOPE in self._places:
-            gradient[:, self._places[_SLOPE]] += _over_pairs(_finished(steep, np.atleast_2d(self._middle)), z)
+            a = x[:, self._places[self.model.pull.coordinate], None]
+            add(self.model.pull.coordinate, _finished(slopes.z, self.model.pull.span * expit(a) * expit(-a) * lever * per))
+        add("log_width", steep)
+        add(_SLOPE, _finished(steep, np.atleast_2d(self._middle)))
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
             pulled, (intervals, which) = per * (pull * lever - offset[0]), self._intervals
             growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
             for name, of_pull, of_width in zip(propagator.coordinates, *growth, strict=True):
-                moved = _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width)
-                gradient[:, self._places[name]] += _over_pairs(moved, z)
+                add(name, _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width))
         for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
-            if name in self._places:
-                gradient[:, self._places[name]] += _over_pairs(part, z)
+            add(name, part)
         return spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1), gradient
 
     # --- What engines ask for -------------------------------------------------------------------------
@@ -489,8 +491,3 @@ def _finished(slope: FloatArray, factor: FloatArray) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):  # a factor beyond the largest float
         product = np.asarray(slope * factor)
         return product if np.isfinite(product).all() else np.where(slope == 0.0, 0.0, product)
-
-
-def _over_pairs(values: FloatArray, z: FloatArray) -> FloatArray:
-    """Sum over pairs of an array that broadcasts to the distances, (points, pairs) -> (points,)."""
-    return np.asarray(np.broadcast_to(values, z.shape).sum(axis=1))
