@@ -21,14 +21,12 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
-from bayes_toe.inference.evidence import Evidence
 from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Fitted, Settings, Wanted, fitted_result, infer, weighted_fit
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, infer, weighted_fit
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
 from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import PRESETS, prior_for
 from bayes_toe.workers import Cluster, Progress, Workers, run_in_order
@@ -280,32 +278,22 @@ def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws
 
 
 def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
-    posterior = PREDICTIVE_UPDATE.posterior(subject, settings.prior)
-    result, fitted = fitted_result(posterior, settings.seed, wanted)
-    fit = subject_fit(subject, settings.prior, seed=settings.seed) if subject.isi is None and wanted.chains is not None else None
-    by_bootstrap = None if subject.isi is not None else _by_bootstrap(subject, settings, fit)
-    described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
-    (symmetric, of_symmetric), (constant, of_constant) = (_rival(model, subject, settings, wanted) for model in (SYMMETRIC, CONSTANT_BIAS))
-    row = subject_evidence(result, fitted, by_bootstrap, others=(symmetric, constant), fit=described)
-    moved = under_presets((of_symmetric, of_constant, fitted), presets, settings.seed) if presets else None
-    drawn = None if result.chains is None else subject_draws(result, summarised=True)
-    return _Analysed(drawn, row, fit, moved)
-
-
-def _by_bootstrap(subject: Subject, settings: Settings, fit: SubjectFit | None) -> tuple[float | None, str]:
-    """Appendix C's evidence, from replicates that are there already or are made for it."""
-    if fit is not None:
-        return bootstrap_evidence(fit.bootstrap, settings.prior)
-    made = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES)
-    return bootstrap_evidence(made, settings.prior)
-
-
-def _rival(model: Model, subject: Subject, settings: Settings, wanted: Wanted) -> tuple[Evidence, Fitted]:
-    """The evidence of a model that differs from H1 in its order effect alone, and what was fitted for it."""
+    """H1 with all that is wanted, and the evidences of the models that differ from it in their order effect alone."""
+    result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted)
     asked = Wanted(evidence_draws=wanted.evidence_draws)
-    found, fitted = fitted_result(model.posterior(subject, settings.prior), settings.seed, asked)
-    assert found.evidence is not None  # it was asked for
-    return found.evidence, fitted
+    rivals = [fitted_result(model.posterior(subject, settings.prior), settings.seed, asked) for model in (SYMMETRIC, CONSTANT_BIAS)]
+    fit, by_bootstrap = None, None
+    if subject.isi is None:  # the maximum-likelihood fit knows one interval only
+        fit = None if wanted.chains is None else subject_fit(subject, settings.prior, seed=settings.seed)
+        made = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES) if fit is None else fit.bootstrap
+        by_bootstrap = bootstrap_evidence(made, settings.prior)
+    described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
+    none, constant = (found.evidence for found, _ in rivals)
+    assert none is not None  # they were asked for
+    assert constant is not None
+    row = subject_evidence(result, fitted, by_bootstrap, others=(none, constant), fit=described)
+    moved = under_presets((*(one for _, one in rivals), fitted), presets, settings.seed) if presets else None
+    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, moved)
 
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
