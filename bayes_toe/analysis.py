@@ -21,7 +21,6 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
-from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, infer, weighted_fit
 from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
@@ -102,7 +101,7 @@ def run(
     """
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)
-        wanted = Wanted(settings.sampler, EVIDENCE_DRAWS, values_per_pair=_affordable(study, settings))
+        wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         presets = _presets(study)
         jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
         study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
@@ -146,7 +145,7 @@ def sample(
     Warns
     -----
     ConvergenceWarning
-        For subjects that missed the criteria; they are marked in the result as well.
+        For subjects that missed the criteria, or a quantile of whom is not precise enough; they are marked in the result as well.
 
     Examples
     --------
@@ -162,6 +161,8 @@ def sample(
         warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
     for name, shortfall in made.not_converged.items():
         warnings.warn(f"subject {name!r} did not converge: {shortfall}", ConvergenceWarning, stacklevel=2)
+    for name, imprecise in made.imprecise.items():
+        warnings.warn(f"subject {name!r}: {imprecise}", ConvergenceWarning, stacklevel=2)
     return made
 
 
@@ -180,7 +181,7 @@ def draw(
     model_named(model)  # refuses a wrong word before any work
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior, model)
-        wanted = Wanted(settings.sampler, values_per_pair=_affordable(study, settings))
+        wanted = Wanted(settings.sampler)
         jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
         return assembled(kept.draws, study, done, settings, failed)
@@ -298,11 +299,6 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Map
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
     return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
-
-
-def _affordable(study: Study, settings: Settings) -> bool:
-    """Whether values of every draw and pair are few enough to be stored."""
-    return values_needed(study, settings.sampler) <= POINTWISE_LIMIT
 
 
 def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from bayes_toe.version import library_versions
 from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
 
 Result = TypeVar("Result")
-_SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.nc"
+_SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.zarr"
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # or a lock that leads elsewhere would be written there
 
 
@@ -130,8 +131,9 @@ def discard(folder: Path) -> None:
     """Remove what is kept, and the folder where nothing else is in it."""
     under_way.pop(folder, None)
     with reporting(folder):
-        for file in [*folder.glob(f"*{_SUFFIX}"), *(folder / name for name in (_DRAWS, _SEED, _LOCK))]:
+        for file in [*folder.glob(f"*{_SUFFIX}"), *(folder / name for name in (_SEED, _LOCK))]:
             file.unlink(missing_ok=True)
+        shutil.rmtree(folder / _DRAWS, ignore_errors=True)
     remove_empty(folder)
 
 

@@ -101,6 +101,7 @@ COMMON = {
     "estimator": f"How evidence is estimated: {'; '.join(f'{name}: {words}' for name, words in ABOUT.items())}.",
     "data_sets": "Data sets that were simulated, each from H1 or H0 with probability one half.",
     "shortfall": "Which criterion of convergence was missed; empty where none.",
+    "imprecise": "Which quantile is not precise enough, and how many draws would do; empty where none.",
     **{name: f"{words}." for name, words in (
         ("mu1", f"Prior mean of the observer, {LN}"),
         ("sigma_p", f"Diffusion of memory, {LN} (per √s with intervals)"),
@@ -295,7 +296,7 @@ FILES = (
     ),
     File(
         "posterior.nc, group sample_stats", "`run`, `sample`", "subject",
-        ("acceptance_rate", "converged", "shortfall", "min_ess", "max_r_hat", "thin", "steps", "proposal_efficiency", "pareto_k", "deviance",
+        ("acceptance_rate", "converged", "shortfall", "imprecise", "min_ess", "max_r_hat", "thin", "steps", "proposal_efficiency", "pareto_k", "deviance",
          "degrees_of_freedom", "predictive_p", "predictive_p_se", "worst_pair_p", "worst_pair_s1", "worst_pair_s2", "worst_pair_isi",
          "deviance_p", "lp"), (), {
             "acceptance_rate": "Share of accepted proposals, by chain.", "converged": "1 where all criteria were met.",

@@ -39,14 +39,10 @@ ORDER = (
 OWNERS = {
     "arviz_stats": {"inference.diagnostics"},
     "emcee": {"inference", "groups"},
-    "xarray": {
-        *("inference.draws", "inference.draws_file", "inference.draws_layout", "inference.draws_store", "inference.draws_writer"),
-        "groups.population_file",
-    },
-    "h5py": {"inference.draws_file", "inference.draws_writer"},
-    "h5netcdf": {"inference.draws_writer"},
+    "arviz": {"inference.draws"},
+    "xarray": {"inference.draws", "inference.draws_file", "groups.population_file"},
     "pyarrow": {"data.text_table", "data.tables"},
-    "zarr": {"inference.draws_store"},
+    "zarr": {"inference.draws_file"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},
     "bokeh": {"explorer"},

@@ -19,7 +19,6 @@ from bayes_toe.cli.terminal import (
     chosen,
     number,
     once,
-    safe,
     say,
     say_doubts,
     say_footnote,
@@ -91,7 +90,7 @@ def run(
     short = in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)
     say(task.console, f"[bold]in short[/bold]: {first}{short}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
-    task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **missed})
+    task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **analysis.draws.imprecise, **missed})
 
 
 def _group(analysis: Analysis, task: Task) -> Group:
@@ -137,19 +136,19 @@ def sample(
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     draws.save(output, overwrite=task.overwrite)
-    task.finish(keep, draws.failed)
     say_draws(task.console, draws)
+    task.finish(keep, draws.failed)
     task.say_written("draws in", output, seed=draws.seed)
-    task.leave_unless_whole(draws.failed, draws.not_converged)
+    task.leave_unless_whole(draws.failed, {**draws.not_converged, **draws.imprecise})
 
 
 def _require_store(file: Path) -> None:
     """Refuse a Zarr store that could not be written."""
     from bayes_toe.data.stores import named_store
-    from bayes_toe.inference.draws_store import require_library
+    from bayes_toe.inference.draws_file import require_zarr
 
     if named_store(file):
-        require_library()
+        require_zarr()
 
 
 def _require_room(
@@ -163,11 +162,13 @@ def _require_room(
     from bayes_toe.data.places import require_room
     from bayes_toe.data.stores import named_store
     from bayes_toe.inference.draws import stored_bytes
+    from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
 
-    copies = 3 if named_store(file) else 2
-    needed = copies * stored_bytes(study, prior, SamplerSettings(task.draws), model) + others * (len(study) + 1)
-    require_room(file, needed, used=keep)
+    draws = stored_bytes(study, prior, SamplerSettings(task.draws), model)
+    if not named_store(file):
+        require_fitting(draws)
+    require_room(file, (3 if named_store(file) else 2) * draws + others * (len(study) + 1), used=keep)
 
 
 def evidence(
@@ -204,7 +205,7 @@ def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
     shown = [key for key in _WITH_RANGE if key in draws.parameters]
     shown += [key for key in draws.posterior(draws.names[0]).names.natural if key not in shown]
     rows, places = [], {name: i for i, name in enumerate(draws.names)}
-    for name in chosen(places, missed):
+    for name in chosen(places, {**missed, **draws.imprecise}):
         row, i = dict[Any, Any](subject=name), places[name]
         for key in shown[:_MOST_SHOWN]:
             values = draws.values(name, key)
@@ -216,8 +217,7 @@ def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
         rows.append({**row, "converged": "NO" if name in missed else "yes"})
     say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
     say_notes(console, (f"{name}: {shortfall}" for name, shortfall in missed.items()), "not converged", "red", file=file)
-    if draws.attrs["left_out"]:
-        say(console, safe(draws.attrs["left_out"]))
+    say_notes(console, (f"{name}: {imprecise}" for name, imprecise in draws.imprecise.items()), "not precise enough", "red", file=file)
 
 
 def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, first: str = "") -> None:

@@ -192,7 +192,7 @@ def figures(
             progress=tick,
         )  # fmt: skip
     task.say_written("figures and captions in", output, seed=draws.seed)
-    task.leave_unless_whole(draws.failed, draws.not_converged)
+    task.leave_unless_whole(draws.failed, {**draws.not_converged, **draws.imprecise})
 
 
 def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task) -> Analysis:

@@ -151,6 +151,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "study": study,
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
+        "imprecise": analysis.draws.imprecise,
         "attrs": attrs,
         "sampler": analysis.settings.sampler,
         "facts": facts,

@@ -31,6 +31,7 @@ from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
+from bayes_toe.inference.draws_file import as_netcdf
 from bayes_toe.model.prior import Prior
 from bayes_toe.version import library_versions
 
@@ -50,13 +51,8 @@ _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four time
 
 def save_population(found: Population, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write the file; see :meth:`Population.save`."""
-    tree = _tree(found)
-    encoding = {
-        f"/{group}": {str(name): {"fletcher32": True} for name, one in node.variables.items() if one.dtype.kind in "fiu" and one.ndim}
-        for group, node in tree.children.items()
-    }
     with whole_file(path, overwrite=overwrite) as target:
-        tree.to_netcdf(target, engine="h5netcdf", encoding=encoding)
+        target.write_bytes(as_netcdf(_tree(found)))
     return Path(path)
 
 

@@ -1,21 +1,22 @@
-"""Posterior draws of a study under any model: an xarray.DataTree with ArviZ's groups, its summary, saving and loading.
+"""Posterior draws of a study under any model: what is stored, what follows from it, summary, ArviZ, saving and loading.
 
-Groups: posterior (chain, draw, subject), sample_stats, and in long form over `obs` (one entry per subject and pair) observed_data,
-constant_data, log_likelihood and posterior_predictive. A chain is an independent ensemble; draws are walker-major within it.
+Stored are draws of natural parameters, their density and the counts (:mod:`bayes_toe.inference.draws_file`); derived quantities, log
+likelihoods and predicted answers follow from these. A chain is an independent ensemble; draws are walker-major within it.
 """
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
@@ -24,24 +25,24 @@ from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.whole_files import whole_file, whole_together
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws_file import ALLOWED, AT_ONCE, read_tree, unreadable
-from bayes_toe.inference.draws_layout import Head, Region, filled, regions, skeleton, taken_apart
-from bayes_toe.inference.draws_store import write_store
-from bayes_toe.inference.draws_writer import write_tree
-from bayes_toe.inference.pointwise import POINTWISE_LIMIT, values_needed
+from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import Settings
-from bayes_toe.inference.subject_draws import FIT_COLUMNS, SUMMARY_COLUMNS, SubjectDraws, SummaryRow, summary_rows
+from bayes_toe.inference.subject_draws import FIT_COLUMNS, SUMMARY_COLUMNS, SubjectDraws, SummaryRow, summary_rows, unit
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+
+_OF_QUANTILES = "a 5 or 95 % quantile"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,13 +52,15 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        All groups; ArviZ reads the saved file as it is. Of a large file, draws are read when they are asked for.
+        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a store and of a large file, draws are read when they
+        are asked for.
     file : Path or None
-        A file that holds exactly these draws.
+        The file or store that they are read from.
     """
 
     tree: xr.DataTree
     file: Path | None = None
+    _derived: dict[str, dict[str, FloatArray]] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
         """One group of the tree as a Dataset, as ArviZ functions and xarray take it."""
@@ -80,8 +83,8 @@ class Draws:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The quantities that are stored, in order; :meth:`values` knows further ones that follow from them."""
-        return tuple(str(name) for name in self.group("posterior").data_vars)
+        """The quantities that tables report, in order; :meth:`values` knows further ones that follow from them."""
+        return tuple(dict.fromkeys((*self.posterior(self.names[0]).names.reported, *map(str, self.group("posterior").data_vars))))
 
     @property
     def seed(self) -> int:
@@ -123,12 +126,19 @@ class Draws:
     @property
     def not_converged(self) -> dict[str, str]:
         """Subjects whose draws missed the convergence criteria, with what was missed."""
-        stats = self.group("sample_stats")
-        return {
-            name: str(reason)
-            for name, good, reason in zip(self.names, stats["converged"].values, stats["shortfall"].values, strict=True)
-            if not good
-        }
+        missed = self._said("shortfall", ~self.group("sample_stats")["converged"].values.astype(bool))
+        return {name: reason for name, reason in missed.items() if not reason.startswith(_OF_QUANTILES)}
+
+    @property
+    def imprecise(self) -> dict[str, str]:
+        """Subjects of whom more draws are wanted, because a quantile is not precise enough, with how many would do."""
+        column = "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"  # as earlier versions had it
+        return {name: reason for name, reason in self._said(column).items() if reason.startswith(_OF_QUANTILES)}
+
+    def _said(self, column: str, of: npt.ArrayLike = True) -> dict[str, str]:
+        """A text of every subject, or of some of them."""
+        texts = self.group("sample_stats")[column].values
+        return {self.names[i]: str(texts[i]) for i in np.flatnonzero(np.broadcast_to(of, texts.shape))}
 
     @property
     def failed(self) -> dict[str, str]:
@@ -136,7 +146,7 @@ class Draws:
         return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone, without the pointwise groups; of a large file, no others are read."""
+        """Draws of one subject alone; of a store or a large file, no others are read."""
         return self.select(name)
 
     def select(self, name: str | int) -> Draws:
@@ -170,8 +180,9 @@ class Draws:
         return posterior_of(self.subject(name), self.prior, model=self.model)
 
     def points(self, name: str | int) -> FloatArray:
-        """Draws of one subject in unconstrained coordinates, shape (chains, draws, k), from the stored quantities."""
-        return self.posterior(name).points({key: self._stored(name, key) for key in self.parameters})
+        """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
+        target = self.posterior(name)
+        return target.points({key: self._stored(name, key) for key in target.names.natural})
 
     def natural(self, name: str | int) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
@@ -202,12 +213,15 @@ class Draws:
             For an unknown subject or parameter.
         """
         name = self._known(name)
-        if parameter in self.parameters:
+        if parameter in self.group("posterior"):
             return self._stored(name, parameter)
         target = self.posterior(name)
         if parameter not in target.names.all:
             raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}")
-        return target.quantities(self.points(name))[parameter]
+        if name not in self._derived:  # of one subject at a time
+            self._derived.clear()
+            self._derived[name] = target.quantities(self.points(name))
+        return self._derived[name][parameter]
 
     def fit(self, name: str | int) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
@@ -230,6 +244,49 @@ class Draws:
             rows += summary_rows(target, {key: self.values(name, key) for key in target.names.reported})
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
+    def to_arviz(self) -> Any:
+        """Everything that ArviZ asks for: an InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x.
+
+        Groups: posterior with every reported quantity, sample_stats, and over `obs`, an entry for each subject and pair, observed_data,
+        constant_data, log_likelihood and posterior_predictive (answers to a repeated experiment) of every draw. For one subject,
+        `draws["S01"].to_arviz()`.
+
+        Examples
+        --------
+        >>> from bayes_toe.analysis import sample
+        >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+        >>> data = sample(Study([one]), draws=100, seed=1, workers=1).to_arviz()
+        >>> sorted(data["posterior"].data_vars)
+        ['gain', 'gamma', 'mu1', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
+        """
+        import arviz  # as slow to load as everything else together
+        import xarray as xr
+
+        target, dims = self.posterior(self.names[0]), draws_file.BY_SUBJECT
+        groups = {name: self.group(name) for name in ("posterior", "sample_stats", "observed_data", "constant_data")}
+        for key in self.parameters:
+            values = np.stack([self.values(name, key) for name in self.names], axis=-1)
+            groups["posterior"][key] = (dims, values, {"units": unit(key, target)})
+        coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
+        found = zip(*(self._answers(name) for name in self.names), strict=True)
+        for group, parts in zip(("log_likelihood", "posterior_predictive"), found, strict=True):
+            groups[group] = xr.Dataset({"n_equal": ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords)
+        tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
+        tree.attrs.update(self.tree.attrs)
+        convert = getattr(arviz, "from_datatree", None)  # of 0.x, which has a container of its own
+        return tree if convert is None else convert(tree)
+
+    def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
+        """Log likelihood and predicted 'equal' answers of one subject, shape (chains, draws, pairs) each; the same whenever asked for."""
+        target, x = self.posterior(name), self.points(name)
+        rng = generator(self.seed, name, self.model, "posterior_predictive")
+        log_likelihood, predicted = np.empty((2, *x.shape[:2], target.subject.n_pairs))
+        for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
+            answers = target.log_answers(points)
+            log_likelihood[chain] = target.pair_log_likelihood(points, answers)
+            predicted[chain] = rng.binomial(target.subject.n_trials, np.exp(target.realised_answers(rng, points, answers)[0]))
+        return log_likelihood, predicted.astype(np.int64)
+
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a NetCDF file or, where the name ends with .zarr, a Zarr store, which is a folder; whole or not at all.
 
@@ -240,23 +297,30 @@ class Draws:
         OutputError
             If the file exists and may not be replaced, or cannot be written; of folders only a store of draws may be.
         """
-        final, (small, large, parts) = Path(path), taken_apart(self.tree)
-        if named_store(final):
-            with whole_together(final, overwrite=overwrite) as folder, reporting(final):
-                write_store(folder / final.name, small, large, self._read(parts))
+        final = Path(path)
+        if not named_store(final):
+            with whole_file(path, overwrite=overwrite) as target:
+                with self._reading():
+                    content = draws_file.as_netcdf(self.tree)
+                target.write_bytes(content)
             return final
-        with whole_file(path, overwrite=overwrite) as target:
-            if self.file is None or not _linked(self.file, target):
-                write_tree(target, small, large, self._read(parts))
+        draws_file.require_zarr()
+        with whole_together(final, overwrite=overwrite) as folder, reporting(final):
+            if self.file is not None and self.file.is_dir():
+                draws_file.copy_store(self.file, folder / final.name)
+            else:
+                with self._reading():
+                    tree = self.tree.copy().load()
+                draws_file.write_store(folder / final.name, tree)
         return final
 
     def _stored(self, name: str | int, parameter: str) -> FloatArray:
         with self._reading():
-            return np.asarray(self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64)
-
-    def _read(self, parts: Iterator[Region]) -> Iterator[Region]:
-        with self._reading():
-            yield from parts
+            # Of one layout, so that sums have one order.
+            values = np.ascontiguousarray(self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64)
+            if self.file is not None and np.isnan(values).any() and parameter in self.posterior(name).names.natural:
+                raise OSError("checksum of a chunk that was lost")  # Zarr takes it for one that has nothing in it
+        return values
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
@@ -264,7 +328,9 @@ class Draws:
         try:
             yield
         except (OSError, ValueError) as error:
-            raise unreadable(shown(Path(self.tree["posterior"][self.parameters[0]].encoding["source"])), error) from error
+            if self.file is None:
+                raise
+            raise draws_file.unreadable(self.file, error) from error
 
     @cached_property
     def _places(self) -> Mapping[str, IndexArray]:
@@ -305,51 +371,35 @@ class Draws:
 
 
 def load(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote, from a file or a store.
+    """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more.
 
     Raises
     ------
     InputError
-        If it is missing, is damaged, or is not such a file: see :mod:`bayes_toe.inference.draws_file`.
+        If it is missing, is damaged, or is not such a file.
     """
-    made, name = Draws(read_tree(path)), shown(Path(path))
+    made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     try:
-        needed = made.posterior(made.names[0]).names.reported
+        needed = {key for subject in made.study for key in posterior_of(subject, made.prior, model=made.model).names.natural}
     except InputError as error:
         raise InputError(f"{name}: draws of {error}") from error
-    except (TypeError, ArithmeticError) as error:
-        raise InputError(f"{name}: its prior or its pairs are none that draws have; {ALLOWED}") from error
-    absent = sorted(set(needed) - set(made.parameters))
+    except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
+        raise InputError(f"{name}: its prior or its pairs are none that draws have; {draws_file.ALLOWED}") from error
+    absent = sorted(needed - set(made.group("posterior").data_vars))
     if absent:
-        raise InputError(f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {ALLOWED}")
+        raise InputError(f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {draws_file.ALLOWED}")
     return made
 
 
 def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str]) -> Draws:
-    """Assemble the container from the draws of every subject of a study, and say who failed.
-
-    Where there is a path and much to store, into a file: subject by subject, so that what `found` reads is never in memory together.
-    """
-    tree, large = skeleton(study, [Head.of(one) for one in found], settings, failed)
-    parts = regions(study, found, large)
-    if path is None or sum(one.nbytes for one in large.values()) <= AT_ONCE:
-        return Draws(filled(tree, large, parts))
-    with whole_file(path, overwrite=True) as target:
-        write_tree(target, tree, large, parts)
-    return replace(load(path), file=path)
+    """The draws of every subject of a study, and who failed; where there is a path and much to store, in a Zarr store there."""
+    much = stored_bytes(study, settings.prior, settings.sampler, settings.model) > draws_file.AT_ONCE and find_spec("zarr") is not None
+    store = path if much else None
+    return Draws(draws_file.assembled_tree(study, found, settings, failed, store), store)
 
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
     """About how many bytes the file of draws will have, before they are made."""
     record, stored = model_named(model), sampler.ensembles * sampler.walkers * sampler.kept_steps
-    names = {name for subject in study for name in record.posterior(subject, prior).names.reported}
-    pairs = values_needed(study, sampler)
-    return 8 * stored * len(study) * (len(names) + 1) + (6 * pairs if pairs <= POINTWISE_LIMIT else 0) + 50_000
-
-
-def _linked(file: Path, target: Path) -> bool:
-    """Give a file a second name, where the file system can: no second copy of what may be large."""
-    with suppress(OSError):
-        os.link(file, target)
-        return True
-    return False
+    names = {name for subject in study for name in record.posterior(subject, prior).names.natural}
+    return 8 * stored * len(study) * (len(names) + 1) + 50_000

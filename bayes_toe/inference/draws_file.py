@@ -1,16 +1,18 @@
-"""The file of draws, looked at before it is believed: whole, of two levels, without links, of bounded size, with the layout of draws.
+"""A study's draws as one tree of xarray, its NetCDF file and its Zarr store.
 
-HDF5 follows links and external storage to other files, runs in circles, and makes memory of what was never stored. A file that was damaged,
-or that somebody else wrote, is refused in one line instead. Draws carry Fletcher-32 checksums, all else in the file a SHA-256.
+What is kept: the draws of natural parameters and their log density (chain, draw, subject), what is known of each subject, and the counts,
+in long form over `obs` (one entry per subject and pair). Everything else follows from these; see :class:`bayes_toe.inference.draws.Draws`.
+Draws of one subject are one chunk of each variable, with a checksum of the format's own: Fletcher-32 in HDF5, CRC-32C in Zarr.
 """
 
 from __future__ import annotations
 
 import json
-import math
-import subprocess
-import sys
+import platform
+import shutil
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,292 +21,284 @@ import numpy as np
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
-from bayes_toe.data.study import LARGEST_COUNT
+from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws_layout import BY_PAIR, BY_SUBJECT, MOST_INFLATED, load_small
-from bayes_toe.inference.draws_store import dangers, opened_store, require_library
-from bayes_toe.inference.draws_writer import sealed
+from bayes_toe.inference.subject import Settings
+from bayes_toe.inference.subject_draws import SubjectDraws
+from bayes_toe.model.ladder import model_named
+from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
-    import h5py
     import xarray as xr
 
 ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
-AT_ONCE = 2**28  # bytes of the largest file whose draws are read at once and not when they are asked for
-_PATIENCE = 60.0  # seconds to open a file without a seal, and one more for each megabyte
-_REHEARSAL = "import sys; from bayes_toe.inference.draws_file import opened; opened('', sys.argv[1])"
-_MOST_NAMES = 10_000  # a model without parameters of its own has a quantity for every pair
-_FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher-32; others are programs that HDF5 would load
-_LONG = {"subject": (("obs",), "UO"), "s1": (("obs",), "f"), "s2": (("obs",), "f")}
-#: Of each group the variables that it must have: dimensions, and kinds of NumPy's types.
-_LAYOUT: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
-    "posterior": {"chain": (("chain",), "i"), "draw": (("draw",), "i"), "subject": (("subject",), "UO")},
+AT_ONCE = 2**28  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
+LARGEST = 2**31  # bytes of draws in one NetCDF file, which is written from memory
+BY_SUBJECT = ("chain", "draw", "subject")
+_OBSERVED = {"subject": ("obs",), "s1": ("obs",), "s2": ("obs",)}
+#: Groups, and of each the variables that it must have with their dimensions.
+_LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
+    "posterior": {"chain": ("chain",), "draw": ("draw",), "subject": ("subject",)},
     "sample_stats": {
-        "subject": (("subject",), "UO"),
-        "lp": (BY_SUBJECT, "f"),
-        "converged": (("subject",), "ib"),
-        "shortfall": (("subject",), "UO"),
-        **{name: (("subject",), "f") for name in ("min_ess", "max_r_hat")},
+        **dict.fromkeys(("subject", "converged", "shortfall", "min_ess", "max_r_hat"), ("subject",)),
+        "lp": BY_SUBJECT,
     },
-    "observed_data": {**_LONG, "n_equal": (("obs",), "i")},
-    "constant_data": {**_LONG, "n_trials": (("obs",), "i")},
+    "observed_data": {**_OBSERVED, "n_equal": ("obs",)},
+    "constant_data": {**_OBSERVED, "n_trials": ("obs",)},
 }
-#: The same of groups and variables that it may have.
-_OPTIONAL: dict[str, dict[str, tuple[tuple[str, ...], str]]] = {
-    "posterior": {"walker": (("draw",), "i")},
-    "sample_stats": {"acceptance_rate": (("chain", "subject"), "f"), **{name: (("subject",), "if") for name in ("thin", "steps")}},
-    "observed_data": {"isi": (("obs",), "f")},
-    "constant_data": {"isi": (("obs",), "f")},
-    "log_likelihood": {**_LONG, "n_equal": (BY_PAIR, "f")},
-    "posterior_predictive": {**_LONG, "n_equal": (BY_PAIR, "i")},
-}
-_TEXTS, _WHOLE = ("model", "settings"), ("seed", "synthetic")
+_ATTRIBUTES: dict[str, Any] = {"model": str, "settings": str, "seed": int | np.integer, "synthetic": int | np.integer}
 
 
-def read_tree(path: str | Path) -> xr.DataTree:
-    """All groups of a file or store of draws, with the layout of draws.
+# --- From the draws of subjects to a tree ---------------------------------------------------------
 
-    Those of a file are in memory, and it is closed; of a store, and of a large file that has its seal, draws are read when asked for.
+
+def assembled_tree(
+    study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str], store: Path | None = None
+) -> xr.DataTree:
+    """The tree of all subjects' draws; into a store, where one is given, subject by subject, so that they are never in memory together."""
+    import xarray as xr
+
+    heads = [_Head(one) for one in found]
+    names = dict.fromkeys(name for head in heads for name in head.units)
+    size = (*heads[0].size, len(study))
+    blank = np.broadcast_to(np.nan, size) if store is not None else None  # takes no memory
+    values = {name: np.full(size, np.nan) if blank is None else blank for name in (*names, "lp")}
+    units = {name: unit for head in reversed(heads) for name, unit in head.units.items()}
+    density = f"log density of the unconstrained coordinates ({', '.join(heads[0].coordinates[:6])}), unnormalised"
+    tree = xr.DataTree.from_dict(
+        {
+            "/posterior": _coordinates(study, heads[0].size, settings.sampler.walkers).assign(
+                {name: (BY_SUBJECT, values[name], {"units": units[name]}) for name in names}
+            ),
+            "/sample_stats": _statistics(study, heads).assign(lp=(BY_SUBJECT, values["lp"], {"description": density})),
+            "/observed_data": _long(study, "n_equal"),
+            "/constant_data": _long(study, "n_trials"),
+        }
+    )
+    tree.attrs.update(_attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {}))
+    if store is None:
+        _fill(values, found)
+        return tree
+    shutil.rmtree(store, ignore_errors=True)  # what a run that was killed has left
+    write_store(store, tree)
+    import zarr
+
+    root: Any = zarr.open_group(store, mode="r+")
+    _fill({name: root["sample_stats" if name == "lp" else "posterior"][name] for name in values}, found)
+    return read_tree(store)
+
+
+def _fill(values: Mapping[str, Any], found: Iterable[SubjectDraws]) -> None:
+    """Put draws in their places; a quantity that a subject does not have, such as the frequency of a pair, stays NaN."""
+    for i, one in enumerate(found):
+        for name, drawn in {**one.quantities, "lp": one.log_posterior}.items():
+            values[name][:, :, i] = drawn
+
+
+class _Head:
+    """What is small of the draws of a subject."""
+
+    def __init__(self, one: SubjectDraws) -> None:
+        self.units, self.coordinates, self.size = one.units, one.coordinates, one.log_posterior.shape
+        self.acceptance, self.statistics = one.acceptance, one.statistics
+
+
+def _coordinates(study: Study, size: tuple[int, ...], walkers: int) -> xr.Dataset:
+    import xarray as xr
+
+    chains, draws = size
+    coords = {"chain": np.arange(chains), "draw": np.arange(draws), "subject": np.array(study.names, object)}
+    return xr.Dataset(coords=coords | {"walker": ("draw", np.repeat(np.arange(walkers), draws // walkers))})
+
+
+def _statistics(study: Study, heads: list[_Head]) -> xr.Dataset:
+    """Statistics that are known of every subject."""
+    kinds: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
+    known = [name for name in heads[0].statistics if all(name in head.statistics for head in heads)]
+    rates = np.stack([head.acceptance for head in heads], axis=-1)
+    columns: dict[str, Any] = {"acceptance_rate": (("chain", "subject"), rates)}
+    columns |= {name: ("subject", np.array([head.statistics[name] for head in heads], kinds.get(name))) for name in known}
+    return _coordinates(study, heads[0].size, 1).drop_vars("walker").assign(columns)
+
+
+def _long(study: Study, key: str) -> xr.Dataset:
+    """One count per subject and pair, with the pair as coordinates."""
+    import xarray as xr
+
+    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in ("s1", "s2", *(["isi"] if study.intervals else []), key)}
+    owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
+    coords = {"obs": np.arange(len(owner)), "subject": ("obs", owner)}
+    return xr.Dataset({name: ("obs", values) for name, values in columns.items()}, coords).set_coords([*columns][:-1])
+
+
+def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
+    record = model_named(settings.model)
+    versions = library_versions("xarray") | {"python": platform.python_version()}
+    return {
+        "source": study.source,
+        "synthetic": int(study.synthetic),
+        "notes": "\n".join(study.notes),
+        "model": settings.model,
+        "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
+        "seed": settings.seed,
+        "prior": record.describe(settings.prior),
+        "settings": json.dumps(settings.as_dict()),
+        "versions": json.dumps(versions),
+        "inference_library": "emcee",
+        "inference_library_version": versions["emcee"],
+    }
+
+
+# --- Writing --------------------------------------------------------------------------------------
+
+
+def as_netcdf(tree: xr.DataTree) -> memoryview:
+    """The bytes of a NetCDF file with checksums of its numbers, draws in a chunk a subject.
+
+    In memory, because HDF5 ends the process where the disk that it writes to is full.
+    """
+    encoding: dict[str, dict[str, dict[str, Any]]] = {}
+    for group, node in tree.children.items():
+        encoding[f"/{group}"] = {
+            str(name): {"fletcher32": True} | ({"chunksizes": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
+            for name, one in node.to_dataset().variables.items()
+            if one.dtype.kind not in "UOT" and one.ndim > 0
+        }
+    return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
+
+
+def write_store(path: Path, tree: xr.DataTree) -> None:
+    """The same as a Zarr store; chunks of nothing but NaN are left out.
 
     Raises
     ------
     InputError
-        If it is missing, damaged, reaches outside itself, is too large for what it says or has another layout.
+        If Zarr is not installed.
     """
-    name = shown(Path(path))
+    require_zarr()
+    from zarr.codecs import Crc32cCodec
+
+    encoding = {
+        f"/{group}": {
+            str(name): {"compressors": [Crc32cCodec()]} | ({"chunks": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
+            for name, one in node.to_dataset().variables.items()
+        }
+        for group, node in tree.children.items()
+    }
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Consolidated metadata", UserWarning)  # may change in the future; xarray has it as its default
+        tree.to_zarr(path, mode="w-", encoding=encoding, zarr_format=3)
+
+
+def copy_store(source: Path, target: Path) -> None:
+    """A second store with the same content."""
+    for file in (one for one in source.rglob("*") if one.is_file()):
+        other = target / file.relative_to(source)
+        other.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, other)
+
+
+def require_fitting(draws: int) -> None:
+    """Refuse before the work more draws, in bytes, than one NetCDF file is written from.
+
+    Raises
+    ------
+    InputError
+    """
+    if draws > LARGEST:
+        found, most = (f"{size / 1e9:.3g} GB" for size in (draws, LARGEST))
+        raise InputError(
+            f"about {found} of draws, allowed in a NetCDF file: {most}; a Zarr store takes them: -o NAME.zarr, run --store zarr"
+        )
+
+
+def require_zarr() -> None:
+    """Refuse a store now that could not be written or read.
+
+    Raises
+    ------
+    InputError
+        If Zarr is not installed, or is too old.
+    """
     try:
-        tree, at_once = _read_store(name, Path(path)) if named_store(Path(path)) or Path(path).is_dir() else _read_file(name, Path(path))
+        from zarr.codecs import Crc32cCodec  # noqa: F401
+    except ImportError:
+        raise InputError("Zarr 3 is not installed: pip install 'bayes_toe[zarr]'") from None
+
+
+# --- Reading --------------------------------------------------------------------------------------
+
+
+def read_tree(path: str | Path) -> xr.DataTree:
+    """All groups of a file or store of draws; draws of a store, and of a large file, are read when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If it is missing or damaged, or has another layout than draws have.
+    """
+    import xarray as xr
+
+    path, name = Path(path), shown(Path(path))
+    store = named_store(path) or path.is_dir()
+    if not (path.is_dir() if store else path.is_file()):
+        what = "not a file" if path.exists() else f"no such {'folder' if store else 'file'}"
+        raise InputError(f"{name}: {what}; {ALLOWED}")
+    if store:
+        require_zarr()
+    try:
+        how: dict[str, Any] = {"engine": "zarr", "chunks": None} if store else {"engine": "h5netcdf"}
+        tree = xr.open_datatree(path, decode_times=False, **how)  # no units are times
+        at_once = not store and path.stat().st_size <= AT_ONCE
+        if at_once:
+            with closing(tree):  # an open tree keeps the file locked
+                tree = tree.load()
+        tree = tree.map_over_datasets(_with_small)
+        for problem in _misfits(tree, at_once):
+            raise InputError(f"{name}: {problem}; {ALLOWED}")
     except InputError:
         raise
     except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
-        raise unreadable(name, error) from error
-    _refuse(name, _misfits(tree, at_once))
+        raise unreadable(path, error) from error
     return tree
 
 
-def _read_file(name: str, path: Path) -> tuple[xr.DataTree, bool]:
-    """A file's groups, and whether they are in memory."""
-    whole = _sealed(name, path)
-    if not whole:
-        _rehearse(name, path)
-    at_once = not whole or path.stat().st_size <= AT_ONCE
-    return opened(name, path, at_once=at_once), at_once
+def _with_small(group: xr.Dataset) -> xr.Dataset:
+    """A group with all but its draws in memory, and texts of one type, whichever format they come from."""
+    small = {name: one.load() for name, one in group.variables.items() if one.dims != BY_SUBJECT}
+    return group.assign({name: one.astype(object) for name, one in small.items() if one.dtype.kind in "TU"})
 
 
-def _read_store(name: str, path: Path) -> tuple[xr.DataTree, bool]:
-    """A store's groups, which are not in memory."""
-    require_library()
-    _refuse(name, dangers(path))
-    return opened_store(path), False
-
-
-def _refuse(name: str, problems: Iterable[str]) -> None:
-    """Raise the first problem, if there is one; later ones may rest on it."""
-    for problem in problems:
-        raise InputError(f"{name}: {problem}; {ALLOWED}")
-
-
-def unreadable(name: str, error: Exception) -> InputError:
+def unreadable(path: Path, error: Exception) -> InputError:
     """What is raised where the libraries cannot read a file or a store, or a part of it."""
-    kind = "store of draws" if named_store(Path(name)) else "NetCDF file"
+    kind = "store of draws" if named_store(path) else "NetCDF file"
     damaged = any(word in str(error) for word in ("filter", "checksum"))  # as HDF5 and as Zarr say it
     reason = "damaged: its numbers do not fit their checksums" if damaged else f"not a {kind} that can be read"
-    return InputError(f"{name}: {reason}; {ALLOWED}")
-
-
-def opened(name: str, path: str | Path, *, at_once: bool = True) -> xr.DataTree:
-    """All groups of a file that does nothing dangerous; raises InputError, or whatever the libraries say of a damaged file."""
-    import h5py
-    import xarray as xr
-
-    with h5py.File(path, "r") as file:
-        _refuse(name, _dangers(file, Path(path).stat().st_size))
-    lazy = xr.open_datatree(path, engine="h5netcdf", decode_times=False)  # no units are times
-    if at_once:
-        with lazy:  # closed: an open tree keeps the file locked
-            return lazy.load()
-    load_small(lazy)
-    return lazy
-
-
-# --- Before it is read: what HDF5 would do --------------------------------------------------------
-
-
-def _sealed(name: str, path: Path) -> bool:
-    """Whether a file is as it was sealed; what something else wrote, or wrote to, has no seal. Raises InputError where it is another."""
-    if not path.is_file():
-        raise InputError(f"{name}: {'not a file' if path.exists() else 'no such file'}; {ALLOWED}")
-    whole = sealed(path)
-    if whole is False:
-        raise InputError(f"{name}: damaged: it does not fit its checksum; {ALLOWED}")
-    return whole is True
-
-
-def _rehearse(name: str, path: str | Path) -> None:
-    """Open a file without a seal in another process first: of some damage HDF5 crashes, or never ends."""
-    limit = _PATIENCE + Path(path).stat().st_size / 1e6
-    try:
-        ended = subprocess.run([sys.executable, "-c", _REHEARSAL, str(path)], capture_output=True, timeout=limit, check=False).returncode
-    except subprocess.TimeoutExpired:
-        ended = None
-    if ended not in (0, 1):  # 1 is an error in Python, which comes again here
-        raise InputError(f"{name}: damaged: HDF5 {'does not end' if ended is None else 'crashes'} on it; {ALLOWED}")
-
-
-def _dangers(file: h5py.File, size: int) -> Iterator[str]:
-    """What must not be in the file: groups in groups, links, storage elsewhere or missing, more than the file can hold."""
-    import h5py
-
-    seen, total = {_address(file)}, 0
-    for group, one in _members(file):
-        if not isinstance(one, h5py.Group) or _address(one) in seen:
-            yield f"{quoted(group)} is not a group of its own"
-        seen.add(_address(one))
-        for name, dataset in _members(one):
-            where = quoted(f"{group}/{name}")
-            if not isinstance(dataset, h5py.Dataset) or _address(dataset) in seen:
-                yield f"{where} is not a variable of its own"
-            seen.add(_address(dataset))
-            yield from (f"{where} {what}" for what in _storage(dataset))
-            total += dataset.nbytes
-    if total > MOST_INFLATED * size:
-        yield f"{total:,} bytes of variables in a file of {size:,}"
-
-
-def _members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
-    """Names and objects of a group."""
-    import h5py
-
-    if len(group) > _MOST_NAMES:
-        raise OSError("more members than any file of draws has")
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise OSError("a link to elsewhere")
-        yield name, group[name]
-
-
-def _address(one: h5py.HLObject) -> int:
-    import h5py
-
-    return int(h5py.h5o.get_info(one.id).addr)
-
-
-def _storage(dataset: h5py.Dataset) -> Iterator[str]:
-    """What is wrong with where a variable is kept."""
-    plist = dataset.id.get_create_plist()
-    if dataset.external or dataset.is_virtual:
-        yield "is kept in another file"
-    elif any(plist.get_filter(i)[0] not in _FILTERS for i in range(plist.get_nfilters())):
-        yield "has a filter that is not gzip, shuffle or fletcher32"
-    elif dataset.attrs.get("CLASS") == b"DIMENSION_SCALE" and dataset.id.get_storage_size() == 0:
-        return  # a dimension without coordinates: a length, of which nothing is stored
-    elif dataset.chunks is None and dataset.id.get_storage_size() < dataset.nbytes:
-        yield "is not all there"
-    elif dataset.chunks is not None:
-        masks: list[int] = []
-        dataset.id.chunk_iter(lambda chunk: masks.append(chunk.filter_mask))
-        if len(masks) != math.prod(-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True)):
-            yield "is not all there"
-        elif any(masks):
-            yield "has parts without the filters of the others"  # these may skip the checksum
-
-
-# --- After it was read: the layout of draws -------------------------------------------------------
+    return InputError(f"{shown(path)}: {reason}; {ALLOWED}")
 
 
 def _misfits(tree: xr.DataTree, at_once: bool) -> Iterator[str]:
-    """What differs from the layout of draws, in an order in which each rests on those before; not of draws that are read later."""
-    yield from _attributes(tree.attrs)
-    missing = [group for group in _LAYOUT if group not in tree.children]
-    if missing:
-        yield f"no group {', '.join(missing)}"
-    for group, node in tree.children.items():
-        optional = _OPTIONAL.get(group, {})
-        yield from _variables(group, node.to_dataset(), _LAYOUT.get(group, optional), optional)
-    yield from _sizes(tree)
-    yield from _subjects(tree)
-    yield from _counts(tree["observed_data"].to_dataset(), tree["constant_data"]["n_trials"].values)
-    if at_once:
-        yield from _draws(tree)
+    """What differs from the layout of draws; the first counts, later ones may rest on it."""
+    for name, kind in _ATTRIBUTES.items():
+        if not isinstance(tree.attrs.get(name), kind):
+            yield f"attribute {name} is not a {'text' if kind is str else 'whole number'}"
+    yield from (f"no group {group}" for group in _LAYOUT if group not in tree.children)
+    groups = {group: tree[group].to_dataset() for group in _LAYOUT}
+    for group, variables in _LAYOUT.items():
+        found = {name: one.dims for name, one in groups[group].variables.items()}
+        yield from (f"no variable {group}/{name} over ({', '.join(dims)})" for name, dims in variables.items() if found.get(name) != dims)
+    yield from _odd_draws({str(name): one.variable for name, one in groups["posterior"].data_vars.items()}, at_once)
+    drawn, judged, observed, _ = ([*map(str, group["subject"].values)] for group in groups.values())
+    if not drawn or not drawn == judged == list(dict.fromkeys(observed)) or len({*drawn}) < len(drawn):
+        yield "posterior, sample_stats and observed_data are not of the same subjects"
+    if not groups["observed_data"].drop_vars("n_equal").equals(groups["constant_data"].drop_vars("n_trials")):
+        yield "observed_data and constant_data are of other pairs"
 
 
-def _attributes(attrs: Mapping[Any, Any]) -> Iterator[str]:
-    yield from (f"no attribute {name}" for name in (*_TEXTS, *_WHOLE) if name not in attrs)
-    yield from (f"attribute {name} is not a text" for name in _TEXTS if not isinstance(attrs[name], str))
-    yield from (f"attribute {name} is not a whole number" for name in _WHOLE if not isinstance(attrs[name], int | np.integer))
-    try:
-        prior = json.loads(attrs["settings"])["prior"]
-        good = all(value is None or type(value) in (int, float, str) for value in prior.values())
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        good = False
-    if not good:
-        yield "attribute settings does not hold a prior"
-
-
-def _variables(group: str, found: xr.Dataset, needed: Mapping[str, Any], allowed: Mapping[str, Any]) -> Iterator[str]:
-    """Variables that are missing, or have other dimensions or another type than draws have."""
-    for name in (*needed, *(other for other in allowed if other in found.variables and other not in needed)):
-        if name not in found.variables:
-            yield f"no variable {group}/{name}"
-            continue
-        dims, kinds = needed.get(name) or allowed[name]
-        one = found.variables[name]
-        if one.dims != dims or one.dtype.kind not in kinds:
-            yield f"{group}/{name} is {one.dtype} over ({', '.join(map(str, one.dims))}), not over ({', '.join(dims)})"
-        elif kinds == "UO" and not all(isinstance(text, str) for text in one.values):
-            yield f"{group}/{name} has cells that are no text"
-    if group == "posterior":
-        odd = [str(name) for name, one in found.data_vars.items() if one.dims != BY_SUBJECT or one.dtype.kind != "f"]
-        yield from (f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})" for name in odd)
-    if group == "sample_stats":
-        odd = [str(name) for name, one in found.data_vars.items() if not set(one.dims) <= set(BY_SUBJECT) or one.dtype.kind not in "ifbUO"]
-        yield from (f"sample_stats/{quoted(name)} is not over ({', '.join(BY_SUBJECT)})" for name in odd)
-
-
-def _sizes(tree: xr.DataTree) -> Iterator[str]:
-    """Dimensions that are empty, or longer in one group than in another; values of every pair are of fewer draws."""
-    lengths: dict[tuple[str, bool], int] = {}
-    for group, node in tree.children.items():
-        for dim, length in node.to_dataset().sizes.items():
-            key = str(dim), dim == "draw" and group in ("log_likelihood", "posterior_predictive")
-            if length == 0 or lengths.setdefault(key, length) != length:
-                yield f"{length} values over {quoted(str(dim))} in {group}, and {lengths.get(key, 'at least one')} in another group"
-
-
-def _subjects(tree: xr.DataTree) -> Iterator[str]:
-    """Names that are empty, are repeated, or differ between the groups."""
-    first = tree["observed_data"].to_dataset()
-    names, others = (tree[group].to_dataset()["subject"].values.tolist() for group in ("posterior", "sample_stats"))
-    if len(set(names)) < len(names) or "" in names:
-        yield "names of subjects are empty or repeated"
-    if others != names:
-        yield "posterior and sample_stats are of other subjects"
-    if list(dict.fromkeys(first["subject"].values.tolist())) != names:
-        yield "posterior and observed_data are of other subjects"
-    keys = [name for name in ("subject", "s1", "s2", "isi") if name in first.coords]
-    for group in [name for name in ("constant_data", "log_likelihood", "posterior_predictive") if name in tree.children]:
-        other = tree[group].to_dataset()
-        if any(name not in other.coords or not np.array_equal(first[name].values, other[name].values) for name in keys):
-            yield f"observed_data and {group} are of other pairs"
-
-
-def _counts(observed: xr.Dataset, trials: Any) -> Iterator[str]:
-    """Counts and stimuli that no study has."""
-    equal, numbers = observed["n_equal"].values, [observed[name].values for name in ("s1", "s2", "isi") if name in observed.coords]
-    if not ((equal >= 0) & (equal <= trials) & (trials >= 1) & (trials <= LARGEST_COUNT)).all():
-        yield "counts outside 0 <= n_equal <= n_trials, n_trials >= 1"
-    if not all(np.isfinite(values).all() for values in numbers) or ("isi" in observed.coords and not (observed["isi"].values > 0).all()):
-        yield "stimuli or intervals that are no numbers"
-    owner = np.unique(observed["subject"].values.astype(str), return_inverse=True)[1]
-    if len(np.unique(np.column_stack([owner.ravel(), *numbers]), axis=0)) < len(owner):
-        yield "a pair of a subject is repeated"
-
-
-def _draws(tree: xr.DataTree) -> Iterator[str]:
-    """Draws that are no numbers; a quantity that a subject does not have is NaN in all its draws."""
-    for name, one in tree["posterior"].to_dataset().data_vars.items():
-        good, absent = np.isfinite(one.values).all(axis=(0, 1)), np.isnan(one.values).all(axis=(0, 1))
-        if not (good | absent).all():
-            yield f"draws of {quoted(str(name))} are no numbers"
-    if not np.isfinite(tree["sample_stats"].to_dataset()["lp"].values).all():
-        yield "log densities are no numbers"
+def _odd_draws(drawn: Mapping[str, xr.Variable], at_once: bool) -> Iterator[str]:
+    """Draws of another shape or that are no numbers; a quantity that a subject does not have is NaN in all of them."""
+    for name, one in drawn.items():
+        if one.dims != BY_SUBJECT or one.dtype.kind != "f":
+            yield f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})"
+        if at_once and not (np.isfinite(one.values).all(axis=(0, 1)) | np.isnan(one.values).all(axis=(0, 1))).all():
+            yield f"draws of {quoted(name)} are no numbers"

@@ -20,6 +20,7 @@ from bayes_toe.seeds import generator, stream
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 _USUAL_BURN_IN = 5
+_SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
 #: Efficiency of a proposal below which two draws of successive steps are worth less than one effective draw.
 _SLOW = 0.86
 
@@ -116,6 +117,9 @@ class Chains:
     converged : bool
     reason : str
         What was not reached; empty where converged.
+    imprecise : str
+        The quantile that is not precise enough, and how many draws would do; empty where there is none. More draws of a sample that has
+        converged mend it.
     """
 
     x: FloatArray
@@ -126,6 +130,7 @@ class Chains:
     steps: int
     converged: bool
     reason: str
+    imprecise: str = ""
 
     @property
     def least_ess(self) -> float:
@@ -162,12 +167,11 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
         diagnostics = convergence_of(posterior.judged(x))
-        reason, last = _shortfall(diagnostics, settings), thin >= settings.max_thin
+        reason, imprecise, hopeless = _shortfall(diagnostics, settings), "", False
         if not reason:
-            reason, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
-            last = last or hopeless
-        if not reason or last:
-            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason)
+            imprecise, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+        if hopeless or thin >= settings.max_thin or not (reason or imprecise):
+            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason, imprecise)
         thin *= 2
 
 
@@ -263,6 +267,8 @@ def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str,
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
-    hopeless = not tail_error(natural[worst], natural[worst].size) < limit
-    reason = f"a 5 or 95 % quantile of {worst} uncertain by {errors[worst]:.3f} of their range, below {limit:g} required"
-    return reason + ("; more draws are needed" if hopeless else ""), hopeless
+    values, error = natural[worst], errors[worst]
+    needed = values.size / 2 * (error / (_SAFE * limit)) ** 2  # half of the draws kept are what a user asks for
+    digits = 10 ** (int(np.log10(needed)) - 1)
+    reason = f"a 5 or 95 % quantile of {worst} is uncertain by {error:.3f} of the range between them, below {limit:g} wanted"
+    return f"{reason}: {int(np.ceil(needed / digits)) * digits:,} draws would do", not tail_error(values, values.size) < limit

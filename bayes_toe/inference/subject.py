@@ -13,7 +13,6 @@ from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import Evidence, exact_evidence, importance_evidence
 from bayes_toe.inference.modes import Maxima, find_maxima
-from bayes_toe.inference.pointwise import Pointwise, pointwise
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
@@ -57,13 +56,10 @@ class Wanted:
         Posterior draws by these; with them, goodness of fit.
     evidence_draws : int
         Independent draws behind the evidence; 0 for no evidence.
-    values_per_pair : bool
-        Log likelihood and predicted answers of every draw and pair.
     """
 
     chains: SamplerSettings | None = None
     evidence_draws: int = 0
-    values_per_pair: bool = False
 
     @property
     def judging_draws(self) -> int:
@@ -88,7 +84,6 @@ class SubjectResult:
     pareto_k: float
     evidence: Evidence | None
     chains: Chains | None
-    pointwise: Pointwise | None
     fit: FitSummary | None
 
     @property
@@ -113,7 +108,7 @@ def exact_result(target: Conjugate, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline where the posterior is known in closed form."""
     chains = None if wanted.chains is None else independent_chains(target, wanted.chains, seed)
     evidence = exact_evidence(target) if wanted.evidence_draws else None
-    return _result(target, seed, wanted, (1.0, float("nan")), evidence, chains)
+    return _result(target, seed, (1.0, float("nan")), evidence, chains)
 
 
 def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
@@ -123,7 +118,7 @@ def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectRes
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
-    result = _result(target, seed, wanted, (adapted.efficiency, adapted.pareto_k), evidence, chains)
+    result = _result(target, seed, (adapted.efficiency, adapted.pareto_k), evidence, chains)
     return result, Fitted(maxima, fitted)
 
 
@@ -138,12 +133,9 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
     return summarise_fit(target, draws.x[kept], seed, log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept])
 
 
-def _result(
-    target: Answering, seed: int, wanted: Wanted, quality: tuple[float, float], evidence: Evidence | None, chains: Chains | None
-) -> SubjectResult:
-    values = pointwise(target, chains.x, seed) if chains is not None and wanted.values_per_pair else None
+def _result(target: Answering, seed: int, quality: tuple[float, float], evidence: Evidence | None, chains: Chains | None) -> SubjectResult:
     fit = None if chains is None else _chains_fit(target, chains, seed)
-    return SubjectResult(target, *quality, evidence, chains, values, fit)
+    return SubjectResult(target, *quality, evidence, chains, fit)
 
 
 def _chains_fit(target: Answering, chains: Chains, seed: int) -> FitSummary:

@@ -12,7 +12,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of
-from bayes_toe.inference.pointwise import Pointwise
 from bayes_toe.inference.sampling import Chains
 from bayes_toe.inference.subject import SubjectResult
 from bayes_toe.model.intervals import reference_interval
@@ -48,7 +47,7 @@ class SubjectDraws:
     subject : Subject
         The counts.
     quantities : mapping of str to array, shape (chains, draws)
-        Those that are reported.
+        The natural ones, from which all others follow.
     units : mapping of str to str
     coordinates : tuple of str
         Of the unconstrained space in which `log_posterior` is a density.
@@ -56,8 +55,6 @@ class SubjectDraws:
     acceptance : array, shape (chains,)
     statistics : mapping of str to number or str
         By column: convergence, effort, the proposal's quality and goodness of fit, as far as these are known.
-    pointwise : Pointwise or None
-        Values of every draw and pair, where these are stored.
     summary : tuple of tuple
         Rows with the columns of summary.csv; empty where not asked for.
     """
@@ -69,7 +66,6 @@ class SubjectDraws:
     log_posterior: FloatArray
     acceptance: FloatArray
     statistics: Mapping[str, float | int | str]
-    pointwise: Pointwise | None
     summary: tuple[SummaryRow, ...]
 
 
@@ -83,17 +79,16 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     """
     target, chains = result.target, chains_of(result)
     found = target.quantities(chains.x)
-    quantities = {name: found[name] for name in target.names.reported}
+    natural = {name: found[name] for name in target.names.natural}
     return SubjectDraws(
         result.subject,
-        quantities,
-        {name: _unit(name, target) for name in quantities},
+        natural,
+        {name: unit(name, target) for name in natural},
         target.coordinates,
         chains.log_posterior,
         chains.acceptance,
         _statistics(result, chains),
-        result.pointwise,
-        summary_rows(target, quantities, chains.diagnostics) if summarised else (),
+        summary_rows(target, {name: found[name] for name in target.names.reported}, chains.diagnostics) if summarised else (),
     )
 
 
@@ -124,7 +119,7 @@ def location(values: FloatArray) -> tuple[float, ...]:
     return (float(values.mean()), float(values.std(ddof=1)), *np.quantile(values, list(QUANTILES.values())).tolist())
 
 
-def _unit(name: str, target: Answering) -> str:
+def unit(name: str, target: Answering) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
     reference = reference_interval(target.subject, target.prior.reference_interval)
@@ -136,6 +131,7 @@ def _statistics(result: SubjectResult, chains: Chains) -> dict[str, float | int 
     return {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
+        "imprecise": chains.imprecise,
         "min_ess": chains.least_ess,
         "max_r_hat": chains.largest_r_hat,
         "thin": chains.thin,
