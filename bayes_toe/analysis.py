@@ -22,8 +22,18 @@ from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, infer, weighted_fit
-from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SubjectDraws, SummaryRow, subject_draws
+from bayes_toe.inference.subject import (
+    EVIDENCE_DRAWS,
+    SUMMARY_COLUMNS,
+    Settings,
+    SubjectDraws,
+    SummaryRow,
+    Wanted,
+    fitted_result,
+    infer,
+    subject_draws,
+    weighted_fit,
+)
 from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.prior import Prior

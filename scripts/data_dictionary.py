@@ -25,7 +25,7 @@ from bayes_toe.experiments.calibration_statistics import Reliability
 from bayes_toe.experiments.calibration_table import ABOUT, ESTIMATORS, EvidenceRow, RankRow
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
-from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
+from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
 from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
 from bayes_toe.planning.stopping import STOPPING_COLUMNS

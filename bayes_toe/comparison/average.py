@@ -23,8 +23,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.evidence import Evidence, weighed
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer
-from bayes_toe.inference.subject_draws import QUANTILES
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, QUANTILES, Wanted, infer
 from bayes_toe.model.ladder import Record, require_models
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior

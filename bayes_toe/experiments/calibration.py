@@ -24,8 +24,7 @@ from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
 from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result
-from bayes_toe.inference.subject_draws import subject_draws
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, subject_draws
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE

@@ -15,7 +15,7 @@ from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
 from bayes_toe.inference.diagnostics import Convergence, convergence, convergence_of, errors_of
-from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS, SummaryRow, location
+from bayes_toe.inference.subject import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -28,8 +28,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import Settings
-from bayes_toe.inference.subject_draws import FIT_COLUMNS, SUMMARY_COLUMNS, SubjectDraws, SummaryRow, summary_rows, unit
+from bayes_toe.inference.subject import FIT_COLUMNS, SUMMARY_COLUMNS, Settings, SubjectDraws, SummaryRow, summary_rows, unit
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of

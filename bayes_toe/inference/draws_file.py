@@ -23,8 +23,7 @@ from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
-from bayes_toe.inference.subject import Settings
-from bayes_toe.inference.subject_draws import SubjectDraws
+from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.ladder import model_named
 from bayes_toe.version import library_versions
 

@@ -15,7 +15,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.subject_draws import QUANTILES
+from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
 from bayes_toe.model.posterior import Posterior

@@ -11,8 +11,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, tail_error
-from bayes_toe.inference.moves import Stock, moves
-from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 from bayes_toe.model.target import Conjugate, Target, require_defined
 from bayes_toe.seeds import generator, stream
 
@@ -20,6 +19,7 @@ from bayes_toe.seeds import generator, stream
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 _USUAL_BURN_IN = 5
+_BATCH = 1024  # draws made at once where those of the judging are used up
 _SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
 #: Efficiency of a proposal below which two draws of successive steps are worth less than one effective draw.
 _SLOW = 0.86
@@ -183,43 +183,87 @@ def burn_in(fitted: FittedProposal) -> int:
     return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
 
 
-class _Ensemble:
-    """One emcee ensemble with a random stream of its own; `advance` returns one pass, walker-major."""
+class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
+    """Independence Metropolis move: all walkers propose from the fitted proposal at once.
+
+    The first proposals are draws by which the proposal was judged, whose posterior densities are known; when they are used up, more are
+    made in large batches. That these draws let the proposal pass leaves out of them no more than points of a weight for which it would have
+    been fitted again: some ten-thousandths of the posterior, far below the Monte Carlo error of as many draws.
+    """
+
+    def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
+        self.proposal, self._left, self._known = proposal, first, (np.empty((0, 0)), np.empty(0))
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
+        """One step of all walkers, as emcee asks for it."""
+        x = state.coords
+        fresh, log_old = self.take(len(x), model.random), self.log_proposal(x)
+        accepted = np.log(model.random.rand(len(x))) < fresh.log_weights - (state.log_prob - log_old)
+        self._known = np.where(accepted[:, None], fresh.x, x), np.where(accepted, fresh.log_proposal, log_old)
+        return self.update(state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
+
+    def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
+        """The next draws from the proposal."""
+        if len(self._left.x) < size:
+            self._left = importance_draws(self.proposal, random, max(size, _BATCH))
+        taken, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
+        return taken
+
+    def log_proposal(self, x: FloatArray) -> FloatArray:
+        """Log proposal density at the walkers: they stand where the last global step left them, but for few that were moved since."""
+        points, values = self._known
+        if points.shape != x.shape:
+            return self._log_density(x)
+        moved = (points != x).any(axis=1)
+        if moved.any():
+            values[moved] = self._log_density(x[moved])
+        return values
+
+    def _log_density(self, x: FloatArray) -> FloatArray:
+        return self.proposal.log_density(x, self.proposal.posterior.log_prior(x))
+
+
+def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float]]:
+    """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
+
+    emcee's snooker move is never used: in release 3.1.6 it is biased.
+    """
+    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
+    every = GlobalMove(fitted.proposal, first), emcee.moves.DEMove(), emcee.moves.StretchMove()
+    return list(zip(every, (1.0 - local, 0.8 * local, 0.2 * local), strict=True))
+
+
+class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
+    """One ensemble with a random stream of its own, begun and burnt in; `advance` returns one pass, walker-major."""
 
     def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
-        posterior = fitted.proposal.posterior
-        name = posterior.subject.name
-        random = np.random.RandomState(np.random.MT19937(stream(seed, name, posterior.model.name, "ensemble", index)))
+        self._posterior = posterior = fitted.proposal.posterior
+        random = np.random.RandomState(np.random.MT19937(stream(seed, posterior.subject.name, posterior.model.name, "ensemble", index)))
         judging = len(fitted.draws.x) // settings.ensembles
-        stock = Stock(fitted.proposal, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
-        self._sampler = _sampler(posterior, settings.walkers, moves(fitted, stock))
+        mixed = moves(fitted, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
+        super().__init__(settings.walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
-        self._sampler.random_state = random.get_state()
+        self.random_state = random.get_state()
         self._state = self._run(_dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False)
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
-        self._sampler.reset()
+        """Draws, shape (walkers x kept, k), their log densities and the share of accepted proposals."""
+        self.reset()
         self._state = self._run(self._state, kept, thin_by=thin)
-        chain, log_posterior = self._sampler.get_chain(), self._sampler.get_log_prob()
+        chain = self.get_chain()
         x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
-        return x, log_posterior.T.ravel(), float(np.mean(self._sampler.acceptance_fraction))
+        return x, self.get_log_prob().T.ravel(), float(np.mean(self.acceptance_fraction))
+
+    def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
+        """Log densities as the array that they come in; emcee itself goes through them one by one."""
+        log_density = self._posterior.log_density(coords)
+        require_defined(log_density, self._posterior)
+        return log_density, None
 
     def _run(self, state: Any, steps: int, **how: Any) -> Any:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may be so thin (100 million trials), and
         # global moves leave the plane.
-        return self._sampler.run_mcmc(state, steps, skip_initial_state_check=True, **how)
-
-
-def _sampler(posterior: Target, walkers: int, mixed: list[tuple[Any, float]]) -> emcee.EnsembleSampler:
-    """An emcee sampler that takes log densities as the array they come in; emcee itself goes through them one by one."""
-
-    class Vectorised(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
-        def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
-            log_density = posterior.log_density(coords)
-            require_defined(log_density, posterior)
-            return log_density, None
-
-    return Vectorised(walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
+        return self.run_mcmc(state, steps, skip_initial_state_check=True, **how)
 
 
 def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:

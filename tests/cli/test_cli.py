@@ -189,7 +189,7 @@ def test_sample_is_the_same_for_any_number_of_workers(folder):
         assert (done.returncode, done.stderr) == (0, "")
     one, two = (bt.load(folder / f"p{workers}.nc") for workers in (1, 2))
     assert all(np.array_equal(one.values(name, "mu1"), two.values(name, "mu1")) for name in one.names)
-    assert one.tree["posterior_predictive"].equals(two.tree["posterior_predictive"])
+    assert one.tree.equals(two.tree)
 
 
 def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):

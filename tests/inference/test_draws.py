@@ -10,7 +10,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.inference.subject_draws import SUMMARY_COLUMNS
+from bayes_toe.inference.subject import SUMMARY_COLUMNS
 
 PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width")
 

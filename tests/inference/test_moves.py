@@ -7,7 +7,7 @@ import pytest
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.moves import GlobalMove, Stock, moves
+from bayes_toe.inference.sampling import GlobalMove, moves
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
@@ -83,7 +83,7 @@ def _worst_moment(move, target, index, runs=24):
 def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     target = Target(skewed)
     fitted = _fitted_for(target)
-    move = moves(fitted, _stock(fitted))[index][0]
+    move = moves(fitted, fitted.draws)[index][0]
     assert type(move).__name__ != "DESnookerMove"
     # 8 looks at a t distribution with 23 degrees of freedom, 6 parametrisations: |t| < 4.6 has a false-alarm rate near 0.6 %.
     assert _worst_moment(move, target, index) < 4.6
@@ -94,7 +94,7 @@ def test_the_moment_test_catches_wrong_moves(wrong):
     import emcee
 
     target = Target(skewed=False)
-    move = emcee.moves.DESnookerMove() if wrong == "snooker" else GlobalMove(_stock(_fitted_for(target)))
+    move = emcee.moves.DESnookerMove() if wrong == "snooker" else global_move(_fitted_for(target))
     if wrong == "global":
         right = move.log_proposal
         move.log_proposal = lambda x: 0.9 * right(x)  # of the old points and not of the new ones
@@ -102,8 +102,12 @@ def test_the_moment_test_catches_wrong_moves(wrong):
         assert _worst_moment(move, target, 9, runs=4) > 8.0
 
 
-def _stock(fitted):
-    return Stock(fitted.proposal, fitted.draws)
+def density(fitted, x):
+    return fitted.proposal.log_density(x, fitted.proposal.posterior.log_prior(x))
+
+
+def global_move(fitted):
+    return GlobalMove(fitted.proposal, fitted.draws)
 
 
 @pytest.fixture(scope="module")
@@ -112,20 +116,18 @@ def fitted():
 
 
 def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitted):
-    stock = _stock(fitted)
-    assert sum(weight for _, weight in moves(fitted, stock)) == pytest.approx(1.0)
+    assert sum(weight for _, weight in moves(fitted, fitted.draws)) == pytest.approx(1.0)
     poor = replace(fitted, pareto_k=1.2)
-    assert moves(poor, stock)[0][1] < 0.5 < moves(fitted, stock)[0][1]
+    assert moves(poor, fitted.draws)[0][1] < 0.5 < moves(fitted, fitted.draws)[0][1]
 
 
-def test_a_stock_deals_the_judging_draws_and_then_new_ones_with_their_densities(fitted):
+def test_the_global_move_deals_the_judging_draws_and_then_new_ones_with_their_densities(fitted):
     first, random = fitted.draws.part(slice(1000)), np.random.RandomState(1)
-    stock = Stock(fitted.proposal, first)
-    dealt = [stock.take(300, random) for _ in range(5)]
+    dealt = list(map(GlobalMove(fitted.proposal, first).take, [300] * 5, [random] * 5))
     assert np.array_equal(np.concatenate([one.x for one in dealt[:3]]), first.x[:900])
     for one in dealt:
         assert one.log_posterior == pytest.approx(fitted.proposal.posterior.log_density(one.x), rel=1e-12, abs=1e-12)
-        assert one.log_proposal == pytest.approx(stock.log_density(one.x), rel=1e-9, abs=1e-9)
+        assert one.log_proposal == pytest.approx(density(fitted, one.x), rel=1e-9, abs=1e-9)
     assert not np.isin(dealt[3].x, first.x).any()
 
 
@@ -133,15 +135,14 @@ def test_the_global_move_knows_the_density_also_of_walkers_that_were_moved_since
     import emcee
 
     posterior, random = fitted.proposal.posterior, np.random.RandomState(1)
-    stock = _stock(fitted)
-    move = GlobalMove(stock)
+    move = global_move(fitted)
     state = emcee.State(fitted.draws.x[-16:].copy(), log_prob=posterior.log_density(fitted.draws.x[-16:]))
     model = emcee.model.Model(None, None, map, random)
     for moved in (None, 3, slice(8, 12)):  # in place, as emcee does it
         if moved is not None:
             state.coords[moved] += 0.01
             state.log_prob = posterior.log_density(state.coords)
-        assert move.log_proposal(state.coords) == pytest.approx(stock.log_density(state.coords), rel=1e-9, abs=1e-9)
+        assert move.log_proposal(state.coords) == pytest.approx(density(fitted, state.coords), rel=1e-9, abs=1e-9)
         state, accepted = move.propose(model, state)
         assert accepted.any()
         assert state.log_prob == pytest.approx(posterior.log_density(state.coords), rel=1e-12)

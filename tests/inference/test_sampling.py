@@ -15,8 +15,7 @@ from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.draws import assembled
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
-from bayes_toe.inference.subject import Settings, Wanted, infer
-from bayes_toe.inference.subject_draws import subject_draws
+from bayes_toe.inference.subject import Settings, Wanted, infer, subject_draws
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
 
