@@ -173,7 +173,6 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--engine", "ray"), "--engine ray: allowed: local, dask"),
         (("--engine", "dask"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
         (

@@ -175,7 +175,7 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
-    with unfinished(target):
+    with unfinished(target if target.is_dir() else target.parent):
         pass
 
 
