@@ -74,8 +74,9 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
 def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     """Log evidence (nats) below the best model of each subject: one row a subject, one column a model, the darker the better.
 
-    Numbers are nats below the best. Hatched: evidence withheld; such a subject, in grey letters, has its best among the other models and
-    does not count for the study. The last row, set apart, is the sum over the subjects that count, as if all followed one model.
+    Numbers are nats below the best, ∞ where a bound on a withheld evidence leaves it no weight. Hatched: evidence otherwise withheld; such
+    a subject, in grey letters, has its best among the other models and does not count for the study. The last row, set apart, is the sum
+    over the subjects that count, as if all followed one model.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     """
     own = ax is None
     ax = panel(ax, wide=_width(table), high=_cells_height(table) + _AROUND + _heads(table))
-    evidence = table.log_evidence
+    evidence = table.weighed
     counted = np.asarray(~np.isnan(evidence).any(axis=1))
     for i, row in enumerate(evidence):
         _draw_row(ax, i, row, numbers=len(evidence) <= _MOST_ROWS)
@@ -116,7 +117,7 @@ def _draw_row(ax: Axes, at: float, evidence: FloatArray, *, numbers: bool = True
         style = {"facecolor": colour, "edgecolor": "#C8C8C8"} if known else _HIDDEN
         ax.add_patch(Rectangle((j - 0.5, at - 0.5), 1.0, 1.0, clip_on=False, linewidth=0.4, **style))
         if numbers and known:
-            number = "best" if below == 0 else f"{below:.1f}" if below < 99.95 else f"{below:.0f}"
+            number = "best" if below == 0 else f"{below:.1f}" if below < 99.95 else f"{below:.0f}" if np.isfinite(below) else "∞"
             weight = "bold" if below == 0 else "normal"
             ax.text(j, at, number, ha="center", va="center_baseline", fontsize=_CELL, color=letters, weight=weight)
 
@@ -124,7 +125,7 @@ def _draw_row(ax: Axes, at: float, evidence: FloatArray, *, numbers: bool = True
 def _name_classes(ax: Axes, table: ModelComparison) -> None:
     """Keys of the cells, below them; of withheld evidences where there are any."""
     handles = [Patch(label=label, facecolor=colour, edgecolor="#C8C8C8", linewidth=0.4) for _, label, colour, _ in CLASSES]
-    if np.isnan(table.log_evidence).any():
+    if np.isnan(table.weighed).any():
         handles.append(Patch(label="withheld: subject not counted", linewidth=0.4, **_HIDDEN))
     style = _LEGEND | {"title": "log evidence below the subject's best model (nats)", "title_fontsize": LETTERS}
     columns = len(handles) if len(table.models) > 6 else 3
@@ -285,7 +286,7 @@ def _width(table: ModelComparison) -> float:
 
 
 def _cells_height(table: ModelComparison) -> float:
-    counted = (~np.isnan(table.log_evidence).any(axis=1)).sum()
+    counted = (~np.isnan(table.weighed).any(axis=1)).sum()
     return _ROW * (min(len(table.subjects), _MOST_ROWS) + (1.0 + _BETWEEN if counted > 1 else 0.0))
 
 

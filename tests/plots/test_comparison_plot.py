@@ -71,6 +71,17 @@ def test_a_withheld_evidence_is_hatched_named_and_its_subject_grey():
     assert "withheld" not in " ".join(text.get_text() for text in whole.get_legend().get_texts())
 
 
+def test_a_rival_without_weight_counts():
+    """Withheld, but bounded far below the best: no hatching, and the subject is one of the sum."""
+    table = made(EVIDENCE, NAMES[:4])
+    rows = [replace(row, bound=-300.0) if row.log_evidence is None else row for row in table]
+    ax = bt.plots.comparison_axes(replace(table, rows=tuple(rows)))
+    patches, numbers = cells(ax)
+    assert not any(one.get_hatch() for one in patches.values())
+    assert numbers[1, 1] == numbers[ax.get_yticks()[-1], 1] == "∞"
+    assert {label.get_color() for label in ax.get_yticklabels()} == {"black"}
+
+
 def test_classes_are_told_apart_without_colour():
     grey = [np.dot(to_rgb(colour), [0.299, 0.587, 0.114]) for _, _, colour, _ in CLASSES]
     assert min(np.diff(grey)) > 0.1
