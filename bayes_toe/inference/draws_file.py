@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_toe.cluster import aside
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.places import shown
 from bayes_toe.data.stores import named_store
@@ -163,7 +164,8 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
             for name, one in node.to_dataset().variables.items()
             if one.dtype.kind not in "UOT" and one.ndim > 0
         }
-    return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
+    with aside():
+        return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
 
 
 def write_store(path: Path, tree: xr.DataTree) -> None:
