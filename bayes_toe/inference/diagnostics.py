@@ -79,6 +79,8 @@ def errors(draws: npt.ArrayLike) -> Errors:
 
 def convergence_of(quantities: Mapping[str, FloatArray]) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
+    if not quantities:
+        return {}
     return dict(zip(quantities, map(Convergence._make, _found(_CONVERGENCE, np.stack(list(quantities.values())))), strict=True))
 
 

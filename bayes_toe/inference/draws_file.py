@@ -8,6 +8,7 @@ Draws of one subject are one chunk of each variable, with a checksum of the form
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 import warnings
@@ -241,9 +242,9 @@ def read_tree(path: str | Path) -> xr.DataTree:
     import xarray as xr
 
     path, name = Path(path), shown(Path(path))
-    store = named_store(path) or path.is_dir()
-    if not (path.is_dir() if store else path.is_file()):
-        what = "not a file" if path.exists() else f"no such {'folder' if store else 'file'}"
+    store = named_store(path) or os.path.isdir(path)  # a Path refuses names that are too long with an error of its own
+    if not (os.path.isdir(path) if store else os.path.isfile(path)):
+        what = "not a file" if os.path.exists(path) else f"no such {'folder' if store else 'file'}"
         raise InputError(f"{name}: {what}; {ALLOWED}")
     if store:
         require_zarr()

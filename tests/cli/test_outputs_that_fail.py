@@ -51,7 +51,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
 
 @pytest.mark.parametrize("command", ["sample", "run", "evidence"])
 def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch, command):
-    free = 10**6 if command != "evidence" else 10**4
+    free = 10**5 if command != "evidence" else 10**4
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(free, 0, free))
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     done = inside(command, place / "study.csv", "-o", tmp_path / "out", "-q")
@@ -89,7 +89,7 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
 
 def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
     words = ("sample", place / "study.csv", "-o", tmp_path / "out.nc", "--resume", "-q")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**5, 0, 10**5))
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: (_ for _ in ()).throw(OutputError("the work began")))
     assert "MB are needed, " in one_line(inside(*words))
     kept = tmp_path / "out.nc.partial" / "0.kept"
