@@ -156,7 +156,9 @@ class _Shown:
         else:
             drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
         scale = len(self.samples) / PRIOR_DRAWS
-        return [scale * np.histogram(drawn[name], BINS, span)[0] for name, span in zip(self.names, spans, strict=True)]
+        return [
+            np.asarray(scale * np.histogram(drawn[name], BINS, span)[0], np.float64) for name, span in zip(self.names, spans, strict=True)
+        ]
 
 
 @lru_cache(maxsize=1)
