@@ -5,8 +5,8 @@ from .analysis import run as run
 from .analysis import sample as sample
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.covariates import covariate_tests as covariate_tests
-from .classical.fit_table import fit as fit
-from .classical.fit_table import uncertainty_table as uncertainty_table
+from .classical.fit import fit as fit
+from .classical.fit import uncertainty_table as uncertainty_table
 from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.model_comparison import compare as compare

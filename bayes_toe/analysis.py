@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
-from bayes_toe.classical.fit_table import REPLICATES, FitTable, SubjectFit, subject_fit
+from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.reweighting import UnderPresets, under_presets
 from bayes_toe.data.messages import as_html

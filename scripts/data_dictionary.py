@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields
 
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
-from bayes_toe.classical.fit_table import FIT_COLUMNS, SubjectFit
+from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.parts_sensitivity import COLUMNS as PARTS_SENSITIVITY_COLUMNS

@@ -24,7 +24,7 @@ from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.errors import BayesToeError, InputError, WorkerError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.workers import Failed, run_jobs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "reference.json"

@@ -37,7 +37,7 @@ from bayes_toe.arrays import FloatArray  # noqa: E402
 from bayes_toe.data.tables import write_table  # noqa: E402
 from bayes_toe.data.whole_files import require_writable  # noqa: E402
 from bayes_toe.errors import BayesToeError, InputError  # noqa: E402
-from bayes_toe.inference.modes import find_maxima  # noqa: E402
+from bayes_toe.inference.maxima import find_maxima  # noqa: E402
 from bayes_toe.inference.sampling import SamplerSettings  # noqa: E402
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer  # noqa: E402
 from bayes_toe.model.closed_form import MAX_PULL  # noqa: E402

@@ -93,7 +93,7 @@ def test_a_library_has_one_owner(library):
     assert {name for name in importers if name not in OWNERS[library] and name.split(".")[0] not in OWNERS[library]} == set()
 
 
-@pytest.mark.parametrize("room", ["model", "inference"])
+@pytest.mark.parametrize("room", ["model"])
 def test_pandas_is_not_loaded_by_importing(room):
     for name in (one for one in _modules() if one.split(".")[0] == room):
         tree = ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))

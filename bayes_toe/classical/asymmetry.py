@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from bayes_toe.arrays import IndexArray
 from bayes_toe.classical.exact_test import equality_test, holm, probability_greater
@@ -23,9 +23,6 @@ from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_est
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Level at which an asymmetry is called significant.
 LEVEL = 0.05
@@ -169,15 +166,11 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     def frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv."""
-        import pandas as pd
-
         rows = [[*(getattr(one, key) for key in ASYMMETRY_COLUMNS[:-1]), row.accuracy] for row in self.rows for one in row.comparisons]
         return pd.DataFrame(rows, columns=list(ASYMMETRY_COLUMNS))
 
     def subjects(self) -> pd.DataFrame:
         """One row per subject: accuracy, mean and mean absolute asymmetry, and the comparison where it is largest."""
-        import pandas as pd
-
         return pd.DataFrame([_subject_row(row) for row in self.rows])
 
     def population(self, level: float = LEVEL) -> Population:

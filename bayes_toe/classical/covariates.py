@@ -10,9 +10,9 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy.stats import pearsonr, ttest_ind
 
 from bayes_toe.arrays import FloatArray
@@ -20,10 +20,6 @@ from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 COVARIATE_COLUMNS = ("covariate", "outcome", "test", "groups", "n", "difference_or_r", "statistic", "df", "p_value", "note")
 

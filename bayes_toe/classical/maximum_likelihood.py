@@ -21,7 +21,7 @@ from scipy.special import xlogy
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.classical.penalised_likelihood import Counts, Design, PenalisedLikelihood, first_starts
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.newton import Ascent, ascend
+from bayes_toe.inference.maxima import Ascent, ascend
 from bayes_toe.model.closed_form import LN2, MAX_PULL
 from bayes_toe.model.prior import Prior
 

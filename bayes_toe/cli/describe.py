@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from bayes_toe.classical.asymmetry import AsymmetryTable
     from bayes_toe.classical.covariates import CovariateTable
-    from bayes_toe.classical.fit_table import FitTable
+    from bayes_toe.classical.fit import FitTable
 
 
 def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
@@ -89,7 +89,7 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.classical.bootstrap import require_level
+    from bayes_toe.classical.fit import require_level
 
     require_level(level)
     task.require_files(output)

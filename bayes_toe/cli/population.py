@@ -27,7 +27,7 @@ from bayes_toe.cli.terminal import (
 )
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted
-from bayes_toe.groups.hyperprior_fields import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
+from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -16,8 +16,7 @@ import numpy as np
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.inference.evidence import Evidence, said_of_bound, weighed
-from bayes_toe.inference.laplace import laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.evidence import Evidence, laplace_evidence, laplace_evidence_natural, said_of_bound, weighed
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
@@ -189,7 +188,7 @@ def subject_evidence(
     fitted : Fitted
         What the pipeline found on its way.
     by_bootstrap : (float or None, str), optional
-        By Appendix C's recipe, with what is said of it, see :mod:`bayes_toe.classical.bootstrap`; None with intervals.
+        By Appendix C's recipe, with what is said of it, see :mod:`bayes_toe.classical.fit`; None with intervals.
     others : (Evidence, Evidence), optional
         Of the symmetric model and of the one with a constant error; without them the row is about H1 and H0 alone, and not of the fit.
     fit : FitSummary, optional

@@ -36,7 +36,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
 from bayes_toe.inference.evidence import Evidence, importance_evidence
-from bayes_toe.inference.modes import Maxima, find_maxima
+from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.target import Target
 from bayes_toe.seeds import generator

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
+from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError, NumericalError

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates
@@ -35,9 +35,6 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import mean_first, prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
@@ -85,7 +82,7 @@ class Population:
         The subjects in it, in order.
     settings : GroupSettings
     names : tuple of str
-        The k group parameters, see :data:`bayes_toe.groups.hyperprior_fields.GROUP_PARAMETERS`.
+        The k group parameters, see :data:`bayes_toe.groups.hyperprior.GROUP_PARAMETERS`.
     centre : float
         Mean first stimulus of the study, from which an offset counts; natural-log intensity.
     regressors : Regressors

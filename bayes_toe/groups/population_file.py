@@ -27,8 +27,7 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
 from bayes_toe.groups.chains import GroupChains, with_convergence
-from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
 from bayes_toe.inference.draws_file import as_netcdf

@@ -7,19 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.no_difference import Ratio, no_difference
 from bayes_toe.inference.diagnostics import Convergence, convergence, convergence_of, errors_of
 from bayes_toe.inference.subject import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bayes_toe.groups.population import Population
 
 _UNPOOLED = {"alone_q05": 0.05, "alone_q50": 0.5, "alone_q95": 0.95}
@@ -69,8 +68,6 @@ class PopulationTable(Table[PopulationRow]):
 
     def frame(self) -> pd.DataFrame:
         """One row per quantity, with the columns of population.csv."""
-        import pandas as pd
-
         return pd.DataFrame(self.rows, columns=list(PopulationRow._fields)).astype(dict.fromkeys(PopulationRow._fields[3:], float))
 
     def some(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
@@ -158,8 +155,6 @@ class PooledSubjects(Table[SummaryRow]):
 
     def frame(self) -> pd.DataFrame:
         """With the columns of population_subjects.csv."""
-        import pandas as pd
-
         return pd.DataFrame(self.rows, columns=list(SUBJECT_COLUMNS))
 
 

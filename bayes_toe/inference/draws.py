@@ -13,10 +13,12 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
+import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
@@ -35,11 +37,6 @@ from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
 
 _OF_QUANTILES = "a 5 or 95 % quantile"
 
@@ -150,8 +147,6 @@ class Draws:
 
     def select(self, name: str | int) -> Draws:
         """The same."""
-        import xarray as xr
-
         name, pairs = self._known(name), self._pairs(name)
         with self._reading():
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
@@ -235,8 +230,6 @@ class Draws:
         posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
         read its quantiles.
         """
-        import pandas as pd
-
         rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
@@ -259,7 +252,6 @@ class Draws:
         ['gain', 'gamma', 'mu1', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
         """
         import arviz  # as slow to load as everything else together
-        import xarray as xr
 
         target, dims = self.posterior(self.names[0]), draws_file.BY_SUBJECT
         groups = {name: self.group(name) for name in ("posterior", "sample_stats", "observed_data", "constant_data")}
@@ -334,8 +326,6 @@ class Draws:
     @cached_property
     def _places(self) -> Mapping[str, IndexArray]:
         """Where the pairs of every subject stand."""
-        import pandas as pd
-
         owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
         return {str(name): np.asarray(at) for name, at in owner.groupby(owner).indices.items()}
 
@@ -355,7 +345,6 @@ class Draws:
         return f"<Draws of {self.model!r}: {len(self.names):,} subjects ({named_few(self.names)}), {about}>"
 
     def _repr_html_(self) -> str:
-        import pandas as pd
 
         rows = [self._row(name) for name in self.names[:MOST_ROWS]]
         return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))

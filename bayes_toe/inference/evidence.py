@@ -1,16 +1,26 @@
-"""Log evidence of one subject under one model, with a standard error, or with the reason why there is none."""
+"""Log evidence of one subject under one model: by importance sampling, with its error, or the reason why there is none; and by Laplace.
+
+Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint density, H its Hessian there. Source: Eq.
+app:evidapprox with the covariance of the local Gaussian. A density has another maximum in other coordinates, and so another value: in
+the paper's (mu1, sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, sigma_l = sigma_p or q0 = 1, where there is no such value.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.inference.maxima import Differenced, Maxima, ascend
 from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.coordinates import log_jacobian, log_jacobian_slope_of_pull
+from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import Conjugate
 
 #: Probability that a model without evidence may have at most, by the bound of it, where it is left out as having none.
@@ -97,3 +107,85 @@ def said_of_bound(bound: float, known: FloatArray) -> str:
 def exact_evidence(target: Conjugate) -> Evidence:
     """The evidence of a posterior in closed form."""
     return Evidence(target.log_evidence, 0.0, None, None)
+
+
+_FAR = 60.0  # logits and log width beyond which a point counts as at an edge
+#: Where the search starts: logits of the pull, and by how much offset (in widths), log width and logit of q0 differ from those of the
+#: highest maximum in identified coordinates.
+_SMALL, _LARGER = (-8.0, -6.0, -4.0), ((-3.0, -2.0, -1.0), (0.0, 1.0, 2.0), (3.0, 5.0))
+_OFFSETS = np.array([0.05, 0.2, 0.5, 1.0])
+_WIDTHS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+_PEAKS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+_STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a point is a maximum and not on its way to an edge
+
+
+def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
+    """Log evidence at the highest maximum in unconstrained identified coordinates, nats; None, with the reason, where there is none."""
+    if not maxima.arrived:
+        return None, "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward an edge)"
+    return _at(float(maxima.value[0]), maxima.curvature[0], "Laplace of H1")
+
+
+def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: FloatArray | None = None) -> tuple[float | None, str]:
+    """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats; None, with the reason, where that is on an edge.
+
+    `maxima` are those in unconstrained identified coordinates. The search runs in these coordinates, in which an edge lies at infinity: a
+    Newton ascent toward it goes on in steps of about one, however little it gains. At a stationary point determinants of the Hessian differ
+    by the square of the Jacobian alone. `starts`, shape (starts, 4), are by default a few about these maxima.
+    """
+    label = "Laplace of H1 in the paper's coordinates"
+
+    def log_density(x: FloatArray) -> FloatArray:
+        """With |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3, and log sigma_p = b + 1.5 log(1 - p)."""
+        log_sigma_p = x[:, 2] + 1.5 * np.log1p(-MAX_PULL * expit(x[:, 1]))
+        value = posterior.log_density(x) - log_jacobian(x) - np.log(2.0) - 3.0 * log_sigma_p
+        # The density may grow without end toward sigma_p = 0; no maximum lies out there, and no number either.
+        return np.where(np.abs(x[:, 1:]).max(axis=1) > _FAR, -np.inf, value)
+
+    def gradient(x: FloatArray) -> FloatArray:
+        slope, p = posterior.gradient(x)[1], MAX_PULL * expit(x[:, 1])
+        slope[:, 1] += 4.5 * p * expit(-x[:, 1]) / (1.0 - p) - log_jacobian_slope_of_pull(x[:, 1])
+        slope[:, 2] -= 4.0
+        slope[:, 3] += np.tanh(0.5 * x[:, 3])
+        return slope
+
+    starts = _starts(log_density, maxima) if starts is None else starts
+    density = Differenced(log_density, gradient, *starts.shape)
+    found = ascend(density, starts.T, rivals=np.zeros(len(starts), np.intp))
+    best = np.lexsort((found.arrived, found.value))[-1:]  # of equals one that arrived
+    curvature, x = density.curvature(found.x[:, best], best)[0], found.x[:, best[0]]
+    # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.
+    slope, bend = np.abs(found.gradient[:, best[0]]), np.abs(np.diagonal(curvature))
+    if not found.arrived[best[0]] or np.any(slope > _STILL * bend):
+        return None, f"{label} does not exist: the maximum lies on an edge ({_edge(x)})"
+    return _at(float(posterior.log_density(x)[0]), curvature, label)
+
+
+def _starts(log_density: Callable[[FloatArray], FloatArray], maxima: Maxima) -> FloatArray:
+    """The highest maxima in the other coordinates, and around them the highest point of each part of a grid, shape (starts, 4).
+
+    Maxima differ in the pull, and at each pull the rest is nearly determined. In 1,000 data sets (bundled, hard, real and simulated) the
+    maximum was the same from these as from every point of a coarse grid over all that a study can look like.
+    """
+    offset, _, log_width, logit_q0 = maxima.x[0]
+    far = np.exp(log_width) * _OFFSETS
+    about = offset + np.concatenate([-far, [0.0], far])
+    highest = []
+    for offsets, pulls in ((-far, _SMALL), (far, _SMALL), *((about, larger) for larger in _LARGER)):
+        points = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)], axis=-1)
+        highest.append(points[log_density(points).argmax()])
+    return np.stack([*maxima.x[:3], *highest])
+
+
+def _at(value: float, curvature: FloatArray, label: str) -> tuple[float | None, str]:
+    """Laplace's value from the log density in the coordinates of integration and the negative Hessian there."""
+    eigenvalues = np.linalg.eigvalsh(curvature)
+    if eigenvalues[0] <= 0:
+        return None, f"{label} does not exist: the Hessian at the maximum is not negative definite"
+    return value - 0.5 * float(np.log(eigenvalues).sum()) + 0.5 * len(eigenvalues) * LOG_2PI, ""
+
+
+def _edge(x: FloatArray) -> str:
+    """The edge that a point is nearest to, in words."""
+    edges = {"gamma = 1": x[1], "gamma = 0": -x[1], "q0 = 1": x[3], "q0 = 0": -x[3], "sigma_p = 0": -x[2]}
+    return max(edges, key=lambda name: edges[name])

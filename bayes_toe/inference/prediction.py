@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -19,9 +19,6 @@ from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
 from bayes_toe.model.posterior import Posterior
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _BLOCK = 1 << 20  # values of one temporary array
 
@@ -134,8 +131,6 @@ def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd
     InputError
         As :func:`predict_equal`, or if the file cannot be used: one line per problem.
     """
-    import pandas as pd
-
     pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
     tables = [predict_equal(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
     frame = pd.concat(tables, ignore_index=True)
@@ -164,8 +159,6 @@ def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame
 
 def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
     """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
-    import pandas as pd
-
     rows = len(next(iter(columns.values())))
     size = max(1, _BLOCK // draws)
     values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]

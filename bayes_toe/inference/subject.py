@@ -15,7 +15,7 @@ from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
 from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
 from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of, smoothed_weights
 from bayes_toe.inference.evidence import Evidence, exact_evidence, importance_evidence
-from bayes_toe.inference.modes import Maxima, find_maxima
+from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains

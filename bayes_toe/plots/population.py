@@ -14,7 +14,7 @@ from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, main_weaker, order_panel, pairs_along, which_weaker

@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
+from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
 from bayes_toe.classical.maximum_likelihood import EDGES, Fits
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError

@@ -19,7 +19,7 @@ from bayes_toe.classical.frequencies import (
 )
 from bayes_toe.comparison.evidence_table import frequency_evidence_laplace
 from bayes_toe.errors import InputError
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.coordinates import Natural, unconstrained
 
 counts = st.integers(0, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))

@@ -7,7 +7,7 @@ from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import resample
+from bayes_toe.classical.fit import resample
 from bayes_toe.classical.maximum_likelihood import EDGES, fit_counts, fit_subject
 from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts, replicate_starts
 from bayes_toe.data.study import Subject

@@ -18,7 +18,7 @@ from commands import call, inside
 from conftest import grouped_csv
 
 import bayes_toe as bt
-from bayes_toe.classical.fit_table import subject_fit
+from bayes_toe.classical.fit import subject_fit
 from bayes_toe.cli.results_folder import corner_files
 from bayes_toe.inference.sampling import SamplerSettings
 

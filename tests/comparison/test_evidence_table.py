@@ -9,7 +9,7 @@ from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
 import bayes_toe as bt
-from bayes_toe.classical.bootstrap import bootstrap_evidence, bootstrap_subject
+from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison import words
 from bayes_toe.comparison.evidence_table import (
     EVIDENCE_COLUMNS,
@@ -19,9 +19,8 @@ from bayes_toe.comparison.evidence_table import (
 from bayes_toe.data.tables import write_table
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.laplace import laplace_evidence
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.evidence import importance_evidence, laplace_evidence
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -81,7 +80,7 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
 
 
 def test_laplace_is_exact_for_a_normal_density():
-    from bayes_toe.inference.modes import Maxima
+    from bayes_toe.inference.maxima import Maxima
 
     covariance = np.array([[2.0, 0.3, 0, 0], [0.3, 1.0, 0.1, 0], [0, 0.1, 0.5, 0], [0, 0, 0, 3.0]])
     top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
@@ -105,7 +104,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 
 def test_a_saddle_has_no_laplace_approximation():
-    from bayes_toe.inference.modes import Maxima
+    from bayes_toe.inference.maxima import Maxima
 
     value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.zeros(1), np.diag([1.0, 1.0, -1.0, 1.0])[None], True, np.zeros((0, 4))))
     assert value is None

@@ -23,7 +23,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.free_frequencies import frequency_evidence

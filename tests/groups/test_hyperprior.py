@@ -8,8 +8,7 @@ import pytest
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.groups.hyperprior import Hyperprior, example_file, read_hyperprior
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior, example_file, read_hyperprior
 from bayes_toe.records import packed, unpacked
 
 NAMES = tuple(GROUP_PARAMETERS)

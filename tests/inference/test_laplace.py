@@ -9,8 +9,8 @@ from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
 import bayes_toe as bt
-from bayes_toe.inference.laplace import laplace_evidence_natural
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.evidence import laplace_evidence_natural
+from bayes_toe.inference.maxima import find_maxima
 
 CASES = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
 EVIDENCE = {

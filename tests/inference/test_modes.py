@@ -5,7 +5,7 @@ import pytest
 from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.ladder import posterior_of
 
 CASES = hard_cases()

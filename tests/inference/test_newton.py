@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_toe.inference import newton
-from bayes_toe.inference.newton import ascend
+from bayes_toe.inference import maxima
+from bayes_toe.inference.maxima import ascend
 
 
 class Quadratics:
@@ -74,7 +74,7 @@ def test_a_saddle_is_left_uphill():
 def test_steps_that_are_tried_together_lead_the_same_way(monkeypatch):
     start = np.random.default_rng(3).normal(size=(2, 40))  # among them points where the first steps fail
     together = ascend(Saddle(), start, most=0.3)
-    monkeypatch.setattr(newton, "_TRIES", 0)
+    monkeypatch.setattr(maxima, "_TRIES", 0)
     for part, one_by_one in zip(together, ascend(Saddle(), start, most=0.3), strict=True):
         assert part == pytest.approx(one_by_one, rel=1e-9, abs=1e-9)
 

@@ -11,7 +11,7 @@ from scipy import stats
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference import predictive_checks as gof
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.coordinates import Natural, unconstrained
 
 counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))

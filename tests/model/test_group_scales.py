@@ -6,7 +6,7 @@ import pytest
 from scipy.special import log_ndtr
 
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.hyperprior_fields import GROUP_PARAMETERS
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.parts import compose, compositions
 from bayes_toe.model.posterior import Posterior

@@ -15,7 +15,7 @@ from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import (
     CONSTANT_BIAS,

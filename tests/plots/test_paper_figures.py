@@ -14,7 +14,7 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
-from bayes_toe.classical.fit_table import subject_fit
+from bayes_toe.classical.fit import subject_fit
 from bayes_toe.classical.frequencies import collapse
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.beliefs import trial_view

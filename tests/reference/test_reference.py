@@ -12,7 +12,7 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.modes import find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.proposal import WeightedDraws, efficiency
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 
