@@ -19,8 +19,8 @@ from typing import Generic, TextIO, TypeVar
 
 from threadpoolctl import threadpool_info
 
-from bayes_toe.data.places import Standing, make_folders, remove_empty, reporting, shown, sweep, under_way
-from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.messages import shown
+from bayes_toe.data.whole_files import Standing, make_folders, remove_empty, reporting, sweep, under_way, whole_file
 from bayes_toe.errors import InputError, OutputError
 from bayes_toe.records import fingerprint, packed, unpacked
 from bayes_toe.seeds import root_seed

@@ -144,7 +144,7 @@ def sample(
 
 def _require_store(file: Path) -> None:
     """Refuse a Zarr store that could not be written."""
-    from bayes_toe.data.stores import named_store
+    from bayes_toe.data.whole_files import named_store
     from bayes_toe.inference.draws_file import require_zarr
 
     if named_store(file):
@@ -159,8 +159,7 @@ def _require_room(
     Two copies, since the draws of each subject are kept until all are in one file, of which some are there already; three for a store,
     which is written from that file.
     """
-    from bayes_toe.data.places import require_room
-    from bayes_toe.data.stores import named_store
+    from bayes_toe.data.whole_files import named_store, require_room
     from bayes_toe.inference.draws import stored_bytes
     from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings

@@ -14,8 +14,7 @@ from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, writes
 from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
 from bayes_toe.cli.terminal import introduce, say_notes
-from bayes_toe.data.messages import bare, counted, listed, quoted
-from bayes_toe.data.places import shown
+from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis

@@ -20,9 +20,8 @@ from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 from bayes_toe.comparison.saved_tables import ComparisonFile, read_comparison, read_evidence, read_parts_sensitivity, read_sensitivity
-from bayes_toe.data.messages import counted, listed
-from bayes_toe.data.places import shown
-from bayes_toe.data.stores import is_store
+from bayes_toe.data.messages import counted, listed, shown
+from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population

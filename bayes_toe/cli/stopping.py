@@ -18,8 +18,8 @@ from threading import Timer
 from types import FrameType
 from typing import Any
 
-from bayes_toe.data.places import said_kept, shown
-from bayes_toe.data.whole_files import finished
+from bayes_toe.data.messages import shown
+from bayes_toe.data.whole_files import finished, said_kept
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _PATIENCE = 3.0  # seconds for tidying up after a signal

@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     StudyFileOrExample,
 )
 from bayes_toe.data.messages import visible
-from bayes_toe.data.places import said_kept, under_way
+from bayes_toe.data.whole_files import said_kept, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Task:
         InputError
             In one line, where they are of others.
         """
-        from bayes_toe.data.places import shown
+        from bayes_toe.data.messages import shown
         from bayes_toe.inference.belonging import require_belonging
         from bayes_toe.inference.draws import load
         from bayes_toe.model.study_prior import preset_or_file, prior_for
@@ -135,7 +135,7 @@ class Task:
 
     def partial(self, output: Path) -> Path:
         """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
-        from bayes_toe.data.places import shown
+        from bayes_toe.data.messages import shown
         from bayes_toe.errors import OutputError
         from bayes_toe.kept import discard, kept_in
 

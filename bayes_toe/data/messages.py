@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -40,6 +41,11 @@ def quoted(text: str) -> str:
 def bare(text: str) -> str:
     """A name as messages show it: bare where that is readable."""
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
+
+
+def shown(path: Path) -> str:
+    """A path as messages show it: on one line."""
+    return str(path) if str(path).isprintable() else repr(str(path))
 
 
 def listed(items: Sequence[str], most: int = MOST_SHOWN) -> str:

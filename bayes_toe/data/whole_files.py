@@ -8,17 +8,24 @@ from __future__ import annotations
 
 import json
 import os
+import platform
+import re
+import secrets
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 
-from bayes_toe.data.places import HIDDEN, put_in_place, refuse_impossible, remove_empty, reporting, shown, taken, unfinished
-from bayes_toe.data.stores import is_store, named_store
+from bayes_toe.data.messages import shown
 from bayes_toe.errors import OutputError
 
+#: How the name of a folder begins whose files are not finished; the machine and the process that writes them follow.
+HIDDEN = ".bayes_toe-"
 #: In a folder of results, the list of those that are ours.
 MANIFEST = ".bayes_toe_files.json"
+#: How the name of a store ends: a folder in Zarr's format that holds draws, one thing as a file is.
+STORE = ".zarr"
 #: Files and folders that this process has finished, for whoever has to say so when it is stopped.
 finished: list[Path] = []
 
@@ -72,7 +79,6 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
     with unfinished(home) as new:
         with reporting(home, hidden=new), reporting(files[0] if len(files) == 1 else home):
             yield new
-            _require_there(new, home, names if len(names) > 1 else ())
         _publish(new, home, names, overwrite)
     _finish(*files)
 
@@ -90,15 +96,6 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
     _refuse_taken(Path(path), overwrite)
     with unfinished(Path(path).parent):
         pass
-
-
-def _refuse_taken(target: Path, overwrite: bool) -> None:
-    refuse_impossible(target)
-    if os.path.isdir(target) and not is_store(target):
-        what = "holds something else than draws, choose another name" if named_store(target) else "is a folder, choose the name of a file"
-        raise OutputError(f"{shown(target)}: {what}")
-    if not overwrite and os.path.lexists(target):
-        raise taken(target)
 
 
 @contextmanager
@@ -131,7 +128,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
         If one of `names` exists and may not be replaced, the folder cannot be made or written to, or something required is missing,
         as when someone deleted the folder meanwhile.
     ValueError
-        If a name is not a plain name, or something else than `names` was produced.
+        If something else than `names` was produced.
 
     Examples
     --------
@@ -149,19 +146,19 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
             yield new
             _require_there(new, target, required)
             produced = [file.relative_to(new).as_posix() for file in _pieces(new)]
+            unknown = sorted({file.split("/")[0] for file in produced}.difference(names))
+            if unknown:
+                raise ValueError(f"produced without being named: {', '.join(unknown)}")
             earlier = _manifest(target)
             # Other commands may share the folder: what they produced stays listed.
-            listed = {*produced, *(file for file in earlier if _top(file) not in names)}
-            (new / MANIFEST).write_text(json.dumps({"files": sorted(listed)}, indent=1) + "\n", encoding="utf-8")
-        unknown = sorted({_top(file) for file in produced}.difference(names))
-        if unknown:
-            raise ValueError(f"produced without being named: {', '.join(unknown)}")
+            ours = {*produced, *(file for file in earlier if file.split("/")[0] not in names)}
+            (new / MANIFEST).write_text(json.dumps({"files": sorted(ours)}, indent=1) + "\n", encoding="utf-8")
         if not os.path.lexists(target):
-            put_in_place(new, target, overwrite=False)
+            _put_in_place(new, target, overwrite=False)
         else:
             _publish(new, target, produced, overwrite)
-            put_in_place(new / MANIFEST, target / MANIFEST, overwrite=True)
-            for file in set(earlier) - listed if overwrite else ():
+            _put_in_place(new / MANIFEST, target / MANIFEST, overwrite=True)
+            for file in set(earlier) - ours if overwrite else ():
                 _remove(target, file)
     _finish(target)
 
@@ -179,11 +176,25 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
         pass
 
 
+def _refuse_impossible(target: Path) -> None:
+    """Refuse names that no file can have here, such as a name that is too long."""
+    if "\0" in str(target):
+        raise OutputError(f"{shown(target)}: cannot be written (it has a NUL character), choose another name")
+    with reporting(target), suppress(FileNotFoundError):
+        os.lstat(target)
+
+
+def _refuse_taken(target: Path, overwrite: bool) -> None:
+    _refuse_impossible(target)
+    if os.path.isdir(target) and not is_store(target):
+        what = "holds something else than draws, choose another name" if named_store(target) else "is a folder, choose the name of a file"
+        raise OutputError(f"{shown(target)}: {what}")
+    if not overwrite and os.path.lexists(target):
+        raise OutputError(f"{shown(target)}: exists, choose another name or allow to overwrite it")
+
+
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
-    for name in names:
-        if name in ("", ".", "..", MANIFEST) or "/" in name or "\\" in name:
-            raise ValueError(f"{name!r} cannot be produced: names are plain names of files or subfolders")
-    refuse_impossible(target)
+    _refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
     other = [name for name in names if named_store(target / name) and (target / name).is_dir() and not is_store(target / name)]
@@ -196,6 +207,37 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
         raise OutputError(f"{shown(target)}: {what}, choose another folder or allow to overwrite")
 
 
+def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
+    for file in files:
+        if not os.path.lexists(new / file):
+            raise OutputError(f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), choose another place")
+
+
+def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
+    """Move files into a folder that exists; what cannot be placed is refused before the first one moves."""
+    _require_there(new, target / files[0] if len(files) == 1 else target, files)
+    for file in files:
+        _refuse_taken(target / file, overwrite)
+    for file in files:
+        with reporting(target / file):
+            (target / file).parent.mkdir(parents=True, exist_ok=True)
+        _put_in_place(new / file, target / file, overwrite=overwrite)
+
+
+def _put_in_place(new: Path, final: Path, *, overwrite: bool) -> None:
+    """Give a finished file, or a store, its name."""
+    with reporting(final):
+        if not overwrite:
+            _refuse_taken(final, overwrite)
+        if is_store(final):  # a folder cannot be replaced, but goes with the unfinished ones
+            os.replace(final, new.with_name(f"{new.name}.old"))
+        os.replace(new, final)
+
+
+def _finish(*targets: Path) -> None:
+    finished.extend(target for target in targets if not any(part.startswith(HIDDEN) for part in target.parts))
+
+
 def _pieces(folder: Path) -> Iterator[Path]:
     """All files below a folder; a store is one."""
     for found in sorted(folder.iterdir()):
@@ -205,50 +247,14 @@ def _pieces(folder: Path) -> Iterator[Path]:
             yield found
 
 
-def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
-    for file in files:
-        if not os.path.lexists(new / file):
-            raise OutputError(f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), choose another place")
-
-
-def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
-    """Move files into a folder that exists; what cannot be placed is refused before the first one moves."""
-    for final in (target / file for file in files):
-        if os.path.lexists(final) and not overwrite:
-            raise taken(final)
-        with reporting(final):
-            if final.is_dir() and not is_store(final):
-                raise IsADirectoryError("a folder has that name")
-    for file in files:
-        with reporting(target / file):
-            (target / file).parent.mkdir(parents=True, exist_ok=True)
-        put_in_place(new / file, target / file, overwrite=overwrite)
-
-
-def _finish(*targets: Path) -> None:
-    finished.extend(target for target in targets if not any(part.startswith(HIDDEN) for part in target.parts))
-
-
-def _top(file: str) -> str:
-    return PurePosixPath(file).parts[0]
-
-
 def _manifest(folder: Path) -> list[str]:
-    """What earlier runs produced in a folder and is still there; nothing where the manifest is missing or damaged."""
+    """What earlier runs produced in a folder and is still there, not elsewhere; nothing where the manifest is missing or damaged."""
     try:
-        listed = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
-        return [file for file in listed if _ours(folder, file)] if isinstance(listed, list) else []
-    except (OSError, ValueError, KeyError, TypeError):
+        files = [str(file) for file in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]]
+        there = [file for file in files if (folder / file).is_file() or is_store(folder / file)]
+        return [file for file in there if (folder / file).parent.resolve().is_relative_to(folder.resolve())]
+    except (OSError, ValueError, LookupError, TypeError):
         return []
-
-
-def _ours(folder: Path, file: object) -> bool:
-    """Whether a manifest may speak of this file: one that was edited must not make us remove anything above or elsewhere."""
-    if not isinstance(file, str) or ".." in PurePosixPath(file).parts or PurePosixPath(file).as_posix() != file:
-        return False
-    if not os.path.lexists(folder / file) or ((folder / file).is_dir() and not is_store(folder / file)):
-        return False
-    return (folder / file).parent.resolve().is_relative_to(folder.resolve())
 
 
 def _remove(folder: Path, file: str) -> None:
@@ -256,5 +262,132 @@ def _remove(folder: Path, file: str) -> None:
     path = folder / file
     with reporting(path):
         shutil.rmtree(path) if is_store(path) else path.unlink()
-    for part in path.parents[: len(PurePosixPath(file).parts) - 1]:
-        remove_empty(part)
+    for part in path.relative_to(folder).parents[:-1]:
+        remove_empty(folder / part)
+
+
+# --- Places: what they are, whether they can be written to, and what stands there unfinished ---------------
+
+
+def named_store(path: Path) -> bool:
+    """Whether a path has the name of a store.
+
+    Examples
+    --------
+    >>> named_store(Path("posterior.zarr")), named_store(Path("posterior.nc"))
+    (True, False)
+    """
+    return path.suffix == STORE
+
+
+def is_store(path: Path) -> bool:
+    """Whether a folder is a store of draws: then it may be replaced, and no file of a user is lost."""
+    try:
+        head = json.loads((path / "zarr.json").read_text(encoding="utf-8")) if named_store(path) else {}
+        return bool({"model", "settings", "seed"} <= head["attributes"].keys())
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return False
+
+
+@contextmanager
+def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
+    """Turn what the operating system says into one line with the path and a way out; a hidden path in it becomes that path."""
+    try:
+        yield
+    except OSError as error:
+        plain = f"{shown(target)}: cannot be written ({error.strerror or error}), choose another place"
+        said = str(error) if isinstance(error, OutputError) else plain
+        raise OutputError(said if hidden is None else said.replace(shown(hidden), shown(target))) from error
+
+
+def make_folders(folder: Path, made: ExitStack) -> None:
+    """Make what is missing of a folder; closing `made` removes it again where it is empty."""
+    for part in reversed([part for part in (folder, *folder.parents) if not os.path.lexists(part)]):
+        made.callback(remove_empty, part)
+    with reporting(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def remove_empty(folder: Path) -> None:
+    """Remove a folder where it is empty."""
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
+    """Refuse now what will not fit on the disk, with a tenth to spare: about `needed` bytes, of which the folder `used` holds some."""
+    with reporting(place):
+        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
+        there = sum(file.stat().st_size for file in used.iterdir()) if used is not None and used.is_dir() else 0
+    wanted = 1.1 * needed - there
+    if wanted > free:
+        sizes = f"about {wanted / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
+        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
+
+
+@contextmanager
+def unfinished(home: Path) -> Iterator[Path]:
+    """A new folder in another one, which is made where it is missing; both vanish in the end, the latter where nothing is in it.
+
+    Entering it tells whether anything can be written there, and sweeps what processes that were killed have left.
+    """
+    with ExitStack() as cleanup:  # left in reverse order
+        make_folders(home, cleanup)
+        require_room(home, 2**16)
+        sweep(home)
+        folder = home / f"{HIDDEN}{_here()}-{os.getpid()}-{secrets.token_hex(8)}"
+        cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
+        with reporting(home):
+            folder.mkdir()
+        yield folder
+
+
+def sweep(home: Path) -> None:
+    """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one."""
+    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]+)-[0-9a-f]{{16}}")
+    with suppress(OSError):
+        for path in list(home.iterdir()):
+            match = ours.fullmatch(path.name)
+            if match is not None and not path.is_symlink() and not _alive(int(match[1])):
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _here() -> str:
+    """The machine, as a part of a name."""
+    return re.sub(r"\W", "_", platform.node())
+
+
+def _alive(pid: int) -> bool:
+    """Whether there is such a process; assumed where that cannot be asked without harm."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+# --- How far the work is whose results a folder keeps -------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How many results of `what` were there before (`taken`), are there (`done`), and will be (`jobs`)."""
+
+    taken: int
+    done: int
+    jobs: int
+    what: str
+
+
+#: By folder, as far as this process knows: for whoever has to say so when it is stopped.
+under_way: dict[Path, Standing] = {}
+
+
+def said_kept() -> str:
+    """What another call need not compute again; empty where that is nothing."""
+    said = [f"{one.done} of {one.jobs} {one.what} kept in {folder}" for folder, one in under_way.items() if one.done]
+    return f"{', '.join(said)}, go on with --resume" if said else ""

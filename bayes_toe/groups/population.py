@@ -13,8 +13,7 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.data.messages import as_html
-from bayes_toe.data.places import shown
+from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries

@@ -21,11 +21,9 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
-from bayes_toe.data.places import reporting, shown
-from bayes_toe.data.stores import named_store
+from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject, as_name
-from bayes_toe.data.whole_files import whole_file, whole_together
+from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary

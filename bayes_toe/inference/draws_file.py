@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_toe.cluster import aside
-from bayes_toe.data.messages import quoted
-from bayes_toe.data.places import shown
-from bayes_toe.data.stores import named_store
+from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
+from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.ladder import model_named

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.special import entr, logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.places import shown
+from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Subject
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError

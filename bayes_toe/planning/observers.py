@@ -18,8 +18,8 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.words import KINDS
 from bayes_toe.data.messages import quoted
-from bayes_toe.data.stores import named_store
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named

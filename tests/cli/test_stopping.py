@@ -6,8 +6,7 @@ import sys
 
 import pytest
 
-from bayes_toe.data.places import HIDDEN, unfinished
-from bayes_toe.data.whole_files import finished, whole_file, whole_folder
+from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, whole_file, whole_folder
 
 DEAF = """
 import time

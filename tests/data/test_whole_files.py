@@ -1,20 +1,34 @@
-"""A file appears whole or not at all."""
+"""A file appears whole or not at all; so do the files of a folder, together, and nobody else's files are touched."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
-from folder_trees import failing, tree
+from folder_trees import failing, manifest, tree
 
-from bayes_toe.data.places import HIDDEN, unfinished
-from bayes_toe.data.whole_files import require_writable, whole_file, whole_folder
+from bayes_toe.data.whole_files import (
+    HIDDEN,
+    MANIFEST,
+    require_folder,
+    require_writable,
+    unfinished,
+    whole_file,
+    whole_folder,
+    whole_together,
+)
 from bayes_toe.errors import OutputError
+
+NAMES = ("table.csv", "corner")
+BEFORE_WORK = failing(AssertionError("must be refused before any work"))
+POSIX = pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows, and processes are asked for as POSIX does")
 
 
 def write(path: Path, text: str | None, *, overwrite: bool = False, meanwhile: Callable[[], object] = int) -> None:
@@ -25,34 +39,44 @@ def write(path: Path, text: str | None, *, overwrite: bool = False, meanwhile: C
         meanwhile()
 
 
+def produce(
+    path: Path, files: dict[str, str], *, overwrite: bool = False, names: Sequence[str] = NAMES, meanwhile: Callable[[], object] = int
+) -> None:
+    with whole_folder(path, names, overwrite=overwrite) as folder:
+        assert list(folder.iterdir()) == []
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+        meanwhile()
+
+
+# --- A file -------------------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_file_appears_whole(tmp_path: Path, overwrite: bool) -> None:
     target = tmp_path / "new" / "deep" / "fit.nc"
     with whole_file(target, overwrite=overwrite) as temporary:
         assert not target.exists()
-        assert not temporary.exists()
-        assert temporary.parent.parent == target.parent
-        assert temporary.name == target.name
+        assert (temporary.exists(), temporary.parent.parent, temporary.name) == (False, target.parent, target.name)
         temporary.write_text("whole")
     assert tree(tmp_path) == {"new/deep/fit.nc": "whole"}
+    with whole_file(target, overwrite=True) as temporary:
+        temporary.write_text("new")
+        assert target.read_text() == "whole"
+    assert tree(tmp_path) == {"new/deep/fit.nc": "new"}
 
 
-def test_an_existing_file_is_kept(tmp_path: Path) -> None:
+def test_what_exists_or_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     target = tmp_path / "a.csv"
-    target.write_text("mine")
+    with pytest.raises(OutputError, match=r"a\.csv: exists"):
+        write(target, "new", meanwhile=lambda: target.write_text("mine"))
     with pytest.raises(OutputError, match=r"a\.csv: exists, choose another name or allow to overwrite it$"):
-        write(target, "new", meanwhile=failing(AssertionError("must be refused before any work")))
+        write(target, "new", meanwhile=BEFORE_WORK)
     assert tree(tmp_path) == {"a.csv": "mine"}
 
 
-def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
-    target = tmp_path / "a.csv"
-    with pytest.raises(OutputError, match=r"a\.csv: exists"):
-        write(target, "new", meanwhile=lambda: target.write_text("someone else's"))
-    assert tree(tmp_path) == {"a.csv": "someone else's"}
-
-
-@pytest.mark.skipif(os.name == "nt", reason="symbolic links need rights on Windows")
+@POSIX
 def test_a_dangling_link_is_kept(tmp_path: Path) -> None:
     target = tmp_path / "a.csv"
     target.symlink_to(tmp_path / "nowhere")
@@ -61,22 +85,18 @@ def test_a_dangling_link_is_kept(tmp_path: Path) -> None:
     assert target.is_symlink()
 
 
-def test_an_existing_file_is_replaced_on_request(tmp_path: Path) -> None:
-    target = tmp_path / "a.csv"
-    target.write_text("old")
-    with whole_file(target, overwrite=True) as temporary:
-        temporary.write_text("new")
-        assert target.read_text() == "old"
-    assert tree(tmp_path) == {"a.csv": "new"}
-
-
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
 def test_failure_leaves_everything_as_it_was(tmp_path: Path, error: type[BaseException]) -> None:
     (tmp_path / "b").write_text("old")
+    produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
+    before = tree(tmp_path)
     for name in ("b", "new/deep/a.csv"):
         with pytest.raises(error):
             write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error()))
-    assert tree(tmp_path) == {"b": "old"}
+    for name in ("out", "new/out"):
+        with pytest.raises(error):
+            produce(tmp_path / name, {"table.csv": "half"}, overwrite=True, meanwhile=failing(error()))
+    assert tree(tmp_path) == before
     assert not (tmp_path / "new").exists()
 
 
@@ -88,13 +108,6 @@ def test_folders_that_others_use_meanwhile_stay(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="stop"):
         write(tmp_path / "new" / "deep" / "a.csv", "half", meanwhile=theirs)
     assert tree(tmp_path) == {"new/theirs": "x"}
-
-
-@pytest.mark.parametrize("overwrite", [False, True])
-def test_nothing_written_is_an_error(tmp_path: Path, overwrite: bool) -> None:
-    with pytest.raises(OutputError, match=r"a\.csv: cannot be written"):
-        write(tmp_path / "a.csv", None, overwrite=overwrite)
-    assert tree(tmp_path) == {}
 
 
 @pytest.mark.parametrize(
@@ -114,15 +127,10 @@ def test_impossible_places(tmp_path: Path, name: str, reason: str, overwrite: bo
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.txt").write_text("x")
     before = tree(tmp_path)
-    actions: Sequence[Callable[[], None]] = (
-        lambda: write(tmp_path / name, "x", overwrite=overwrite),
-        lambda: require_writable(tmp_path / name, overwrite=overwrite),
-    )
-    for action in actions:
+    for action in (write, require_writable):
         with pytest.raises(OutputError, match=reason) as caught:
-            action()
+            action(tmp_path / name, *(["x"] if action is write else []), overwrite=overwrite)
         assert len(str(caught.value).splitlines()) == 1
-        assert ": " in str(caught.value)
     assert tree(tmp_path) == before
 
 
@@ -136,22 +144,30 @@ def test_places_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
     message = re.escape(f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place")
-    with pytest.raises(OutputError, match=f"^{message}$"):
-        require_writable(tmp_path / "new" / "a.csv", overwrite=False)
-    with pytest.raises(OutputError, match=f"^{message}$"):
-        write(tmp_path / "new" / "a.csv", "x", meanwhile=failing(AssertionError("must be refused before any work")))
+    for action in (
+        lambda: require_writable(tmp_path / "new" / "a.csv", overwrite=False),
+        lambda: require_folder(tmp_path / "new" / "out", (), overwrite=False),
+        lambda: write(tmp_path / "new" / "a.csv", "x", meanwhile=BEFORE_WORK),
+    ):
+        with pytest.raises(OutputError, match=f"^{message}$"):
+            action()
     assert tree(tmp_path) == {}
 
 
-def test_require_writable_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_look_beforehand_leaves_nothing_behind(tmp_path: Path) -> None:
     require_writable(tmp_path / "new" / "deep" / "a.csv", overwrite=False)
-    assert tree(tmp_path) == {}
+    require_folder(tmp_path / "new" / "out", NAMES, overwrite=False)
     assert not (tmp_path / "new").exists()
-    (tmp_path / "a.csv").write_text("mine")
-    require_writable(tmp_path / "a.csv", overwrite=True)
+    (tmp_path / "table.csv").write_text("mine")
+    require_writable(tmp_path / "table.csv", overwrite=True)
+    require_folder(tmp_path, NAMES, overwrite=True)
     with pytest.raises(OutputError, match="exists"):
-        require_writable(tmp_path / "a.csv", overwrite=False)
-    assert tree(tmp_path) == {"a.csv": "mine"}
+        require_writable(tmp_path / "table.csv", overwrite=False)
+    with pytest.raises(OutputError, match=r"already holds table\.csv"):
+        require_folder(tmp_path, NAMES, overwrite=False)
+    with pytest.raises(OutputError, match="cannot be written"):
+        require_folder(tmp_path / "table.csv" / "out", NAMES, overwrite=False)
+    assert tree(tmp_path) == {"table.csv": "mine"}
 
 
 def test_relative_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +189,7 @@ with whole_file(sys.argv[1]) as path:
 """
 
 
-@pytest.mark.skipif(os.name == "nt", reason="asks for processes as POSIX does")
+@POSIX
 def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "a.csv")], check=False)
     (left,) = tmp_path.iterdir()
@@ -184,3 +200,145 @@ def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path: Path) 
     with unfinished(tmp_path) as ours:
         require_writable(tmp_path / "a.csv", overwrite=False)
         assert sorted(tmp_path.iterdir()) == sorted([ours, elsewhere, tmp_path / f"{HIDDEN}mine"])
+
+
+# --- A folder -----------------------------------------------------------------------------------------------
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    with whole_folder(out, NAMES) as folder:
+        (folder / "table.csv").write_text("t")
+        (folder / "corner").mkdir()
+        (folder / "corner" / "a.png").write_text("a")
+        assert not (out / "table.csv").exists()
+    assert tree(tmp_path) == {"new/out/table.csv": "t", "new/out/corner/a.png": "a"}
+    assert manifest(out) == ["corner/a.png", "table.csv"]
+
+
+def test_files_of_the_user_stay(tmp_path: Path) -> None:
+    before = {"mine.txt": "m", "figures/mine.png": "f"}
+    produce(tmp_path, before, names=("mine.txt", "figures"))
+    (tmp_path / MANIFEST).unlink()
+    produce(tmp_path, {"table.csv": "t"})
+    produce(tmp_path, {"corner/a.png": "a"}, overwrite=True)
+    assert tree(tmp_path) == {**before, "corner/a.png": "a"}
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [(["table.csv"], "table.csv"), (["corner/"], "corner"), ("abc", "a, b, c"), ("abcd", "a, b, c and 1 more")],
+)
+def test_existing_names_are_refused_before_any_work(tmp_path: Path, there: Sequence[str], said: str) -> None:
+    for name in there:
+        (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).write_text("mine")
+    before, message = tree(tmp_path), re.escape(f"{tmp_path}: already holds {said}, choose another folder or allow to overwrite")
+    with pytest.raises(OutputError, match=f"^{message}$"):
+        produce(tmp_path, {}, names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
+    assert tree(tmp_path) == before
+
+
+def test_a_file_in_place_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("x")
+    refusals = {"out": "out: is a file, choose the name of a folder", "out/deep": "cannot be written", "a\0b": "NUL"}
+    for name, message in refusals.items():
+        with pytest.raises(OutputError, match=message):
+            produce(tmp_path / name, {"table.csv": "t"})
+    assert tree(tmp_path) == {"out": "x"}
+
+
+def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path: Path) -> None:
+    produce(tmp_path, {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "corner/deep/c.png": "1"})
+    (tmp_path / "corner" / "mine.png").write_text("mine")
+    produce(tmp_path, {"table.csv": "2", "corner/b.png": "2"}, overwrite=True)
+    assert tree(tmp_path) == {"table.csv": "2", "corner/b.png": "2", "corner/mine.png": "mine"}
+    assert manifest(tmp_path) == ["corner/b.png", "table.csv"]
+    (tmp_path / MANIFEST).unlink()
+    produce(tmp_path, {"table.csv": "3"}, overwrite=True)
+    assert tree(tmp_path) == {"table.csv": "3", "corner/b.png": "2", "corner/mine.png": "mine"}
+
+
+def test_two_commands_may_share_a_folder(tmp_path: Path) -> None:
+    produce(tmp_path, {"corner/a.png": "1"})
+    produce(tmp_path, {"evidence.csv": "1"}, names=["evidence.csv"])
+    produce(tmp_path, {"evidence.csv": "2"}, names=["evidence.csv"], overwrite=True)
+    assert tree(tmp_path) == {"corner/a.png": "1", "evidence.csv": "2"}
+    assert manifest(tmp_path) == ["corner/a.png", "evidence.csv"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "[]", "7", '{"files": 7}', '{"files": "table.csv"}', "\udcff", "\0", '{"files": [7, null, ["corner/a.png"]]}'),
+        *(json.dumps({"files": [name]}) for name in ("../victim", "/victim", "corner/../../victim", "", ".", "corner", "corner/gone.png")),
+    ],
+)
+def test_damaged_manifests_remove_nothing(tmp_path: Path, text: str) -> None:
+    out = tmp_path / "out"
+    produce(out, {"table.csv": "1", "corner/a.png": "1", "corner/deep/b.png": "1"})
+    (tmp_path / "victim").write_text("v")
+    (out / MANIFEST).write_bytes(text.replace("/victim", f"{tmp_path}/victim").encode("utf-8", "surrogateescape"))
+    produce(out, {"table.csv": "2"}, overwrite=True)
+    kept = {"out/corner/a.png": "1", "out/corner/deep/b.png": "1"}
+    assert tree(tmp_path) == {"victim": "v", "out/table.csv": "2", **kept}
+
+
+@POSIX
+def test_stale_files_are_not_sought_through_links(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    produce(out, {"corner/a.png": "1"})
+    shutil.move(out / "corner", elsewhere)
+    (out / "corner").symlink_to(elsewhere)
+    produce(out, {"table.csv": "2"}, overwrite=True)
+    assert (elsewhere / "a.png").exists()
+
+
+def test_what_others_put_there_meanwhile_is_kept(tmp_path: Path) -> None:
+    files = {"corner/a.png": "new", "table.csv": "new"}
+    with pytest.raises(OutputError, match=r"table\.csv: exists"):
+        produce(tmp_path, files, meanwhile=lambda: (tmp_path / "table.csv").write_text("theirs"))
+    assert tree(tmp_path) == {"table.csv": "theirs"}
+
+    def theirs() -> None:
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "mine.txt").write_text("m")
+
+    produce(tmp_path / "out", {"table.csv": "1"}, meanwhile=theirs)
+    assert tree(tmp_path / "out") == {"mine.txt": "m", "table.csv": "1"}
+
+
+@pytest.mark.parametrize("taken", ["table.csv/mine", "corner"])
+def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path: Path, taken: str) -> None:
+    (tmp_path / taken).parent.mkdir(exist_ok=True)
+    (tmp_path / taken).write_text("mine")
+    with pytest.raises(OutputError, match=taken.partition("/")[0]):
+        produce(tmp_path, {"table.csv": "t", "corner/a.png": "a"}, overwrite=True)
+    assert tree(tmp_path) == {taken: "mine"}
+
+
+def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path: Path) -> None:
+    def written(*required: str, names: Sequence[str] = NAMES) -> None:
+        with whole_folder(tmp_path / "out", names, required=required) as folder:
+            (folder / "table.csv").write_text("t")
+
+    with pytest.raises(OutputError, match=r"out: cannot be written \(corner/a\.png is missing"):
+        written("table.csv", "corner/a.png")
+    with pytest.raises(ValueError, match=r"produced without being named: table\.csv$"):
+        written(names=["other.csv"])
+    assert tree(tmp_path) == {}
+    written("table.csv")
+    with pytest.raises(OutputError, match=r"b\.csv is missing"), whole_together(tmp_path / "a.csv", tmp_path / "b.csv") as folder:
+        (folder / "a.csv").write_text("a")
+    with pytest.raises(OutputError, match=r"a\.csv: cannot be written"):
+        write(tmp_path / "a.csv", None, overwrite=True)
+    assert tree(tmp_path) == {"out/table.csv": "t"}
+
+
+def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path: Path) -> None:
+    def another() -> None:
+        found = [path.name for path in tmp_path.iterdir()]
+        produce(tmp_path, {"corner/a.png": "1"})
+        assert set(found) <= {path.name for path in tmp_path.iterdir()}
+
+    produce(tmp_path, {"table.csv": "1"}, meanwhile=another)
+    assert tree(tmp_path) == {"table.csv": "1", "corner/a.png": "1"}
