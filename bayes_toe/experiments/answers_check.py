@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logit, ndtri
-from scipy.stats import hypergeom
+from scipy.special import chdtri, chndtr, logit, ndtri
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
 from bayes_toe.data.messages import bare, counted, listed
@@ -159,9 +158,7 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
 
 def _would_show(freedom: int, noncentrality: float) -> bool:
     """Whether a test of X^2 nearly always finds so large an effect."""
-    from scipy.stats import chi2, ncx2  # slow to import, and few subjects ask
-
-    return bool(ncx2(freedom, noncentrality).sf(chi2.isf(EXCLUSION, freedom)) > 1 - EXCLUSION)
+    return bool(chndtr(chdtri(freedom, EXCLUSION), freedom, noncentrality) < EXCLUSION)
 
 
 def _accuracy(n: IntArray, k: IntArray, same: BoolArray, level: float) -> _Rule:
@@ -171,10 +168,17 @@ def _accuracy(n: IntArray, k: IntArray, same: BoolArray, level: float) -> _Rule:
     most = share[0] - share[1] - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
     said = "'equal' to {:.0%} of the equal and {:.0%} of the different pairs".format(*equal / answers)
     turned = equal[0] * answers[1] < equal[1] * answers[0]  # else it is at least a half
-    if turned and hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]) <= level:
+    if turned and _fisher(equal, answers) <= level:
         yield "reversed_answers", f"Answers look reversed, {said}: does --equal-code name the other answer?"
     elif most < NEAR_CHANCE:
         yield "chance_accuracy", f"Accuracy is near chance, {said}."
+
+
+def _fisher(equal: IntArray, answers: IntArray) -> float:
+    """One-sided p-value, of the first share being the smaller."""
+    from scipy.stats import hypergeom  # slow to import, and few subjects ask
+
+    return float(hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]))
 
 
 # --- The answers in their blocks, and in their order -----------------------------------------------

@@ -5,15 +5,14 @@ A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
-from scipy.special import betaln, xlog1py, xlogy
+from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, ndtr, ndtri, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -51,31 +50,8 @@ class Distribution(Hashable, Protocol):
         """Family and numbers, as in 'Normal(0, 10)'."""
 
 
-class _Family:
-    """What is asked of a distribution seldom enough to be SciPy's; densities and draws are wanted by the thousand."""
-
-    scipy: Any
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return float(self.scipy.std())
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Distribution function."""
-        return np.asarray(self.scipy.cdf(x))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.asarray(self.scipy.sf(x))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(self.scipy.ppf(p))
-
-
 @dataclass(frozen=True)
-class Normal(_Family):
+class Normal:
     """Normal distribution.
 
     Examples
@@ -87,10 +63,10 @@ class Normal(_Family):
     mean: float
     sd: float
 
-    @cached_property
-    def scipy(self) -> Any:
-        """The same of SciPy."""
-        return stats.norm(self.mean, self.sd)
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return self.sd
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
@@ -100,6 +76,18 @@ class Normal(_Family):
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
         return np.asarray((self.mean - np.asarray(x, np.float64)) / self.sd**2)
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.asarray(ndtr((np.asarray(x) - self.mean) / self.sd))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.asarray(ndtr((self.mean - np.asarray(x)) / self.sd))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(self.mean + self.sd * ndtri(p))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -111,7 +99,7 @@ class Normal(_Family):
 
 
 @dataclass(frozen=True)
-class HalfNormal(_Family):
+class HalfNormal:
     """The absolute value of a normal of mean 0 and standard deviation `scale`; support x >= 0.
 
     Examples
@@ -122,10 +110,10 @@ class HalfNormal(_Family):
 
     scale: float
 
-    @cached_property
-    def scipy(self) -> Any:
-        """The same of SciPy."""
-        return stats.halfnorm(scale=self.scale)
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return self.scale * math.sqrt(1.0 - 2.0 / math.pi)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(pi/2)/2 - x^2 / (2 scale^2) - ln scale; -inf below 0."""
@@ -138,6 +126,18 @@ class HalfNormal(_Family):
         """-x/scale^2."""
         return np.asarray(-np.asarray(x, np.float64) / self.scale**2)
 
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.asarray(erf(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0))))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.asarray(erfc(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0))))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(self.scale * math.sqrt(2.0) * erfinv(p))
+
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return np.abs(rng.normal(0.0, self.scale, size))
@@ -148,7 +148,7 @@ class HalfNormal(_Family):
 
 
 @dataclass(frozen=True)
-class Uniform(_Family):
+class Uniform:
     """Uniform distribution over 0 <= x <= top.
 
     Examples
@@ -159,10 +159,10 @@ class Uniform(_Family):
 
     top: float = 1.0
 
-    @cached_property
-    def scipy(self) -> Any:
-        """The same of SciPy."""
-        return stats.uniform(scale=self.top)
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return self.top / math.sqrt(12.0)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln top, edges included; -inf outside."""
@@ -174,6 +174,18 @@ class Uniform(_Family):
         """Zeros."""
         return np.zeros(np.shape(x))
 
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.clip(np.asarray(x) / self.top, 0.0, 1.0)
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.clip((self.top - np.asarray(x)) / self.top, 0.0, 1.0)
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(self.top * np.asarray(p))
+
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return rng.uniform(0.0, self.top, size)
@@ -184,7 +196,7 @@ class Uniform(_Family):
 
 
 @dataclass(frozen=True)
-class Beta(_Family):
+class Beta:
     """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1).
 
     Examples
@@ -196,10 +208,10 @@ class Beta(_Family):
     a: float
     b: float
 
-    @cached_property
-    def scipy(self) -> Any:
-        """The same of SciPy."""
-        return stats.beta(self.a, self.b)
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return math.sqrt(self.a * self.b / (self.a + self.b + 1.0)) / (self.a + self.b)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
@@ -216,6 +228,18 @@ class Beta(_Family):
         """(a - 1)/x - (b - 1)/(1 - x)."""
         points = np.asarray(x, np.float64)
         return np.asarray((self.a - 1.0) / points - (self.b - 1.0) / (1.0 - points))
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.asarray(betainc(self.a, self.b, np.clip(x, 0.0, 1.0)))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.asarray(betaincc(self.a, self.b, np.clip(x, 0.0, 1.0)))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(betaincinv(self.a, self.b, p))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -240,7 +264,7 @@ def share(a: float, b: float) -> Uniform | Beta:
 
 
 @dataclass(frozen=True)
-class LogNormal(_Family):
+class LogNormal:
     """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`.
 
     Examples
@@ -252,10 +276,10 @@ class LogNormal(_Family):
     median: float
     sd: float
 
-    @cached_property
-    def scipy(self) -> Any:
-        """The same of SciPy."""
-        return stats.lognorm(self.sd, scale=self.median)
+    @property
+    def spread(self) -> float:
+        """Standard deviation."""
+        return self.median * math.exp(self.sd**2 / 2.0) * math.sqrt(math.expm1(self.sd**2))
 
     def _score(self, x: npt.ArrayLike) -> FloatArray:
         """Z = ln(x/median)/sd, -inf from 0 downward."""
@@ -270,6 +294,18 @@ class LogNormal(_Family):
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(1 + z/sd)/x."""
         return np.asarray(-(1.0 + self._score(x) / self.sd) / np.asarray(x, np.float64))
+
+    def cdf(self, x: npt.ArrayLike) -> FloatArray:
+        """Distribution function."""
+        return np.asarray(ndtr(self._score(x)))
+
+    def sf(self, x: npt.ArrayLike) -> FloatArray:
+        """Survival function."""
+        return np.asarray(ndtr(-self._score(x)))
+
+    def quantile(self, p: npt.ArrayLike) -> FloatArray:
+        """Inverse of the distribution function, 0 < p < 1."""
+        return np.asarray(self.median * np.exp(self.sd * ndtri(p)))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
