@@ -5,11 +5,103 @@ Exit code 3 where something is not calibrated.
 """
 
 import argparse
+import platform
 import sys
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import bayes_toe as bt
-from bayes_toe.cli.synthetic import PRODUCTS, verdict_lines, write_calibration
-from bayes_toe.data.whole_files import require_folder
+from bayes_toe.cli.terminal import number
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_files import require_folder, whole_folder
+from bayes_toe.experiments.calibration import DESIGNS, DRAWS
+from bayes_toe.experiments.calibration_statistics import MARGIN
+from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM, CalibrationTable, EvidenceRow
+from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
+from bayes_toe.version import library_versions
+
+_OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
+_OF_EVIDENCE = (
+    "evidence_calibration.csv",
+    "evidence_data_sets.csv",
+    *(f"evidence_{what}.{suffix}" for what in ("reliability", "differences") for suffix in ("png", "pdf")),
+)
+#: What the folder of a calibration may hold.
+PRODUCTS = ("calibration.md", *_OF_RANKS, *_OF_EVIDENCE)
+
+
+def write_calibration(table: CalibrationTable, folder: str | Path, *, overwrite: bool = False) -> None:
+    """Write tables, figures (PNG and PDF) and calibration.md into `folder`, all or none."""
+    required = ("calibration.md", *(_OF_RANKS if table.ranks else ()), *(_OF_EVIDENCE if table.evidence else ()))
+    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
+        (target / "calibration.md").write_text(_text(table) + "\n", encoding="utf-8")
+        figures = {}
+        if table.ranks:
+            write_table(table.rank_frame(), target / "calibration.csv")
+            write_table(table.subject_ranks_frame(), target / "calibration_ranks.csv")
+            figures["calibration_ranks"] = ranks_figure(table)
+        if table.evidence:
+            write_table(table.evidence_frame(), target / "evidence_calibration.csv")
+            write_table(table.data_sets_frame(), target / "evidence_data_sets.csv")
+            figures |= {"evidence_reliability": reliability_figure(table), "evidence_differences": differences_figure(table)}
+        for stem, figure in figures.items():
+            for suffix in ("png", "pdf"):
+                bt.plots.save_figure(figure, target / f"{stem}.{suffix}")
+
+
+def _text(table: CalibrationTable) -> str:
+    """calibration.md: verdict, tables, figures, how it was made."""
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True)
+    environment.filters.update(number=number, wrong=_wrong)
+    return environment.get_template("calibration.md").render(
+        table=table,
+        plan=table.outcome.plan,
+        verdict=verdict_lines(table),
+        prior=bt.Prior().describe(),
+        designs=" and ".join(f"{name} ({batches} batches)" for name, batches in DESIGNS.items()),
+        draws=DRAWS,
+        about=ABOUT,
+        default=DEFAULT,
+        false_alarm=f"{FALSE_ALARM:g}",
+        margin=f"{MARGIN:g}",
+        python=platform.python_version(),
+        versions=", ".join(map(" ".join, library_versions().items())),
+    )
+
+
+def _wrong(row: EvidenceRow) -> str:
+    """What an estimator other than the default gets wrong in one design, in words."""
+    about = f"{row.estimator}, {row.design} design: "
+    missing = row.missing_h1 + row.missing_h0
+    if row.judged is None or row.median_shift is None or row.largest_shift is None:
+        return f"{about}no number for any of {row.data_sets} data sets."
+    found = f"no number for {missing} of {row.data_sets} data sets; " if missing else ""
+    toward = "toward H1" if row.median_shift > 0 else "toward H0"
+    off = f"the log Bayes factor is off by a median of {row.median_shift:+.2f} nats ({toward}), at most {row.largest_shift:+.1f}"
+    error = "" if row.calibrated else f"; probabilities are not calibrated (ECE {row.judged.error:.3f}, floor {row.judged.floor:.3f})"
+    return f"{about}{found}{off}{error}."
+
+
+def verdict_lines(table: CalibrationTable) -> list[str]:
+    """The verdict in a few lines: what failed, or that nothing did; what did not converge; what was withheld."""
+    lines = [f"NOT calibrated: {failure}" for failure in table.failures]
+    if table.ranks:
+        inside = sum(row.inside for row in table.ranks)
+        lines.append(f"ranks: {inside} of {len(table.ranks)} inside their bands (all of them with {100 * (1 - FALSE_ALARM):g} % if right)")
+    for row in (row for row in table.evidence if row.estimator == DEFAULT):
+        found = "the default estimator gives no number"
+        if row.judged is not None:
+            verdict = "calibrated" if row.calibrated else "NOT calibrated"
+            found = f"{verdict}, ECE {row.judged.error:.4f}, floor {row.judged.floor:.4f}, allowed {MARGIN:g} more"
+        lines.append(f"evidence, {row.design} design: {found}")
+    if table.ranks:
+        missed = table.not_converged
+        named = f": {', '.join(missed)}" if missed else ""
+        lines.append(f"not converged, ranked with the others: {len(missed)} of {len(table.outcome.ranks)} studies{named}")
+    if table.withheld:
+        lines.append(f"evidence withheld by the default estimator: {', '.join(table.withheld)}")
+    return lines
 
 
 def main() -> int:

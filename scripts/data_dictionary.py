@@ -266,15 +266,15 @@ FILES = (
         },
     ),
     File(
-        "calibration.csv", "`calibrate`", "design and quantity", (*_names(RankRow), "verdict"), [RankRow],
+        "calibration.csv", "`scripts/calibration.py`", "design and quantity", (*_names(RankRow), "verdict"), [RankRow],
         {"verdict": "`inside` or `outside` the band that holds for the whole distribution of ranks.", "quantity": COMMON["quantity"]},
     ),
     File(
-        "calibration_ranks.csv", "`calibrate`", "simulated study", ("design", "subject", *(f"true_{name}" for name in FITTED), *RANKED, "shortfall"),
+        "calibration_ranks.csv", "`scripts/calibration.py`", "simulated study", ("design", "subject", *(f"true_{name}" for name in FITTED), *RANKED, "shortfall"),
         (), {**{f"true_{name}": f"True {name}." for name in FITTED}, **{name: f"Place of the true {name} among its draws, 0 to 1." for name in RANKED}},
     ),
     File(
-        "evidence_calibration.csv", "`calibrate`", "design and estimator",
+        "evidence_calibration.csv", "`scripts/calibration.py`", "design and estimator",
         (*(name for name in _names(EvidenceRow) if name != "judged"), *_JUDGED, "verdict"), [EvidenceRow, Reliability], {
             "missing_h1": "Data sets from H1 for which the estimator gives no number.", "missing_h0": "The same from H0.",
             "median_shift": "Median difference of its log Bayes factor from the default estimator's, nats.",
@@ -283,7 +283,7 @@ FILES = (
         },
     ),
     File(
-        "evidence_data_sets.csv", "`calibrate`", "simulated data set", ("design", "data_set", "from", *ESTIMATORS), (),
+        "evidence_data_sets.csv", "`scripts/calibration.py`", "simulated data set", ("design", "data_set", "from", *ESTIMATORS), (),
         {"data_set": "Its name.", "from": "`H1` or `H0`, which made it.", **{name: f"Log Bayes factor, nats: {ABOUT[name]}." for name in ESTIMATORS}},
     ),
     File(
@@ -348,11 +348,11 @@ FILES = (
         },
     ),
     File(
-        "design.csv", "`design`; `power` and `trials` read it", "pair", DESIGN_COLUMNS, (),
+        "design.csv", "`design`, which reads it too, as `power` does", "pair", DESIGN_COLUMNS, (),
         {"n_trials": "How often the pair is presented.", "isi": "Inter-stimulus interval, s; only where there are several."},
     ),
     File(
-        "trials.csv", "`trials`", "trial, in the order of presentation", ("subject", "block", "trial", "s1", "s2", "isi", "response"), (), {
+        "trials.csv", "`design --list`", "trial, in the order of presentation", ("subject", "block", "trial", "s1", "s2", "isi", "response"), (), {
             "block": "Number of the block, from 1.", "trial": "Number of the trial of the subject, from 1.",
             "isi": "Inter-stimulus interval, s; only where the design has several.",
             "response": "Empty: the answer goes here, `equal` or `different`, and `run` reads the file.",

@@ -1,7 +1,7 @@
 """The command line: parse, call, print. Our errors become one line per problem and exit code 2.
 
 Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
-3 done but some subject failed or its draws did not converge, or `calibrate` failed,
+3 done but some subject failed or its draws did not converge,
 128 and its number after a signal.
 """
 
@@ -30,8 +30,8 @@ COMMANDS = {
         describe.fit,
     ),
     "Look at results, and publish them": (look.explore, look.corner, look.figures, look.predict, look.methods),
-    "Plan a study": (planning.power, planning.design, planning.trials),
-    "Test the program": (synthetic.simulate, synthetic.calibrate),
+    "Plan a study": (planning.power, planning.design),
+    "Test the program": (synthetic.simulate,),
 }
 
 app = typer.Typer(

@@ -1,4 +1,4 @@
-"""Commands for a study that is still to be made: power, design, trials."""
+"""Commands for a study that is still to be made: power and design."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Observers = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelOptions:
-    """Which pairs can be shown."""
+class GoalOptions:
+    """What a design is for, and which pairs can be shown."""
 
     lowest: Annotated[float | None, typer.Option("--lowest", help="Weakest stimulus, natural-log intensity.")] = None
     highest: Annotated[float | None, typer.Option("--highest", help="Strongest stimulus.")] = None
@@ -38,9 +38,25 @@ class LevelOptions:
         Path | None,
         typer.Option("--levels", metavar="levels.csv", help="What hardware can show, column s, or i with --intensity."),
     ] = None
-    intensity: Annotated[float | None, typer.Option("--intensity", metavar="REF", help="Of --levels: amplitudes, s = ln(i / REF).")] = None
+    intensity: Annotated[
+        float | None,
+        typer.Option("--intensity", metavar="REF", help="Amplitudes, s = ln(i / REF): those of --levels, and i1,i2 in --list."),
+    ] = None
     max_pairs: Annotated[int, typer.Option("--max-pairs", help="Different pairs.")] = 25
     isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals to choose from, seconds, e.g. 0.5,2.")] = None
+    aim: Annotated[
+        str, typer.Option("--for", metavar="update|gain|mu1|width|parameters", help="Name the update, or know a quantity, or all.")
+    ] = "update"
+    keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None
+
+    def require(self, given: Path | None, listed: bool) -> None:
+        """Refuse an intensity of nothing, and a design that is given beside what another one would be looked for among."""
+        if self.intensity is not None and not 0.0 < self.intensity < float("inf"):
+            raise bt.InputError(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")
+        if self.intensity is not None and self.levels is None and not listed:
+            raise bt.InputError("--intensity: allowed with --levels levels.csv, or with --list trials.csv")
+        if given is not None and (not listed or (self.lowest, self.highest, self.levels) != (None, None, None)):
+            raise bt.InputError(f"{given}: allowed with --list trials.csv, and without --lowest, --highest, --levels")
 
     def levels_in_log(self) -> FloatArray:
         """Levels, natural-log intensity."""
@@ -50,19 +66,19 @@ class LevelOptions:
             if self.lowest is not None or self.highest is not None:
                 raise bt.InputError("--levels and --lowest, --highest: allowed is one of the two ways to say what can be shown")
             return read_levels(self.levels, self.intensity)
-        if self.lowest is None or self.highest is None or self.intensity is not None:
+        if self.lowest is None or self.highest is None:
             raise bt.InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
         return grid(self.lowest, self.highest, self.step)
 
-    def intervals(self) -> tuple[float, ...]:
-        """Inter-stimulus intervals, seconds."""
+    def goal(self) -> bt.DesignGoal:
+        """What the design is for."""
         try:
             found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
         except ValueError:
             found = (0.0,)
         if any(not 0.0 < one < float("inf") for one in found):
             raise bt.InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
-        return found
+        return bt.DesignGoal(self.aim, self.max_pairs, None if self.keep is None else bt.read_study_design(self.keep), found)
 
 
 def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
@@ -138,31 +154,63 @@ def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
     task.leave_unless_whole(failed, {})
 
 
+@dataclass(frozen=True, kw_only=True)
+class ListOptions:
+    """A list of the trials of a design, in their order."""
+
+    list_output: Annotated[
+        Path | None,
+        typer.Option("--list", metavar="trials.csv", help="Trials to show, for PsychoPy or jsPsych; the column response is empty."),
+    ] = None
+    blocks: Annotated[int, typer.Option("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")] = 10
+    subjects: Annotated[int, typer.Option("--subjects", min=1, help="Of --list: how many, each with an order of trials of its own.")] = 1
+
+    def write(self, made: bt.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
+        """A randomised, counterbalanced list of trials, which run reads once the answers are filled in."""
+        from bayes_toe.experiments.simulate import subject_names
+        from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
+
+        if self.list_output is None:
+            return
+        lists = [bt.trial_list(made, blocks=self.blocks, subject=name, seed=seed) for name in subject_names(self.subjects)]
+        save_trials(lists, self.list_output, reference=reference, overwrite=task.overwrite)
+        who = f"{counted(self.subjects, 'subject')}, {made.total} trials each in {self.blocks} blocks"
+        both = "both orders of two stimuli equally often in a block where the design has them so"
+        say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
+        task.say_written("trials in", self.list_output, seed=seed)
+
+
 def design(
     *,
+    given: Annotated[
+        Path | None, typer.Argument(metavar="[DESIGN.csv]", help="For --list: a design that exists; none is looked for then.")
+    ] = None,
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
-    space: LevelOptions,
-    aim: Annotated[
-        str, typer.Option("--for", metavar="update|gain|mu1|width|parameters", help="Name the update, or know a quantity, or all.")
-    ] = "update",
-    keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None,
+    wanted: GoalOptions,
     data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
     observers: Observers = None,
+    lists: ListOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """The pairs that tell most of what is asked, among those that can be shown, beside the paper's, all, and random ones.
+    """The pairs that tell most of what is asked, among those that can be shown, beside the paper's, all, and random ones; in which order.
 
-    [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --seed 1
+    [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --list trials.csv --seed 1
     """
     from bayes_toe.model.study_prior import preset_or_file
+    from bayes_toe.seeds import root_seed
 
+    listed = [] if lists.list_output is None else [lists.list_output]
+    wanted.require(given, bool(listed))
+    if given is not None:
+        task.require_files(*listed)
+        lists.write(bt.read_study_design(given), root_seed(task.seed), wanted.intensity, task)
+        return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
     files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
-    task.require_files(*files)
-    prior, levels = preset_or_file(task.prior), space.levels_in_log()
-    goal = bt.DesignGoal(aim, space.max_pairs, None if keep is None else bt.read_study_design(keep), space.intervals())
+    task.require_files(*files, *listed)
+    prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal()
     with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
         found = bt.optimal_design(
             levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
@@ -175,40 +223,8 @@ def design(
     for line in found.said():
         say(task.console, safe(line))
     task.say_written("written:", *files, seed=found.seed)
+    lists.write(found.design, found.seed, wanted.intensity, task)
     task.leave_unless_whole(found.power.failed, {})
-
-
-def trials(
-    *,
-    design: Annotated[Path, typer.Argument(metavar="DESIGN.csv", help="Columns s1,s2,n_trials (and isi).")],
-    output: Annotated[Path, writes("trials.csv", "Trials to show, for PsychoPy or jsPsych; its column response is empty.")] = Path(
-        "trials.csv"
-    ),
-    blocks: Annotated[int, typer.Option("--blocks", min=1, help="Blocks of as many trials as can be.")] = 10,
-    subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, each with an order of trials of its own.")] = 1,
-    intensity: Annotated[
-        float | None, typer.Option("--intensity", metavar="REF", help="Columns i1,i2 with raw amplitudes, i = REF e^s, beside s1,s2.")
-    ] = None,
-    task: Annotated[Task, Takes("seed", "overwrite")],
-) -> None:
-    """A randomised, counterbalanced list of trials, which run reads once the answers are filled in.
-
-    [bold]Example[/bold]: bayes-toe trials design.csv -o trials.csv --blocks 10 --seed 1
-    """
-    from bayes_toe.experiments.simulate import subject_names
-    from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
-    from bayes_toe.seeds import root_seed
-
-    task.require_files(output)
-    if intensity is not None and not 0.0 < intensity < float("inf"):
-        raise bt.InputError(f"--intensity: found {intensity!r}, allowed: a positive finite number")
-    seed, read = root_seed(task.seed), bt.read_study_design(design)
-    lists = [bt.trial_list(read, blocks=blocks, subject=name, seed=seed) for name in subject_names(subjects)]
-    save_trials(lists, output, reference=intensity, overwrite=task.overwrite)
-    who = f"{counted(subjects, 'subject')}, {read.total} trials each in {blocks} blocks"
-    both = "both orders of two stimuli equally often in a block where the design has them so"
-    say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
-    task.say_written("trials in", output, seed=seed)
 
 
 def _designs(files: list[Path] | None) -> Mapping[str, bt.StudyDesign]:

@@ -1,11 +1,14 @@
 """Calibration of the chain: a right one passes, wrong densities are caught, and the folder says what was found."""
 
+import sys
+
+import calibration as calibration_script
 import numpy as np
 import pandas as pd
 import pytest
+from calibration import PRODUCTS, verdict_lines
 
 import bayes_toe as bt
-from bayes_toe.cli.synthetic import PRODUCTS, verdict_lines, write_calibration
 from bayes_toe.errors import InputError
 from bayes_toe.experiments import calibration
 from bayes_toe.experiments.calibration import (
@@ -104,19 +107,25 @@ def test_the_ranked_likelihood_is_the_posteriors():
     np.testing.assert_allclose(np.exp(found["q(1.15, 1.55)"]), held, rtol=1e-12)
 
 
-def test_the_folder_and_its_words(table, tmp_path):
-    write_calibration(table, tmp_path)
+def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bt, "calibrate", lambda **_: table)
+    monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
+    assert calibration_script.main() == 0
     assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PRODUCTS if name.endswith(".png"))
-    frame = pd.read_csv(tmp_path / "calibration.csv")
-    assert set(frame.verdict) == {"inside"}
+    assert set(pd.read_csv(tmp_path / "calibration.csv").verdict) == {"inside"}
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
-    assert len(sets) == 6
-    assert sets[DEFAULT].notna().all()
-    text = (tmp_path / "calibration.md").read_text(encoding="utf-8")
-    assert "--studies 2 --data-sets 3 --seed 3" in text
-    with pytest.raises(bt.OutputError):
-        write_calibration(table, tmp_path)
+    assert (len(sets), sets[DEFAULT].notna().all()) == (6, True)
+    assert "--studies 2 --data-sets 3 --seed 3" in (tmp_path / "calibration.md").read_text(encoding="utf-8")
+    assert calibration_script.main() == 2  # the folder is taken
+    monkeypatch.setattr(type(table), "failures", ("made to fail",))
+    monkeypatch.setattr(calibration_script, "write_calibration", lambda *_, overwrite: None)  # nor need all be drawn again
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
+    assert calibration_script.main() == 3
+    said = capsys.readouterr().out
+    assert "16 of 16 inside" in said
+    assert "NOT calibrated: made to fail" in said
+    assert "seed 3; results in" in said
 
 
 def test_failures_and_what_did_not_converge_are_named():
@@ -134,27 +143,3 @@ def test_failures_and_what_did_not_converge_are_named():
 def test_an_empty_plan_is_refused():
     with pytest.raises(InputError):
         Plan(0, 0, 1)
-
-
-def test_the_command(table, tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from bayes_toe.cli import synthetic
-    from bayes_toe.cli.app import app
-    from bayes_toe.experiments import calibration_table
-
-    out = tmp_path / "out"
-    done = CliRunner().invoke(app, ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1"])
-    assert done.exit_code == 0, done.output
-    assert "16 of 16 inside" in done.output
-    assert "seed 1" in done.output
-    assert not (out / "evidence_calibration.csv").exists()
-    monkeypatch.setattr(calibration_table.CalibrationTable, "failures", ("made to fail",))
-    monkeypatch.setattr(calibration, "simulate_and_analyse", lambda *_, **__: table.outcome)  # no need to do the work again
-    written = []
-    monkeypatch.setattr(synthetic, "write_calibration", lambda *_, overwrite: written.append(overwrite))  # nor to draw it again
-    again = ["calibrate", "-o", str(out), "--studies", "1", "--data-sets", "0", "--seed", "1", "--workers", "1", "--overwrite"]
-    failed = CliRunner().invoke(app, again)
-    assert failed.exit_code == 3
-    assert written == [True]
-    assert "made to fail" in failed.output

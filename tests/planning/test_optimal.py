@@ -91,13 +91,29 @@ def test_levels_of_hardware(tmp_path):
 
 def test_the_command(tmp_path):
     range_ = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.25")
-    done = inside("design", "-o", "d.csv", "--trials", "100", *range_, "--data-sets", "1", "--seed", "1", "--workers", "1", cwd=tmp_path)
+    done = inside(
+        "design",
+        "-o",
+        "d.csv",
+        "--trials",
+        "100",
+        *range_,
+        "--data-sets",
+        "1",
+        "--list",
+        "t.csv",
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+        cwd=tmp_path,
+    )
     assert (done.returncode, done.stderr) == (0, "")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.csv", "d.md", "d.png", "d_compared.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"]
+    assert len(pd.read_csv(tmp_path / "t.csv")) == 100
     assert bt.read_study_design(tmp_path / "d.csv").total == 100
     assert set(pd.read_csv(tmp_path / "d_compared.csv").design) >= {OPTIMISED, PAPER, "full factorial", "random pairs"}
     assert (tmp_path / "d.md").read_text(encoding="utf-8").startswith("# A design of 100 trials, for: update\n\n* first stimuli")
-    assert inside("trials", "d.csv", "-o", "t.csv", "--blocks", "4", cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -125,6 +141,9 @@ def test_the_command(tmp_path):
         ),
         (("--lowest", "0", "--highest", "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
         (("--lowest", "0", "--highest", "1", "--for", "luck"), "--for: found 'luck', allowed: update, gain, mu1, width, parameters"),
+        (("--lowest", "0", "--highest", "1", "--intensity", "2"), "--intensity: allowed with --levels levels.csv, or with --list"),
+        (("--levels", "l.csv", "--intensity", "-1"), "--intensity: found -1.0, allowed: a positive finite number"),
+        (("given.csv",), "given.csv: allowed with --list trials.csv, and without --lowest"),
         (("--lowest", "0", "--highest", "1", "--isi", "-1"), "--isi: found '-1', allowed: positive numbers of seconds"),
     ],
 )

@@ -76,7 +76,7 @@ def test_orders_are_of_the_subject_and_the_seed():
 def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     design = paper_study_design(130)
     design.save(tmp_path / "design.csv")
-    listed = ("trials", "design.csv", "-o", "trials.csv", "--blocks", "5", "--subjects", "2", "--intensity", "0.087", "--seed", "4")
+    listed = ("design", "design.csv", "--list", "trials.csv", "--blocks", "5", "--subjects", "2", "--intensity", "0.087", "--seed", "4")
     done = inside(*listed, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     empty = inside("check", "trials.csv", cwd=tmp_path)

@@ -61,7 +61,7 @@ def planned(folder):
     table = bt.power(trials=[26], data_sets=1, seed=1, workers=1)
     sessions = bt.stopping(rule=bt.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
-    assert inside("trials", "design.csv", "-o", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder).returncode == 0
+    assert inside("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder).returncode == 0
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
