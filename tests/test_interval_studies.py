@@ -294,7 +294,6 @@ def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, stu
         (lambda: bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
         (lambda: bt.predict_equal(plain, "S01", 0.0, 0.3, 1.0), "made without intervals"),
         (lambda: bt.predict_gain(plain, "S01", 1.0), "made without intervals"),
-        (lambda: bt.plots.interval_gain_axes(plain, "S01"), "has no intervals"),
     ):
         with pytest.raises(InputError, match=said):
             refused()
@@ -321,20 +320,17 @@ def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
     s1, s2 = [-0.5, -0.2, -0.5, 0.0, -0.2, 0.0], [-0.2, -0.5, 0.0, -0.5, 0.0, -0.2]
     twice = [np.tile(values, 2) for values in (s1, s2, [30, 20, 9, 8, 25, 30], [40] * 6)]
     draws = bt.sample(bt.Study([bt.Subject("S", *twice, np.repeat([0.5, 2.0], 6))]), draws=100, seed=1, workers=1)
-    panels = bt.plots.interval_curves(draws, "S").axes[:2]
+    panels = bt.plots.curves(draws, "S").axes[:2]
     assert [ax.get_title() for ax in panels] == ["0.5 s, weaker stimulus −0.5", "2 s, weaker stimulus −0.5"]
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
-    ax = bt.plots.interval_answers_axes(analysis.draws, "S01")
-    points = [line for line in ax.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
+    *panels, gain, pair = bt.plots.curves(analysis.draws, "S01").axes
+    assert [ax.get_title() for ax in panels] == [f"{isi:g} s" for isi in THREE]
+    points = [line for line in pair.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
     assert len(points) >= 3  # both orders, and the bars that mark tested intervals
     assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
-    assert bt.plots.interval_gain_axes(analysis.draws, "S01", isi=[0.5, 1.0, 2.0]).get_xlim() == (0.5, 2.0)
-    assert len(bt.plots.interval_curves(analysis.draws, "S01").axes) == len(THREE) + 2
-    assert [ax.get_title() for ax in bt.plots.interval_curves(analysis.draws, "S01").axes[:2]] == [f"{isi:g} s" for isi in THREE[:2]]
-    equal = bt.plots.interval_answers_axes(analysis.draws, "S01", pair=(0.0, 0.0))
-    assert "0 twice" in equal.get_title()
+    assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
 
 
 def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, tmp_path):
@@ -352,7 +348,6 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
         lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
         lambda study, analysis: bt.asymmetry(study),
         lambda study, analysis: bt.plots.figures(analysis),
-        lambda study, analysis: bt.plots.curves(analysis.draws, "S01"),
         lambda study, analysis: bt.plots.plane_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
         lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),

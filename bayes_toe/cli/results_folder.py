@@ -26,7 +26,7 @@ from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.corner import corner
-from bayes_toe.plots.curves import curves, interval_curves
+from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.map import study_map_axes
@@ -227,8 +227,7 @@ def _draw_subject(
 ) -> None:
     draws = saved()
     corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
-    fitted = interval_curves if draws.intervals else curves
-    curve_file.write_bytes(png(fitted(draws, name, title=_said(draws)), dpi=120))
+    curve_file.write_bytes(png(curves(draws, name, title=_said(draws)), dpi=120))
 
 
 def _said(of: Study | Draws) -> str:

@@ -9,9 +9,6 @@ from .comparison import model_frequency_axes as model_frequency_axes
 from .comparison import part_axes as part_axes
 from .corner import corner as corner
 from .curves import curves as curves
-from .curves import interval_answers_axes as interval_answers_axes
-from .curves import interval_curves as interval_curves
-from .curves import interval_gain_axes as interval_gain_axes
 from .curves import plot_average as plot_average
 from .evidence import evidence_figure as evidence_figure
 from .evidence import order_effect_axes as order_effect_axes

@@ -27,7 +27,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
+from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
@@ -46,6 +46,7 @@ PRIOR, TRUTH = "#999999", WEAKER_FIRST
 OVERLAID = ((POSTERIOR, "solid"), ("#B8520A", "dashed"), ("#00704F", "dotted"), ("#A0458A", "dashdot"))
 #: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least that words beside them need.
 _PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = 1.6, 2.6, 0.1, 0.95, 0.95, 0.15, 0.63, 2.7
+_LINE = 1.3 / 72.0  # inches from a line of words to the next, by its points
 
 
 def corner(
@@ -85,7 +86,10 @@ def corner(
         raise InputError(f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once")
     known = _truths_by_subject(truths, subject)
     shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in subjects]
-    spans = [(min(low for low, _ in of), max(high for _, high in of)) for of in zip(*(one.spans() for one in shown), strict=True)]
+    spans = [
+        (min(low for low, _ in of), max(high for _, high in of))
+        for of in zip(*(spans_of(one.samples, one.names, one.target) for one in shown), strict=True)
+    ]
     words = (_words_of_one(draws, shown[0], spans) if alone else _words_of_several(draws, shown)) + [
         *([_Words("grey: prior")] if prior is not None else []),
         _Words("intensities: natural log"),
@@ -107,14 +111,16 @@ def corner(
 
 def _truths_by_subject(truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]) -> Mapping[str, Values]:
     """True values by subject, of one or of several."""
-    nested = [name for name, value in (truths or {}).items() if isinstance(value, Mapping)]
-    if isinstance(subject, str) and nested:
-        raise InputError(
-            f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as truths[{nested[0]!r}]"
-        )
-    if not isinstance(subject, str) and len(nested) < len(truths or {}):
+    given = truths or {}
+    nested = [name for name, value in given.items() if isinstance(value, Mapping)]
+    if isinstance(subject, str):
+        if nested:
+            own = f"truths[{nested[0]!r}]"
+            raise InputError(f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}")
+        return {subject: cast("Values", given)} if truths is not None else {}
+    if len(nested) < len(given):
         raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
-    return cast("Mapping[str, Values]", {} if truths is None else {subject: truths} if isinstance(subject, str) else truths)
+    return cast("Mapping[str, Values]", given)
 
 
 # --- what is shown of a subject -----------------------------------------------------------------------------------------------------
@@ -144,10 +150,6 @@ class _Shown:
         samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
         return cls(subject, target, draws.model, names, samples, {} if truths is None else known_from(truths, target))
 
-    def spans(self) -> list[Span]:
-        """From where to where each quantity is to be seen."""
-        return spans_of(self.samples, self.names, self.target)
-
     def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
         """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
         target = posterior_of(self.target.subject, prior, model=self.model)
@@ -155,16 +157,12 @@ class _Shown:
             drawn = _of_design(target.model, target.prior, target.sbar)
         else:
             drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
-        scale = len(self.samples) / PRIOR_DRAWS
-        return [
-            np.asarray(scale * np.histogram(drawn[name], BINS, span)[0], np.float64) for name, span in zip(self.names, spans, strict=True)
-        ]
+        counted = [np.histogram(drawn[name], BINS, span)[0] for name, span in zip(self.names, spans, strict=True)]
+        return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
 
 
-@lru_cache(maxsize=1)
-def _of_design(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
-    """Draws from the prior are the same for all subjects of a design, one after the other."""
-    return prior_draws(model, prior, sbar)
+#: Draws from the prior are the same for all subjects of a design, one after the other.
+_of_design = lru_cache(maxsize=1)(prior_draws)
 
 
 def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> list[Span]:
@@ -254,7 +252,7 @@ def corner_package() -> Any:
 
 def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool) -> None:
     """Histograms, contours and true values of one subject; in a figure that has panels already, over what is there."""
-    library = corner_package()
+    library, truths = corner_package(), [one.known.get(name, np.nan) for name in one.names]
     library.corner(
         one.samples,
         fig=figure,
@@ -270,15 +268,15 @@ def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: 
         plot_density=False,
         plot_contours=False,
     )
-    axes, truths = np.array(figure.axes).reshape(len(spans), len(spans)), [one.known.get(name, np.nan) for name in one.names]
+    axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
         _draw_contours(axes[i, j], Density.of(one.samples[:, j], one.samples[:, i], spans[j], spans[i]), colour, line, filled=alone)
-    if alone:
-        for i, value in ((i, value) for i, value in enumerate(truths) if not np.isnan(value)):
+    if alone:  # corner's own lines fail in a figure of one quantity
+        for i in np.flatnonzero(np.isfinite(truths)).tolist():
             for ax in axes[i:, i]:
-                ax.axvline(value, color=TRUTH)
+                ax.axvline(truths[i], color=TRUTH)
             for ax in axes[i, :i]:
-                ax.axhline(value, color=TRUTH)
+                ax.axhline(truths[i], color=TRUTH)
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
     else:  # lines would be taken for medians
         style: dict[str, Any] = {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
@@ -315,12 +313,12 @@ def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Wor
     found += [_Words("synthetic data", 11.0, colour="black")] if draws.synthetic else []
     found += [_Words("NOT CONVERGED", 13.0, "bold", "black")] if one.subject in draws.not_converged else []
     found += [_Words("blue: posterior" + (", contours 50 and 90 %" if len(spans) > 1 else "")), _Words("dashed: 5, 50, 95 %")]
-    known = [
-        (name, one.known[name], low <= one.known[name] <= high)
+    known = {
+        name: (one.known[name], low <= one.known[name] <= high)
         for name, (low, high) in zip(one.names, spans, strict=True)
         if name in one.known
-    ]
-    outside = [f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−") for name, value, inside in known if not inside]
+    }
+    outside = [f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−") for name, (value, inside) in known.items() if not inside]
     found += [_Words("red: true value")] if len(outside) < len(known) else []
     return found + ([_Words(f"true value outside: {', '.join(outside)}")] if outside else [])
 
@@ -347,12 +345,8 @@ def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
 
 def _header(count: int, panel: float, words: Sequence[_Words], wide: float) -> float:
     """Inches of words above the panels: none where they stand beside the topmost one."""
-    if (count - 1) * (panel + _GAP) >= _WORDS:
-        return 0.0
-    return _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
-
-
-_LINE = 1.3 / 72.0  # inches from a line to the next, by its points
+    beside = (count - 1) * (panel + _GAP) >= _WORDS
+    return 0.0 if beside else _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
 
 
 def _lines(words: Sequence[_Words], room: float) -> list[tuple[_Words, str]]:

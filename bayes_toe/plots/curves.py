@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -17,16 +16,14 @@ from matplotlib.transforms import ScaledTranslation
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
-from bayes_toe.comparison.average import Average, Averages
+from bayes_toe.comparison.average import Averages
 from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.closed_form import equal_probability
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.intervals import require_intervals
-from bayes_toe.plots.style import EQUAL, MARKED, ORDERS, POSTERIOR, SMALL, Mark, dress, first_panels, legend_below, new_figure, panel, plain
+from bayes_toe.plots.style import EQUAL, MARKED, ORDERS, POSTERIOR, SMALL, Mark, dress, first_panels, legend_below, new_figure, plain
 
 #: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single panel.
 MOST_PANELS = 6
@@ -45,13 +42,22 @@ def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
     """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
 
     One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
-    connects no pairs has no curve: its answers stand alone. The title is, by default, subject and model.
+    connects no pairs has no curve: its answers stand alone. With intervals, one panel for each of up to six of them, and below these the
+    gain and the P(equal) of one pair over the interval. The title is, by default, subject and model.
+
+    Raises
+    ------
+    InputError
+        For an unknown subject; with intervals, for a model that says nothing of those that were not tested.
     """
     counts = draws.subject(subject)
+    if title is None:
+        title = f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + _unconverged(draws, subject)
+    if counts.intervals:
+        return _interval_figure(counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title)
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    words = _subject_and_model(draws, subject) if title is None else title
-    return _answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: distance_panel(ax, counts, fitted), words)
+    return _answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: _distance_panel(ax, counts, fitted), title)
 
 
 def plot_average(averages: Averages, subject: str) -> Figure:
@@ -71,21 +77,20 @@ def plot_average(averages: Averages, subject: str) -> Figure:
     for name, words in {"pull": "pull", "offset": "constant error"}.items():
         low, middle, high = (0.0 + round(value, 2) for value in np.quantile(one.values(name), MARKED).tolist())
         said.append(f"{words} {middle:.2f} ({low:.2f}, {high:.2f}), none: {one.without(name):.2f}".replace("-", "−"))
-    return _answers_figure(one.counts, one.equal, lambda ax: _average_panel(ax, one), "\n".join(said))
 
+    def over_difference(ax: Axes) -> None:
+        _distance_panel(ax, one.counts, None)
+        mean = one.equal(one.counts.s1, one.counts.s2).mean(axis=0)
+        order, difference = presentation_order(one.counts), one.counts.s2 - one.counts.s1
+        for sign, mark in ORDERS.items():
+            ax.plot(difference[order == sign], mean[order == sign], "_", color=mark.colour, ms=SMALL)
 
-def _average_panel(ax: Axes, one: Average) -> None:
-    """Answers over the difference of the stimuli, with the average for each pair."""
-    distance_panel(ax, one.counts, None)
-    mean = one.equal(one.counts.s1, one.counts.s2).mean(axis=0)
-    order, difference = presentation_order(one.counts), one.counts.s2 - one.counts.s1
-    for sign, mark in ORDERS.items():
-        ax.plot(difference[order == sign], mean[order == sign], "_", color=mark.colour, ms=SMALL)
+    return _answers_figure(one.counts, one.equal, over_difference, "\n".join(said))
 
 
 def _answers_figure(counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str) -> Figure:
     """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
-    weaker = weaker_stimuli(counts)
+    weaker = _weaker_stimuli(counts)
     several = 1 <= len(weaker) <= MOST_PANELS
     count = len(weaker) if several else 1
     across = min(2, count)
@@ -94,18 +99,14 @@ def _answers_figure(counts: Subject, equal: Curve | None, single: Callable[[Axes
     panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
     for i, ax in enumerate(panels):
         if several:
-            order_panel(ax, counts, equal, float(weaker[i]), title=count > 1)
+            order_panel(ax, counts, equal, float(weaker[i]))
+            ax.set_title(_said_weaker(weaker[i]) if count > 1 else "", fontsize=10)
         else:
             single(ax)
         ax.set_ylabel("" if i % across else "P('equal')")
     figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
-
-
-def _subject_and_model(draws: Draws, subject: str) -> str:
-    """The title of a figure of one subject."""
-    return f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + _unconverged(draws, subject)
 
 
 def over_panel(draws: Draws, subject: str) -> str:
@@ -133,21 +134,10 @@ def natural_curve(theta: Natural) -> Curve:
 # --- panels -------------------------------------------------------------------------------------------------------------------------
 
 
-def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, title: bool = False, size: float = 5.5) -> Axes:
-    """Both orders of all pairs with one weaker stimulus, over the stronger one; as in Fig. 3, upper row.
+def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, size: float = 5.5) -> Axes:
+    """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
-    Parameters
-    ----------
-    ax : matplotlib Axes
-    counts : Subject
-    equal : callable, optional
-        From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve.
-    weaker : float
-        The weaker stimulus, natural-log intensity.
-    title : bool
-        Whether to name the weaker stimulus above the panel.
-    size : float
-        Of the marks, points.
+    `equal` goes from the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve.
     """
     refuse_intervals([counts], "panel of both orders")
     stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
@@ -160,32 +150,28 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
                 _draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
             _draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
-    if title:
-        ax.set_title(_said_weaker(weaker), fontsize=10)
     return ax
 
 
-def distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> Axes:
+def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> None:
     """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
 
     Where nothing is fitted that connects them, over the difference of their stimuli.
     """
-    refuse_intervals([counts], "panel of normalised distances")
     z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
-    reach = 1.05 * max(float(np.abs(z).max()), 0.3 if fitted is None else 1.43)
-    x = np.linspace(-reach, reach, 200)
     if fitted is not None:
+        reach = 1.05 * max(float(np.abs(z).max()), 1.43)
+        x = np.linspace(-reach, reach, 200)
         _draw_band(ax, x, fitted.equal_at_distance(x), "#333333")
     for order, mark in ORDERS.items():
         at = presentation_order(counts) == order
         if at.any():
             _draw_points(ax, z[at], counts, at, mark)
     label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
-    ax.set(xlabel=label, ylabel="P('equal')", ylim=(-0.03, 1.03))
-    return ax
+    ax.set(xlabel=label, ylim=(-0.03, 1.03))
 
 
-def weaker_stimuli(counts: Subject) -> FloatArray:
+def _weaker_stimuli(counts: Subject) -> FloatArray:
     """The weaker ones of all pairs of different stimuli, ascending."""
     return np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
 
@@ -201,7 +187,7 @@ def main_weaker(counts: Subject) -> float | None:
 
 def which_weaker(counts: Subject, weaker: float | None) -> str:
     """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
-    return "" if weaker is None or len(weaker_stimuli(counts)) < 2 else _said_weaker(weaker)
+    return "" if weaker is None or len(_weaker_stimuli(counts)) < 2 else _said_weaker(weaker)
 
 
 def _said_weaker(weaker: float) -> str:
@@ -225,7 +211,7 @@ def shown_range(counts: Subject, weaker: float) -> tuple[float, float]:
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and equal ones from it on; with the weakest one, which is shown anyway, all equal ones."""
     lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
-    weakest = weaker <= weaker_stimuli(counts).min(initial=np.inf)
+    weakest = weaker <= _weaker_stimuli(counts).min(initial=np.inf)
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 
@@ -253,85 +239,16 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: 
 # --- over the interval --------------------------------------------------------------------------------------------------------------
 
 
-def interval_gain_axes(draws: Draws, subject: str, ax: Axes | None = None, *, isi: npt.ArrayLike | None = None) -> Axes:
-    """Kalman gain of a subject over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals.
-
-    Parameters
-    ----------
-    draws : Draws
-        Of a study with intervals.
-    subject : str
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    isi : array_like, optional
-        Intervals to draw at, seconds; by default from half the shortest to twice the longest tested one.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject, draws without intervals, or an interval that is not positive and finite.
-    """
-    tested, ax = _tested(draws, subject), panel(ax)
-    x = _dress_intervals(ax, tested, isi)
-    _draw_band(ax, x, Predictor.of(draws, subject, most=CURVE_DRAWS).gain(x), POSTERIOR, 1.3)
-    ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
-    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
-    return dress(ax)
-
-
-def interval_answers_axes(
-    draws: Draws, subject: str, ax: Axes | None = None, *, pair: tuple[float, float] | None = None, isi: npt.ArrayLike | None = None
-) -> Axes:
-    """P(equal) of one pair of stimuli in both orders over the interval, with the answers at the tested ones (Laplace estimator).
-
-    Answers of the two orders stand a little beside their interval, so that none hides the other.
-
-    Parameters
-    ----------
-    draws : Draws
-        Of a study with intervals.
-    subject : str
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    pair : tuple of float, optional
-        The two stimuli, natural-log intensity; by default the pair met at most intervals whose answers are nearest to half 'equal'.
-    isi : array_like, optional
-        As in :func:`interval_gain_axes`, and so are the errors.
-    """
-    counts, tested, ax = draws.subject(subject), _tested(draws, subject), panel(ax)
-    x, fitted = _dress_intervals(ax, tested, isi), Predictor.of(draws, subject, most=CURVE_DRAWS)
-    weak, strong = sorted(_usual_pair(counts) if pair is None else pair)
-    for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
-        mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
-        _draw_band(ax, x, fitted.equal(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
-        if counts.isi is not None and at.any():
-            _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
-    about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
-    ax.set(xlim=(x[0], x[-1]), ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
-    ax.set_title(f"stimuli {about}".replace("-", "−"))
-    return dress(ax)
-
-
-def interval_curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
-    """Answers and fitted curves of a subject at each of up to six intervals, and below, gain and P(equal) over the interval.
-
-    The title is, by default, subject and model.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject or draws without intervals.
-    """
-    counts, tested, fitted = draws.subject(subject), _tested(draws, subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
-    weaker = main_weaker(counts)
+def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
+    """Answers and curves at each of up to six intervals, and below, gain and P(equal) of one pair over the interval."""
+    tested, weaker = counts.intervals, main_weaker(counts)
     shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
     across = min(3, max(1, len(shown)))
-    rows = -(-len(shown) // across)
+    rows, wide = -(-len(shown) // across), 6 // across
     figure = new_figure(6.6, 2.3 * rows + 2.9)
     grid = figure.add_gridspec(rows + 1, 6)
     first: Axes | None = None
     for i, isi in enumerate(shown):
-        wide = 6 // across
         ax = figure.add_subplot(grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first)
         first = ax if first is None else first
         here = counts.at_isi(isi)
@@ -344,23 +261,39 @@ def interval_curves(draws: Draws, subject: str, *, title: str | None = None) -> 
         dress(ax)
     if rows:
         legend_below(figure, size=8.0)
-    interval_gain_axes(draws, subject, figure.add_subplot(grid[rows, :3]))
-    interval_answers_axes(draws, subject, figure.add_subplot(grid[rows, 3:]))
-    figure.suptitle(_subject_and_model(draws, subject) if title is None else title, fontsize=11)
+    _gain_panel(figure.add_subplot(grid[rows, :3]), tested, fitted)
+    _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
+    figure.suptitle(title, fontsize=11)
     return figure
 
 
-def _tested(draws: Draws, subject: str) -> tuple[float, ...]:
-    tested = draws.subject(subject).intervals
-    if not tested:
-        raise InputError(f"subject {subject!r} has no intervals (column isi): there is nothing to draw over them")
-    return tested
+def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
+    """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
+    x = _dress_intervals(ax, tested)
+    _draw_band(ax, x, fitted.gain(x), POSTERIOR, 1.3)
+    ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
+    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
+    dress(ax)
 
 
-def _dress_intervals(ax: Axes, tested: tuple[float, ...], isi: npt.ArrayLike | None) -> FloatArray:
+def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
+    """P(equal) in both orders over the interval of the pair whose answers tell most, with the answers a little beside their interval."""
+    x, (weak, strong) = _dress_intervals(ax, counts.intervals), _usual_pair(counts)
+    assert counts.isi is not None
+    for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
+        mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
+        _draw_band(ax, x, fitted.equal(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
+        if at.any():
+            _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
+    about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
+    ax.set(xlim=(x[0], x[-1]), ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
+    ax.set_title(f"stimuli {about}".replace("-", "−"))
+    dress(ax)
+
+
+def _dress_intervals(ax: Axes, tested: tuple[float, ...]) -> FloatArray:
     """Intervals to draw at, along a logarithmic axis in plain numbers with a mark at every tested interval."""
-    own = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
-    x = own if isi is None else np.unique(require_intervals(isi))
+    x = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if x[-1] / x[0] < 300.0 else (1.0,)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

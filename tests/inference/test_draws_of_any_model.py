@@ -123,7 +123,7 @@ def test_models_with_intervals_know_them_or_not(name):
     draws = bt.sample(bt.Study([bt.Subject("timed", *s)]), model=name, draws=300, seed=1, workers=1)
     apart = bt.predict_equal(draws, "timed", 0.0, 0.3, [0.5, 2.0])["mean"].to_numpy()
     assert (apart[0] != apart[1]) == posterior_of(draws.subject("timed"), model=name).model.knows_intervals
-    assert len(bt.plots.interval_curves(draws, "timed").axes) >= 2
+    assert len(bt.plots.curves(draws, "timed").axes) >= 2
 
 
 def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_study):
