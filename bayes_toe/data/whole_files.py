@@ -28,6 +28,7 @@ MANIFEST = ".bayes_toe_files.json"
 STORE = ".zarr"
 #: Files and folders that this process has finished, for whoever has to say so when it is stopped.
 finished: list[Path] = []
+_PIECES = re.compile(r"([^/]+/){0,2}zarr\.json|[^/]+/[^/]+/c(/[0-9]+)+")  # what stands in a store
 
 
 @contextmanager
@@ -281,12 +282,14 @@ def named_store(path: Path) -> bool:
 
 
 def is_store(path: Path) -> bool:
-    """Whether a folder is a store of draws: then it may be replaced, and no file of a user is lost."""
+    """Whether a folder is a store of draws with nothing else in it: then it may be replaced, and no file of a user is lost."""
     try:
         head = json.loads((path / "zarr.json").read_text(encoding="utf-8")) if named_store(path) else {}
-        return bool({"model", "settings", "seed"} <= head["attributes"].keys())
+        ours = {"model", "settings", "seed"} <= head["attributes"].keys()
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return False
+    files = (file.relative_to(path).as_posix() for file in path.rglob("*") if not file.is_dir())
+    return ours and all(_PIECES.fullmatch(file) for file in files)
 
 
 @contextmanager
