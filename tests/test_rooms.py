@@ -91,11 +91,3 @@ def test_a_library_has_one_owner(library):
     importers = {name for name in _modules() if library in {other.split(".")[0] for other in _imported(name)}}
     assert importers
     assert {name for name in importers if name not in OWNERS[library] and name.split(".")[0] not in OWNERS[library]} == set()
-
-
-@pytest.mark.parametrize("room", ["model"])
-def test_pandas_is_not_loaded_by_importing(room):
-    for name in (one for one in _modules() if one.split(".")[0] == room):
-        tree = ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))
-        top = [alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names]
-        assert not {"pandas", "xarray", "arviz"} & set(top), name

@@ -33,7 +33,6 @@ from bayes_toe.model.prior_fields import (
     shown,
     toml_table,
 )
-from bayes_toe.model.study_prior import Stimuli
 
 #: A number, or the property of :class:`bayes_toe.model.study_prior.Stimuli` that gives it.
 Default = float | Literal["mean_s1", "four_ranges", "inverse_range", "step", "log_step"]
@@ -219,6 +218,8 @@ class Hyperprior:
         open_ones = [(name, key) for name, section in self.as_dict().items() for key, value in section.items() if value == STIMULI]
         if not open_ones:
             return self
+        from bayes_toe.model.study_prior import Stimuli  # with SciPy, and the help of commands asks for the declaration above
+
         stimuli, found = Stimuli.of(study), self.as_dict()
         for name, key in open_ones:
             found[name][key] = getattr(stimuli, _FIELDS[name][key].stimuli)

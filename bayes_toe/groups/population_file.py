@@ -50,8 +50,8 @@ _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four time
 
 def save_population(found: Population, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write the file; see :meth:`Population.save`."""
-    with whole_file(path, overwrite=overwrite) as target:
-        target.write_bytes(as_netcdf(_tree(found)))
+    with whole_file(path, overwrite=overwrite) as target, as_netcdf(_tree(found)) as content, target.open("wb") as file:
+        file.write(content)
     return Path(path)
 
 

@@ -291,7 +291,8 @@ class Draws:
             with whole_file(path, overwrite=overwrite) as target:
                 with self._reading():
                     content = draws_file.as_netcdf(self.tree)
-                target.write_bytes(content)
+                with content, target.open("wb") as file:
+                    file.write(content)
             return final
         draws_file.require_zarr()
         with whole_together(final, overwrite=overwrite) as folder, reporting(final):

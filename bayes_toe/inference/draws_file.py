@@ -15,9 +15,10 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from bayes_toe.cluster import aside
 from bayes_toe.data.messages import quoted, shown
@@ -27,9 +28,6 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.ladder import model_named
 from bayes_toe.version import library_versions
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
 AT_ONCE = 2**28  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
@@ -56,8 +54,6 @@ def assembled_tree(
     study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str], store: Path | None = None
 ) -> xr.DataTree:
     """The tree of all subjects' draws; into a store, where one is given, subject by subject, so that they are never in memory together."""
-    import xarray as xr
-
     heads = [_Head(one) for one in found]
     names = dict.fromkeys(name for head in heads for name in head.units)
     size = (*heads[0].size, len(study))
@@ -104,8 +100,6 @@ class _Head:
 
 
 def _coordinates(study: Study, size: tuple[int, ...], walkers: int) -> xr.Dataset:
-    import xarray as xr
-
     chains, draws = size
     coords = {"chain": np.arange(chains), "draw": np.arange(draws), "subject": np.array(study.names, object)}
     return xr.Dataset(coords=coords | {"walker": ("draw", np.repeat(np.arange(walkers), draws // walkers))})
@@ -123,8 +117,6 @@ def _statistics(study: Study, heads: list[_Head]) -> xr.Dataset:
 
 def _long(study: Study, key: str) -> xr.Dataset:
     """One count per subject and pair, with the pair as coordinates."""
-    import xarray as xr
-
     columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in ("s1", "s2", *(["isi"] if study.intervals else []), key)}
     owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
     coords = {"obs": np.arange(len(owner)), "subject": ("obs", owner)}
@@ -153,7 +145,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
 
 
 def as_netcdf(tree: xr.DataTree) -> memoryview:
-    """The bytes of a NetCDF file with checksums of its numbers, draws in a chunk a subject.
+    """The bytes of a NetCDF file with checksums of its numbers, draws in a chunk a subject; to be released by whoever writes them.
 
     In memory, because HDF5 ends the process where the disk that it writes to is full.
     """
@@ -238,8 +230,6 @@ def read_tree(path: str | Path) -> xr.DataTree:
     InputError
         If it is missing or damaged, or has another layout than draws have.
     """
-    import xarray as xr
-
     path, name = Path(path), shown(Path(path))
     store = named_store(path) or os.path.isdir(path)  # a Path refuses names that are too long with an error of its own
     if not (os.path.isdir(path) if store else os.path.isfile(path)):

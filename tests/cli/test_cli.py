@@ -411,8 +411,18 @@ def test_the_installed_command_is_there_and_has_the_version():
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
 
 
-@pytest.mark.parametrize("module", ["bayes_toe", "bayes_toe.cli.app"])
-def test_importing_the_package_and_help_load_no_large_library(module):
-    libraries = ("scipy", "pandas", "arviz", "emcee", "matplotlib", *(("numpy",) if module == "bayes_toe" else ()))
-    code = f"import {module}, sys; print([name for name in {libraries} if name in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplotlib", "scipy.stats"}
+
+
+@pytest.mark.parametrize(
+    ("code", "libraries"),
+    [
+        ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
+        ("import bayes_toe.cli.app", {*LARGE, "scipy"}),
+        ("from bayes_toe.cli.app import app; app(['check', 'study.csv'], standalone_mode=False)", LARGE),
+    ],
+)
+def test_a_quick_command_loads_no_large_library(study_csv, code, libraries):
+    said = f"{code}; import sys; print([*{libraries} & {{*sys.modules}}])"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True, cwd=study_csv.parent)
+    assert done.stdout.splitlines()[-1] == "[]"
