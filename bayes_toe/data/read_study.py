@@ -59,7 +59,7 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     path : str, Path, pandas.DataFrame or polars.DataFrame
         Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
         the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
-        :mod:`bayes_toe.data.matlab`. Rows of a frame count from 0. Several files or frames in a list make one study: the answers of a
+        :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a list make one study: the answers of a
         subject who is in more than one of them are put together, file by file a block.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.

@@ -2,6 +2,10 @@
 
 Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA' whatever the source. What the columns mean,
 and what of it is allowed, is for :mod:`bayes_toe.data.validation` and its users to say, once for all sources.
+
+MATLAB files hold trials as fields of one struct, of vectors or of a struct array, or else vectors of one length, by name; a single value
+stands in every row, such as the subject whose file it is. MATLAB's own table objects are in no documented format: they are refused, with
+what to save instead.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import itertools
 import os
 import re
 import stat
+import warnings
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -28,8 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.matlab import matlab_columns
-from bayes_toe.data.messages import MOST_SHOWN, bare, counted, quoted, visible
+from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted, visible
 from bayes_toe.errors import InputError
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -51,9 +55,8 @@ _SPLIT_ERRORS = {
     "expected after": "text after a closing quote",
     "field larger": "a cell of more than 131072 characters (a quote that is never closed?)",
 }
-_ROWS = 1 << 10  # rows whose texts are told apart at once: memory stays flat
-_LEAST = 8  # bytes of a row of the shortest CSV file; a Parquet file that says that it has more is not believed
 _MISSING = ("NAType", "NaTType")  # pandas' own; they equal nothing, and say so in words that are no truth values
+_SAVED = "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); save('trials.mat', '-struct', 'S', '-v7')"
 
 
 @dataclass(frozen=True)
@@ -175,10 +178,13 @@ def read_table(source: str | Path | Frame, names: Collection[str], largest: int 
         raise InputError(f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame")
     path = Path(source)
     require_parquet(path)
-    name, data = bare(path.name), _bytes(path, largest)
-    if is_parquet(path):
-        return _of_parquet(name, data, largest, names, every)
-    return _of_matlab(name, data, names, every) if path.suffix.lower() == ".mat" else _of_csv(name, data, names, every)
+    try:
+        data = input_bytes(path, largest)
+    except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read") from error
+    kinds = {".parquet": _of_parquet, ".mat": _of_matlab}
+    return kinds.get(path.suffix.lower(), _of_csv)(bare(path.name), data, names, every)
 
 
 def _places(found: Sequence[str], names: Collection[str], every: bool) -> dict[str, int]:
@@ -209,53 +215,38 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     return Path(path).read_bytes()
 
 
-def _bytes(path: Path, largest: int) -> bytes:
-    try:
-        return input_bytes(path, largest)
-    except OSError as error:
-        reason = error.strerror if error.strerror is not None else str(error)
-    except ValueError as error:  # a NUL character in the path
-        reason = str(error)
-    raise InputError(f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read")
-
-
 # --- CSV --------------------------------------------------------------------------------------------
 
 
 def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
-    mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
-    _require_text(source, data, mark, codec, label)
-    plain = data[len(mark) :]
-    heads = {one: next(_records(plain, codec, one), None) for one in DELIMITERS}
-    cells = {
-        one: [] if head is None or isinstance(head[1], csv.Error) else [cell.strip() for cell in head[1]] for one, head in heads.items()
-    }
+    text, label = _decoded(source, data)
+    heads = {one: next(_records(text, one), (0, [])) for one in DELIMITERS}
+    cells = {one: [] if isinstance(head, csv.Error) else [cell.strip() for cell in head] for one, (_, head) in heads.items()}
     delimiter = max(cells, key=lambda one: (len(set(names) & set(cells[one])), len(cells[one])))
-    head = heads[delimiter]
-    if head is None:
+    (first, head), found, problems = heads[delimiter], cells[delimiter], Problems(source)
+    if isinstance(head, csv.Error):
+        raise InputError(f"{source}: {_broken(first, head, 0)}")
+    if not first:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    if isinstance(head[1], csv.Error):
-        raise InputError(f"{source}: {_broken(*head, 0)[1]}")
-    found, problems = cells[delimiter], Problems(source)
     places = _places(found, names, every)
     # Files of experiments are much wider than what is read of them, and most texts are there many times.
     rows, codes = array("q"), {name: array("q") for name in places}
     texts: dict[str, dict[str, int]] = {name: defaultdict(itertools.count().__next__) for name in places}
-    records = itertools.islice(_records(plain, codec, delimiter), 1, None)
-    while some := list(itertools.islice(records, _ROWS)):
-        whole = [(row, record) for row, record in some if isinstance(record, list) and len(record) == len(found)]
-        if len(whole) < len(some):
-            broken = [entry for entry in some if not isinstance(entry[1], list) or len(entry[1]) != len(found)]
-            problems.add([_broken(*entry, len(found)) for entry in broken[:MOST_SHOWN]], len(broken))
-        rows.extend(row for row, _ in whole)
-        for name, place in places.items():
-            codes[name].extend(map(texts[name].__getitem__, (record[place] for _, record in whole)))
+    wanted = [(codes[name].append, texts[name], place) for name, place in places.items()]
+    for row, record in itertools.islice(_records(text, delimiter), 1, None):
+        if isinstance(record, csv.Error) or len(record) != len(found):
+            problems.add([(row, _broken(row, record, len(found)))] if problems.count < MOST_SHOWN else [], 1)
+            continue
+        rows.append(row)
+        for append, code, place in wanted:
+            append(code[record[place]])
     columns = {name: Column.of(name, texts[name], codes[name]) for name in places}
-    return TextTable(label, delimiter, f"row {head[0]}", found, columns, np.array(rows, np.int64), problems)
+    return TextTable(label, delimiter, f"row {first}", found, columns, np.array(rows, np.int64), problems)
 
 
-def _require_text(source: str, data: bytes, mark: bytes, codec: str, label: str) -> None:
-    """Refuse what cannot be decoded, and NUL characters."""
+def _decoded(source: str, data: bytes) -> tuple[str, str]:
+    """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused."""
+    mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
     try:
         text = data[len(mark) :].decode(codec)
     except UnicodeDecodeError as error:
@@ -264,18 +255,17 @@ def _require_text(source: str, data: bytes, mark: bytes, codec: str, label: str)
         what = f"byte 0x{data[offset]:02x} at offset {offset}, not {label}"
     else:
         if "\0" not in text:
-            return
+            return text, label
         before = text.partition("\0")[0]
         what = f"a NUL character at offset {len(mark) + len(before.encode(codec))}"
     row = 1 + len(re.findall(r"\r\n|\r|\n", before))
     raise InputError(f"{source}: row {row}: found {what}, allowed: {_TEXT_ALLOWED}")
 
 
-def _records(data: bytes, codec: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
+def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
     """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
-    lines = io.TextIOWrapper(io.BytesIO(data), codec, newline="")
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
     while True:
         row = reader.line_num + 1
         try:
@@ -289,78 +279,101 @@ def _records(data: bytes, codec: str, delimiter: str) -> Iterator[tuple[int, lis
             yield row, cells
 
 
-def _broken(row: int, record: list[str] | csv.Error, width: int) -> tuple[int, str]:
+def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """What is said about a row that cannot be split, or not into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        return row, f"row {row}: found {counted(len(record), 'cell')}, allowed: {width} cells as in the header"
+        return f"row {row}: found {counted(len(record), 'cell')}, allowed: {width} cells as in the header"
     found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
-    return row, f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
+    return f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
 
 
 # --- Frames, MATLAB, Parquet: values --------------------------------------------------------------------
 
 
-def _of_values(form: str, head: str, names: list[str], values: dict[str, list[object]], rows: IntArray, source: str) -> TextTable:
+def _of_values(named: tuple[str, str, str], names: list[str], values: dict[str, list[Any]], rows: Sequence[int]) -> TextTable:
+    """The table of values by column; `named` are its source, its form and its head."""
+    source, form, head = named
     columns, problems = {}, Problems(source)
     for name, some in values.items():
         texts = [_text(value) for value in some]
         if None in texts:
             at = texts.index(None)
             found = f"found {quoted(str(some[at]))} of type {type(some[at]).__name__}"
-            problems.add([(int(rows[at]), f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values")])
-        places: dict[str, int] = defaultdict(itertools.count().__next__)
-        codes = [places["" if text is None else text] for text in texts]
-        columns[name] = Column.of(name, places, codes)
+            problems.add([(rows[at], f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values")])
+        columns[name] = Column.of(name, ("" if text is None else text for text in texts), range(len(texts)))
     problems.refuse()
-    table = TextTable(form, "", head, names, columns, rows, problems)
-    for column in columns.values():  # a CSV file has been looked at whole
-        table.fault(column, column.map(lambda text: "\0" in text, np.bool_), "text without NUL characters")
-    return table
+    return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems)
 
 
 def _of_frame(frame: Any, names: Collection[str], every: bool) -> TextTable:
     """Rows count from 0, as in `frame.iloc`."""
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-    found = [str(name).strip() for name in frame.columns]
-    values = {}
+    found, values = [str(name).strip() for name in frame.columns], {}
     for name, place in _places(found, names, every).items():
-        column = frame.iloc[:, place] if hasattr(frame, "iloc") else frame.to_series(place)
-        values[name] = column.tolist() if hasattr(column, "tolist") else column.to_list()
-    return _of_values(source, "columns", found, values, np.arange(len(frame)), source)
+        values[name] = frame.iloc[:, place].tolist() if hasattr(frame, "iloc") else frame.to_series(place).to_list()
+    return _of_values((source, source, "columns"), found, values, range(len(frame)))
 
 
 def _of_matlab(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
     """Row 1 is the first trial; a single value stands in every row."""
-    columns = matlab_columns(source, data)
+    columns = _matlab_columns(source, _matlab_variables(source, data))
     rows = max(map(len, columns.values()))
     values = {name: columns[name] * (rows // len(columns[name])) for name in _places([*columns], names, every)}
-    return _of_values("MATLAB", "variables", [*columns], values, np.arange(1, rows + 1), source)
+    return _of_values((source, "MATLAB", "variables"), [*columns], values, range(1, rows + 1))
 
 
-def _of_parquet(source: str, data: bytes, largest: int, names: Collection[str], every: bool) -> TextTable:
+def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            found = loadmat(io.BytesIO(data), simplify_cells=True)
+    except NotImplementedError:
+        raise InputError(f"{source}: found a file of version 7.3, allowed: one saved with '-v7'") from None
+    except Exception as error:  # of a damaged file the library raises whatever its parser meets
+        said = bare(" ".join(str(error).split())[:200])
+        raise InputError(f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved with '-v7'") from None
+    if "__function_workspace__" in found:
+        raise InputError(f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}")
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
+    """Columns of one length or of one value."""
+    structs = {name: value for name, value in found.items() if isinstance(value, dict)}
+    arrays = {name: value for name, value in found.items() if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)}
+    if len(structs) + len(arrays) > 1:
+        several = listed([bare(name) for name in found if name in {**structs, **arrays}])
+        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
+    for struct in structs.values():
+        found = struct
+    for trials in arrays.values():
+        found = {name: np.array([one[name] for one in trials], object) for name in trials[0]}
+    columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
+    lengths = {name: column.size if column.size == max(column.shape) else 0 for name, column in columns.items()}
+    most = max(lengths.values(), default=0)
+    wrong = [bare(name) for name, length in lengths.items() if length not in (1, most) or not length]
+    if wrong or not most:
+        raise InputError(f"{source}: found {f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: {_SAVED}")
+    return {name: column.ravel().tolist() for name, column in columns.items()}
+
+
+def _of_parquet(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
     """The schema stands for a header. Row 1 is the first record; a missing value is an empty cell."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
-        rows, size = file.metadata.num_rows, sum(file.metadata.row_group(i).total_byte_size for i in range(file.metadata.num_row_groups))
-        if rows > largest // _LEAST or size > largest:
-            raise InputError(f"{source}: found {rows} rows of {size} bytes, allowed: {largest // _LEAST} rows, {largest} bytes")
-        found = [name.strip() for name in file.schema_arrow.names]
-        called = {name: file.schema_arrow.names[place] for name, place in _places(found, names, every).items()}
-        table = file.read(columns=[*called.values()])
-        values = {}
-        for name, theirs in called.items():
-            column = table[table.schema.get_all_field_indices(theirs)[0]]
+        table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
+        found, values = [name.strip() for name in table.column_names], {}
+        for name, place in _places(found, names, every).items():
+            column = table.column(place)
             # In double precision 0.1 of single precision is another number.
             values[name] = (column.cast(pa.string()) if pa.types.is_float32(column.type) else column).to_pylist()
-    except InputError:
-        raise
     except (pa.ArrowException, OSError, ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
         said = bare(" ".join(str(error).split())[:200])
         raise InputError(f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer has finished") from None
-    return _of_values("Parquet", "schema", found, values, np.arange(1, rows + 1), source)
+    return _of_values((source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1))
 
 
 def _text(value: object) -> str | None:
@@ -378,7 +391,8 @@ def _text(value: object) -> str | None:
         return str(int(plain))
     if isinstance(plain, float):
         return str(int(plain)) if plain.is_integer() else repr(plain)
-    return str(plain) if isinstance(plain, str | int | Decimal) else None
+    text = str(plain) if isinstance(plain, str | int | Decimal) else None
+    return None if text is not None and "\0" in text else text
 
 
 def is_parquet(path: str | Path) -> bool:
