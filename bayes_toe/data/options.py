@@ -67,9 +67,8 @@ class ReadOptions:
         for key in ("equal_code", "different_code"):
             code = getattr(self, key)
             object.__setattr__(self, key, None if code is None else code.strip())
-        columns = {ours.strip(): theirs.strip() for ours, theirs in self.columns.items()}
-        object.__setattr__(self, "columns", columns)
-        object.__setattr__(self, "where", {name.strip(): text.strip() for name, text in self.where.items()})
+        for key in ("columns", "where"):
+            object.__setattr__(self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()})
         problems = []
         if self.intensity is not None and not (math.isfinite(self.intensity) and self.intensity > 0):
             problems.append(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")
@@ -77,7 +76,7 @@ class ReadOptions:
         problems += [f"{name}: found '', allowed: a text that is not empty" for name, code in given.items() if code == ""]
         if self.equal_code and self.equal_code == self.different_code:
             problems.append(f"--different-code: found {quoted(self.equal_code)} as --equal-code, allowed: two different texts")
-        problems += _name_problems(columns.items())
+        problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             found = quoted(self.subject_from)
             problems.append(f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'")
@@ -95,17 +94,7 @@ class ReadOptions:
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Column names as given on the command line, ours=the file's.
-
-    Parameters
-    ----------
-    text : str
-        Comma-separated entries, e.g. ``subject=participant,s1=first``.
-
-    Returns
-    -------
-    dict of str to str
-        Our names to the file's names.
+    """Column names as given on the command line, comma-separated entries ours=the file's, such as ``subject=participant,s1=first``.
 
     Raises
     ------
@@ -117,14 +106,10 @@ def parse_columns(text: str) -> dict[str, str]:
     >>> parse_columns("subject=participant, s1=first")
     {'subject': 'participant', 's1': 'first'}
     """
-    entries = [entry.strip() for entry in text.split(",")]
-    problems = [_name_problem(entry, "OURS=NAME") for entry in entries if "=" not in entry]
-    split = (entry.partition("=") for entry in entries if "=" in entry)
-    pairs = [(ours.strip(), theirs.strip()) for ours, _, theirs in split]
-    problems += _name_problems(pairs)
+    problems = _name_problems(text.split(","))
     if problems:
         raise InputError(problems)
-    return dict(pairs)
+    return {ours.strip(): theirs.strip() for ours, _, theirs in (entry.partition("=") for entry in text.split(","))}
 
 
 def parse_where(texts: Iterable[str]) -> dict[str, str]:
@@ -174,20 +159,16 @@ def looks_like(name: str, ours: str) -> bool:
     return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
 
 
-def _name_problem(found: str, allowed: str) -> str:
-    return f"--columns: found {quoted(found)}, allowed: {allowed} with OURS one of {', '.join(COLUMNS)}"
-
-
-def _name_problems(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """Entries that name no column of ours or of the file, or that name one twice."""
-    problems, seen_ours, seen_theirs = [], set[str](), set[str]()
-    for ours, theirs in pairs:
-        if ours not in COLUMNS or not theirs:
-            problems.append(_name_problem(f"{ours}={theirs}", "OURS=NAME"))
-        elif ours in seen_ours or theirs in seen_theirs:
-            problems.append(_name_problem(f"{ours}={theirs}", "each name once, as OURS=NAME"))
-        seen_ours.add(ours)
-        seen_theirs.add(theirs)
+def _name_problems(entries: Iterable[str]) -> list[str]:
+    """What is said of entries OURS=NAME that name no column of ours or of the file, or that name one twice."""
+    problems, taken = [], set[tuple[str, str]]()
+    for entry in entries:
+        ours, theirs = (part.strip() for part in entry.partition("=")[::2])
+        known, again = ours in COLUMNS and theirs, taken & {("ours", ours), ("theirs", theirs)}
+        if not known or again:
+            how = "each name once, as OURS=NAME" if known else "OURS=NAME"
+            problems.append(f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of {', '.join(COLUMNS)}")
+        taken |= {("ours", ours), ("theirs", theirs)}
     return problems
 
 
@@ -235,10 +216,10 @@ def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
     # No inference reads block and trial: twice there, or named as something else, they are left out like any other column.
     others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
     looked_at = [ours for ours in LOOKED_AT if options.name(ours) not in others and names.count(options.name(ours)) == 1]
-    counts = [ours for ours in ("n_equal", "n_trials") if options.name(ours) in names]
-    by_row = ["n_equal", "n_trials"] if counts else ["response"]
-    answers = ["response", *counts] if options.name("response") in names else by_row
-    return ["subject", *options.stimuli, *answers, *(["isi"] if options.name("isi") in names else []), *looked_at]
+    there = [ours for ours in ("response", "n_equal", "n_trials") if options.name(ours) in names]
+    if "response" not in there:
+        there = ["n_equal", "n_trials"] if there else ["response"]
+    return ["subject", *options.stimuli, *there, *(["isi"] if options.name("isi") in names else []), *looked_at]
 
 
 def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: bool) -> Iterable[str]:
