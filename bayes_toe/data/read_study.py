@@ -17,10 +17,10 @@ from typing import TypeAlias
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed, quoted
+from bayes_toe.data.messages import TWICE, bare, counted, listed, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, subject_in
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.study import LARGEST_COUNT, Answers, Reading, Study, Subject, said_intervals
+from bayes_toe.data.study import Answers, Reading, Study, Subject, said_intervals
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,
@@ -147,13 +147,23 @@ class _Rows:
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, stimuli and intervals without a number, in these rows."""
         positive = "a positive finite number"
-        kinds = ["a finite number" if self.options.intensity is None else positive] * 2 + [f"{positive} of seconds"]
         require_texts(self.table, self.subject, asked)
-        for column, values, kind in zip(self.shown, self.keys, kinds, strict=False):
-            if column.name == self.options.name("isi"):
-                self.table.fault(column, asked & np.isnan(values), f"{kind}, in every row or no such column")
-            else:
-                require_numbers(self.table, column, asked & np.isnan(values), kind)
+        for column, values in zip(self.shown[:2], self.keys, strict=False):
+            require_numbers(self.table, column, asked & np.isnan(values), "a finite number" if self.options.intensity is None else positive)
+        for column, values in zip(self.shown[2:], self.keys[2:], strict=True):
+            self.table.fault(column, asked & np.isnan(values), f"{positive} of seconds, in every row or no such column")
+
+    def layout(self, what: str, answers: str) -> list[str]:
+        """Notes of how the table is written, which rows were asked for, which columns have another name or another unit."""
+        table, options = self.table, self.options
+        comma = table.decimal_comma and any("," in text for column in self.shown for text in column.texts)
+        split = f"{DELIMITERS[table.delimiter]}-separated, " if table.delimiter else ""
+        notes = [f"{what} rows, {split}{table.form}{', decimal comma' if comma else ''}, {answers}"]
+        notes += [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
+        notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+        if options.intensity is not None:
+            notes += [f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}" for one in self.shown[:2]]
+        return notes
 
 
 def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
@@ -198,65 +208,49 @@ def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
 
 def _stimulus(table: TextTable, column: Column, reference: float | None) -> FloatArray:
     """Natural-log intensities, NaN where a cell holds none."""
-
-    def log_intensity(text: str) -> float:
-        value = number(text, table.decimal_comma)
-        if reference is None:
-            return value
-        # The difference of logs, because the ratio itself may overflow.
-        return math.log(value) - math.log(reference) if value > 0 else math.nan
-
-    return column.map(log_intensity, np.float64)
+    if reference is None:
+        return numbers(table, column)
+    values = (number(text, table.decimal_comma) for text in column.texts)
+    # The difference of logs, because the ratio itself may overflow.
+    logs = [math.log(value) - math.log(reference) if value > 0 else math.nan for value in values]
+    return np.array(logs, np.float64)[column.codes]
 
 
-def _study(rows: _Rows, notes: Sequence[str], k: IntArray, n: IntArray) -> Study:
+def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray) -> Study:
     """The study of valid rows; answers are kept as they were given where rows are trials or have a block."""
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
     parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
-    subjects = {
-        name: Subject.from_counts(name, *(values[at] for values in (*rows.keys[:2], k, n, *rows.keys[2:]))) for name, at in parts.items()
-    }
-    trials = "response" in rows.columns
-    answers, disordered = _answers(rows, parts, k, n) if trials or "block" in rows.columns else ({}, [])
-    order, doubts = [], []
-    if disordered:
-        who = f"{bare(rows.columns['trial'].name)} does not tell the order of all trials, so that of the file stands: {listed(disordered)}"
-        order, doubts = [f"column {who}"], _repeated(rows, k, n)  # no trial is there twice where the order is known
-    marks = [_word(text) in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
-    if all(marks):
-        order.append("synthetic data: column synthetic says so in every row")
-    elif any(marks):
-        order.append("column synthetic says so in some rows only: not marked synthetic")
-    known = {column.name for column in rows.columns.values()}
-    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known)
-    reading = Reading(answers, tuple(rows.columns), tuple(ignored), tuple(f"{rows.table.source}: {one}" for one in doubts))
-    study = Study(tuple(subjects.values()), rows.table.source, all(marks), (), reading)
-    timed = []
+    subjects = [Subject.from_counts(name, *(values[at] for values in (*rows.keys[:2], k, n, *rows.keys[2:]))) for name, at in parts.items()]
+    trials, doubts, answers = "response" in rows.columns, list[str](), dict[str, Answers]()
+    merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
+    if any(merged.values()):
+        each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
+        notes.append(f"{counted(sum(merged.values()), 'repeated row')} merged: {each}")
     if "isi" in rows.columns:
-        isi = study.intervals
-        timed = [f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}"]
-    return replace(study, notes=(*notes, *timed, *order))
-
-
-def _layout_notes(rows: _Rows, what: str, counted_answers: str) -> list[str]:
-    """How the table is written, as it was detected; which rows were asked for, which columns have another name or another unit."""
-    table, options = rows.table, rows.options
-    comma = table.decimal_comma and any("," in text for column in rows.shown for text in column.texts)
-    form = f"{DELIMITERS[table.delimiter]}-separated, {table.form}{', decimal comma' if comma else ''}" if table.delimiter else table.form
-    notes = [f"{what} rows, {form}, {counted_answers}"]
-    notes += [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
-    notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
-    if options.intensity is not None:
-        notes += [f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}" for one in rows.shown[:2]]
-    return notes
+        isi = tuple(np.unique(rows.keys[2][owned]).tolist())
+        notes.append(f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}")
+    if trials or "block" in rows.columns:
+        answers, disordered = _answers(rows, parts, k, n)
+        if disordered:
+            trial = bare(rows.columns["trial"].name)
+            notes.append(f"column {trial} does not tell the order of all trials, so that of the file stands: {listed(disordered)}")
+            doubts = _repeated(rows, k, n)  # no trial is there twice where the order is known
+    marks = [_word(text) in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
+    if any(marks):
+        said = "synthetic data: column synthetic says so in every row"
+        notes.append(said if all(marks) else "column synthetic says so in some rows only: not marked synthetic")
+    known, source = {column.name for column in rows.columns.values()}, rows.table.source
+    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known)
+    reading = Reading(answers, tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts))
+    return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
 
 
 # --- Trials ---------------------------------------------------------------------------------------
 
 
 def _trial_study(rows: _Rows) -> Study:
-    table, options, response = rows.table, rows.options, rows.columns["response"]
+    table, options, response, subject = rows.table, rows.options, rows.columns["response"], rows.subject
     answer = response.map(lambda text: _answer(text, options), np.int64)
     asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
     equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
@@ -268,7 +262,14 @@ def _trial_study(rows: _Rows) -> Study:
     if not asked.any():
         raise InputError(f"{table.source}: found no response in any of {len(asked)} rows, allowed: at least one answered trial")
     said = [_as_answered(response, answer == value, word) for value, word in ((_EQUAL, "equal"), (_DIFFERENT, "different"))]
-    notes = [*_layout_notes(rows, "trial", f"responses {' / '.join(said)}"), *_dropped_notes(rows.subject, ~asked)]
+    notes = rows.layout("trial", f"responses {' / '.join(said)}")
+    if not asked.all():
+        dropped, total = (np.bincount(at, minlength=len(subject.texts)) for at in (subject.codes[~asked], subject.codes))
+        names = ["(no subject)" if text == "" else bare(text) for text in subject.texts]
+        each = [f"{names[code]} {dropped[code]}" for code in np.flatnonzero(dropped).tolist()]
+        gone = [names[code] for code in np.flatnonzero(dropped == total).tolist() if subject.texts[code]]
+        notes.append(f"{counted(int(dropped.sum()), 'trial')} without a response dropped: {listed(each)}")
+        notes += [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else []
     # A trial is a count of one, a trial without an answer a count of none.
     return _study(rows, notes, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
 
@@ -302,53 +303,26 @@ def _as_answered(response: Column, chosen: BoolArray, word: str) -> str:
     return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
 
 
-def _dropped_notes(subject: Column, dropped: BoolArray) -> list[str]:
-    """How many trials without a response each subject has, and who has no other."""
-    count, total = (np.bincount(codes, minlength=len(subject.texts)) for codes in (subject.codes[dropped], subject.codes))
-    names = ["(no subject)" if text == "" else bare(text) for text in subject.texts]
-    each = [f"{names[code]} {count[code]}" for code in np.flatnonzero(count).tolist()]
-    gone = [names[code] for code in np.flatnonzero(count == total).tolist() if subject.texts[code]]
-    notes = [f"{counted(int(count.sum()), 'trial')} without a response dropped: {listed(each)}"] if each else []
-    return notes + ([f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else [])
-
-
 # --- Counts ---------------------------------------------------------------------------------------
 
 
 def _count_study(rows: _Rows) -> Study:
-    table, equal, trials = rows.table, rows.columns["n_equal"], rows.columns["n_trials"]
+    table, subject, equal, trials = rows.table, rows.subject, rows.columns["n_equal"], rows.columns["n_trials"]
     k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (equal, trials))
     rows.require_pairs(np.ones(len(n), np.bool_))
     for column, count in ((equal, k), (trials, n)):
         table.fault(column, count < 0, "a whole number from 0 to 2**53, without thousands separators")
     table.fault(equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
-    _require_totals(rows, trials, n)
+    first = np.unique(subject.codes, return_index=True)[1]
+    empty = np.bincount(subject.codes, n != 0, len(subject.texts)) == 0
+    for code in (code for code in np.flatnonzero(empty).tolist() if subject.texts[code]):
+        found = f"found 0 in all rows of subject {quoted(subject.texts[code])}, allowed: at least 1 trial"
+        table.problems.add([(row := int(table.rows[first[code]]), f"row {row}, column {bare(trials.name)}: {found}")])
     table.problems.refuse()
-    notes = _layout_notes(rows, "grouped", f"{k.sum()} of {n.sum()} trials answered 'equal'")
+    notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered 'equal'")
     if (n == 0).any():
         notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
-    study = _study(rows, notes, k, n)
-    lines = np.bincount(rows.subject.codes[n > 0], minlength=len(rows.subject.texts))
-    of = dict(zip(rows.subject.texts, lines.tolist(), strict=True))
-    merged = {one.name: of[one.name] - one.n_pairs for one in study}
-    each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
-    note = [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"] if each else []
-    return replace(study, notes=(*study.notes[: len(notes)], *note, *study.notes[len(notes) :]))
-
-
-def _require_totals(rows: _Rows, trials: Column, n: IntArray) -> None:
-    """Note subjects whose trials add up to nothing, or to more than can be counted exactly."""
-    subject = rows.subject
-    # A bad count makes the sum NaN, for which both comparisons are false.
-    total = np.bincount(subject.codes, np.where(n < 0, np.nan, n), minlength=len(subject.texts))
-    bad = [code for code in np.flatnonzero((total == 0) | (total > LARGEST_COUNT)).tolist() if subject.texts[code]]
-    lines = []
-    for code in bad[:MOST_SHOWN]:
-        row = int(rows.table.rows[np.argmax(subject.codes == code)])
-        found = "0 in all rows" if total[code] == 0 else f"a sum of {total[code]:.0f} over the rows"
-        what = f"found {found} of subject {quoted(subject.texts[code])}, allowed: 1 to 2**53 trials per subject"
-        lines.append((row, f"row {row}, column {bare(trials.name)}: {what}"))
-    rows.table.problems.add(lines, len(bad))
+    return _study(rows, notes, k, n)
 
 
 # --- Answers in their order -----------------------------------------------------------------------

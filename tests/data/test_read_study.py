@@ -467,17 +467,10 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
     (f"{COUNTS}a,0,0,2,2\na,0,1,1,0\n", {}, ["row 3, column n_equal: found '1', allowed: 0 to n_trials = 0"]),
     (f"{COUNTS}a,0,0,7,5\na,0,0,0,5\n", {}, ["row 2, column n_equal: found '7', allowed: 0 to n_trials = 5"]),
     (
-        f"{COUNTS}b,0,0,1,2\na,0,0,0,9007199254740992\na,0,1,0,2\n",
-        {},
-        [
-            "row 3, column n_trials: found a sum of 9007199254740994 over the rows of subject 'a', allowed: 1 to 2**53 trials per subject",
-        ],
-    ),
-    (
         f"{COUNTS}a,0,0,1,2\nb,0,0,0,0\nb,0,1,0,0\nc,0,0,0,0\n",
         {},
         [
-            f"row {row}, column n_trials: found 0 in all rows of subject '{name}', allowed: 1 to 2**53 trials per subject"
+            f"row {row}, column n_trials: found 0 in all rows of subject '{name}', allowed: at least 1 trial"
             for row, name in ((3, "b"), (5, "c"))
         ],
     ),
