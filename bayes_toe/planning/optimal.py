@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.kept import Kept
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import AIMS, Task, built, exchanged, information, scattered, trials_of
+from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, scattered, trials_of
 from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
-from bayes_toe.planning.power import WIDTHS, DataSet, PowerTable, each_observer, simulated
+from bayes_toe.planning.power import WIDTHS, DataSet, PowerTable, jobs_of, simulated, worked
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
@@ -24,14 +25,6 @@ from bayes_toe.workers import Progress, Workers
 #: Names of the designs that are compared; the paper's pairs are moved to a range that does not lie about them.
 OPTIMISED, SECOND, PAPER, FULL, RANDOM = "optimised", "second best", "the paper's pairs", "full factorial", "random pairs"
 MOVED = "the paper's pairs, moved"
-#: What utilities are, by the aim.
-UTILITIES: Mapping[str, str] = {
-    "update": "log probability to name those who update, plus expected log Bayes factor against an update of the others, nats",
-    "parameters": "half the log determinant of the information about the four parameters",
-    "gain": "minus log expected sd of the gain",
-    "mu1": "minus log expected sd of mu1",
-    "width": "minus log expected sd of log width",
-}
 #: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
 ASSUMED, JUDGED = 20, 20
 _STARTS = 4  # at random, beside those that are built
@@ -67,7 +60,8 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
         "of it one way, so that stimuli far apart tell the two from each other"
     )
     q = np.mean([one.equal(design) for one in of_kind(people, UPDATE)], axis=0)
-    (low, high), (near, far) = (_middle(values, share) for values in (q, apart))
+    of_most = partial(np.quantile, q=(0.1, 0.9), weights=share, method="inverted_cdf")
+    (low, high), (near, far) = of_most(q), of_most(apart)
     yield (
         f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say 'equal' to {100 * low:.0f} to "
         f"{100 * high:.0f} % of the trials: answers that are certain beforehand tell nothing"
@@ -83,13 +77,6 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
     more = [name for name, one in candidates.items() if one.utility > best.utility and name not in (OPTIMISED, SECOND)]
     if more:
         yield f"{more[0]}: tell more, but are not among the admissible pairs"
-
-
-def _middle(values: FloatArray, share: FloatArray) -> tuple[float, float]:
-    """Between which values the middle four fifths lie."""
-    order = np.argsort(values)
-    low, high = values[order][np.searchsorted(np.cumsum(share[order]), (0.1, 0.9))]
-    return float(low), float(high)
 
 
 # --- The design -----------------------------------------------------------------------------------
@@ -117,8 +104,8 @@ class DesignGoal:
     isi: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.aim not in AIMS:
-            raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
+        if self.aim not in UTILITIES:
+            raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(UTILITIES)}")
         if self.max_pairs < _FEWEST:
             raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}, as many as there are parameters")
         if self.keep is not None and (self.keep.isi is not None) != bool(self.isi):
@@ -150,7 +137,7 @@ class OptimalDesign:
 
     def said(self) -> list[str]:
         """Why these pairs, and what they and others would name, a line each."""
-        shown = replace(self.power, designs=tuple(name for name in self.power.designs if name != SECOND))
+        shown = replace(self.power, rows=tuple(row for row in self.power if row.design != SECOND))
         return [*self.reasons, *shown.sentences()]
 
     def text(self) -> str:
@@ -238,11 +225,19 @@ def optimal_design(
     different = np.unique(np.asarray(levels, np.float64))
     every = {"the pairs that can be shown": _once(_admissible(different, asked))}
     people, judges = (assumed(observers, every, size, root, prior) for size in (ASSUMED, data_sets))
-    maker = _Maker(different, trials, asked, people, root, prior)
-    candidates = maker.candidates()
-    designs = {name: one.design for name, one in candidates.items()}
-    rows, failed = each_observer(Kept(), simulated, designs.items(), judges, root, prior, workers, progress)
-    return maker.chosen(candidates, PowerTable(rows, tuple(designs), root, failed))
+    search = _Search(different, trials, asked, people, root, prior)
+    found = search.candidates()
+    designs = [(name, one.design) for name, one in found.items()]
+    rows, failed = worked(Kept(), jobs_of(simulated, designs, judges, root, prior), workers, progress)
+    table = PowerTable(rows, root, failed)
+    if SECOND in found and _clearly_better(table, asked.aim):
+        names = {OPTIMISED: SECOND, SECOND: OPTIMISED}
+        found = {name: found[names.get(name, name)] for name in found}
+        rows = tuple(replace(row, design=names.get(row.design, row.design)) for row in rows)
+        table = replace(table, rows=tuple(sorted(rows, key=lambda row: list(found).index(row.design))))
+    design, reasons = found[OPTIMISED].design, tuple(reasons_for(found, people, asked.aim))
+    worth = search.information.worth(search.information.total(search.counts(design)))
+    return OptimalDesign(design, asked, found, table, search.pairs, worth, reasons, root)
 
 
 def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
@@ -256,150 +251,7 @@ def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence
     >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
     (200, True)
     """
-    return _Maker(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
-
-
-def _admissible(levels: FloatArray, goal: DesignGoal) -> Pairs:
-    """Ordered pairs of levels, at every interval, and those that are kept."""
-    times = max(1, len(goal.isi))
-    if len(levels) ** 2 * times > _MOST_PAIRS:
-        raise InputError(f"{len(levels)} levels make {len(levels) ** 2 * times:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
-    s1, s2 = (np.tile(values.ravel(), times) for values in np.meshgrid(levels, levels, indexing="ij"))
-    isi = np.repeat(np.array(goal.isi), len(levels) ** 2) if goal.isi else None
-    found, keep = Pairs(s1, s2, isi), goal.keep
-    return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
-
-
-def _once(pairs: Pairs) -> StudyDesign:
-    return StudyDesign(pairs.s1, pairs.s2, np.ones(len(pairs), np.int64), pairs.isi)
-
-
-class _Maker:
-    """Admissible pairs, their information, and designs made of them."""
-
-    def __init__(
-        self, levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int, prior: Prior | str | None
-    ) -> None:
-        self.trials, self.goal, self.people, self.seed = trials, goal, people, seed
-        self.levels = levels
-        self.pairs = _admissible(levels, goal)
-        self.prior = prior_of([_once(self.pairs)], prior)
-        self.paper = paper_amid(self.pairs)
-        self.fixed = np.zeros(len(self.pairs), np.int64) if goal.keep is None else self._counts(goal.keep).astype(np.int64)
-        if trials - int(self.fixed.sum()) < _FEWEST:
-            kept = f", {int(self.fixed.sum())} of which --keep has taken" if self.fixed.any() else ""
-            raise InputError(f"--trials {trials}{kept}: allowed is at least {_FEWEST} to distribute, for as many parameters")
-        self.most = min(goal.max_pairs, trials - int(self.fixed.sum()) + int((self.fixed > 0).sum()))
-        if (self.fixed > 0).sum() >= self.most:
-            raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {int((self.fixed > 0).sum())} already; allowed is more")
-        self.information = information(self.pairs, people, goal.aim, self.prior)
-
-    def candidates(self) -> dict[str, Candidate]:
-        """Designs to compare: the best two, then the paper's, a full factorial, random pairs."""
-        found = self._optima()
-        self._require_hope(found[0])
-        best = {OPTIMISED: found[0], **({SECOND: found[1]} if len(found) > 1 else {})}
-        return {**best, **{name: self._candidate(design) for name, design in self._rivals()}}
-
-    def chosen(self, candidates: dict[str, Candidate], table: PowerTable) -> OptimalDesign:
-        """The best of the finalists by simulation, if it is clearly better than the first by the closed form, else that one."""
-        found = dict(candidates)
-        if SECOND in found and _clearly_better(table, SECOND, OPTIMISED, self.goal.aim):
-            found = {**found, OPTIMISED: found[SECOND], SECOND: found[OPTIMISED]}
-            names = {OPTIMISED: SECOND, SECOND: OPTIMISED}
-            table = replace(table, rows=tuple(replace(row, design=names.get(row.design, row.design)) for row in table))
-        design = found[OPTIMISED].design
-        worth = self.information.worth(self.information.total(self._counts(design)))
-        reasons = tuple(reasons_for(found, self.people, self.goal.aim))
-        return OptimalDesign(design, self.goal, found, table, self.pairs, worth, reasons, self.seed)
-
-    def _counts(self, design: StudyDesign) -> FloatArray:
-        """Trials of a design by admissible pair."""
-        place = {key: i for i, key in enumerate(_keys(self.pairs))}
-        counts = np.zeros(len(self.pairs))
-        for key, n in zip(_keys(design.pairs), design.n_trials, strict=True):
-            counts[place[key]] += n
-        return counts
-
-    def _optima(self) -> list[Candidate]:
-        """What exchange made of several beginnings, best first, each different from those before."""
-        task = Task(self.information, self.trials - int(self.fixed.sum()), self.most, self.fixed)
-        begun = [built(task), *(scattered(task, generator(self.seed, "design", number)) for number in range(_STARTS))]
-        begun += [counts for counts in [self._like_the_papers(task)] if counts is not None]
-        ended = [trials_of(task, exchanged(task, counts)) for counts in begun]
-        scores = [self.information.score(self.information.total(n.astype(np.float64))) for n in ended]
-        found: list[IntArray] = []
-        for index in np.argsort(scores)[::-1]:
-            if all(np.abs(ended[index] - other).sum() > 0.2 * self.trials for other in found):
-                found.append(ended[index])
-        designs = []
-        for n in found[:2]:
-            some = np.flatnonzero(n)
-            s1, s2, *isi = (column[some] for column in self.pairs.columns)
-            designs.append(StudyDesign(s1, s2, n[some], *isi))
-        return [self._candidate(design) for design in designs]
-
-    def _like_the_papers(self, task: Task) -> IntArray | None:
-        """The paper's pairs at the nearest levels, where these reach as far."""
-        paper = self.paper
-        if self.goal.isi or self.fixed.any() or paper.s1.min() < self.levels[0] - 1e-9 or paper.s1.max() > self.levels[-1] + 1e-9:
-            return None
-        s1, s2 = (self.levels[np.abs(values[:, None] - self.levels).argmin(axis=1)] for values in (paper.s1, paper.s2))
-        place = {key: i for i, key in enumerate(_keys(self.pairs))}
-        some = list(dict.fromkeys(place[a, b] for a, b in zip(s1.tolist(), s2.tolist(), strict=True)))[: task.most]
-        return np.bincount(np.resize(some, task.portions), minlength=len(self.pairs))
-
-    def _candidate(self, design: StudyDesign) -> Candidate:
-        own = information(design.pairs, self.people, self.goal.aim, self.prior)
-        total = own.total(design.n_trials.astype(np.float64))
-        return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
-
-    def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
-        """The paper's pairs too where a range is too narrow for them: they say what the range is worth. At all intervals that there are."""
-        like = PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED
-        rng = generator(self.seed, "random pairs")
-        random = rng.choice(len(self.pairs), min(self.goal.max_pairs, len(self.pairs)), replace=False)
-        places = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
-        s1, s2 = (values.ravel() for values in np.meshgrid(places, places, indexing="ij"))
-        columns = {
-            like: self._at_all_intervals(self.paper.s1, self.paper.s2),
-            FULL: self._at_all_intervals(s1, s2),
-            RANDOM: tuple(column[random] for column in self.pairs.columns),
-        }
-        for name, parts in columns.items():
-            some = np.unique(np.stack(parts), axis=1)
-            if some.shape[1] <= self.trials:
-                yield name, StudyDesign(some[0], some[1], apportioned(np.ones(some.shape[1]), self.trials), *some[2:])
-
-    def _at_all_intervals(self, s1: FloatArray, s2: FloatArray) -> tuple[FloatArray, ...]:
-        """Columns of pairs, (pairs,), each at every interval, if there are any."""
-        isi = np.array(self.goal.isi)
-        return (np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if len(isi) else (s1, s2)
-
-    def _require_hope(self, best: Candidate) -> None:
-        """Refuse a range or a number of trials with which even the best design tells next to nothing."""
-        total = self.information.total(self._counts(best.design))
-        start = np.sqrt(self.information.variance(self.information.prior)[self.information.updates].mean())
-        updates = of_kind(self.people, UPDATE)
-        targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
-        width = np.mean([target.quantities(one.point(target))["width"][0] for one, target in targets])
-        pull, span = self.information.pull[self.information.updates].mean(), float(np.ptp(self.levels))
-        toward = float(np.median([one.quantities["mu1"] for one in updates if "mu1" in one.quantities]))
-        away = pull * max(self.levels[0] - toward, toward - self.levels[-1])  # of the nearest stimulus
-        nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
-        about = (
-            f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
-            f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
-            f"more trials{nearer}"
-        )
-        # The closed form is too hopeful where there are few trials.
-        if self.goal.aim == "update" and (
-            self.information.named(total) < _HOPELESS
-            or all(simulated(OPTIMISED, best.design, one, self.seed, self.prior).named() != UPDATE for one in updates[:_PILOT])
-        ):
-            raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
-        if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
-            raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+    return _Search(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
 
 
 def paper_amid(shown: Pairs) -> StudyDesign:
@@ -413,26 +265,145 @@ def paper_amid(shown: Pairs) -> StudyDesign:
     return paper_study_design().moved(middle_of([shown]) - MIDDLE)
 
 
-def _keys(pairs: Pairs) -> list[tuple[float, ...]]:
-    return list(zip(*(column.tolist() for column in pairs.columns), strict=True))
+# --- Candidates by the closed form ----------------------------------------------------------------
 
 
-# --- Judged by simulation -----------------------------------------------------------------------------
+def _admissible(levels: FloatArray, goal: DesignGoal) -> Pairs:
+    """Ordered pairs of levels, at every interval, and those that are kept."""
+    number = len(levels) ** 2 * max(1, len(goal.isi))
+    if number > _MOST_PAIRS:
+        raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
+    found, keep = _at_intervals(*_factorial(levels), goal.isi), goal.keep
+    return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
 
 
-def _clearly_better(table: PowerTable, one: str, other: str, aim: str) -> bool:
-    """Whether the simulated utility of a design is higher by more than two standard errors, the same observers having answered both."""
-    by = {name: {row.observer: _simulated_utility(row, aim) for row in table if row.design == name} for name in (one, other)}
-    difference = np.array([by[one][name] - by[other][name] for name in by[one] if name in by[other]])
+def _factorial(levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.repeat(levels, len(levels)), np.tile(levels, len(levels))
+
+
+def _at_intervals(s1: FloatArray, s2: FloatArray, isi: tuple[float, ...]) -> Pairs:
+    """Pairs, each at every interval, if there are any."""
+    return Pairs(np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if isi else Pairs(s1, s2)
+
+
+def _once(pairs: Pairs) -> StudyDesign:
+    return StudyDesign(pairs.s1, pairs.s2, np.ones(len(pairs), np.int64), pairs.isi)
+
+
+class _Search:
+    """Admissible pairs, their information, and designs made of them."""
+
+    def __init__(
+        self, levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int, prior: Prior | str | None
+    ) -> None:
+        self.levels, self.trials, self.goal, self.people, self.seed = levels, trials, goal, people, seed
+        self.pairs = _admissible(levels, goal)
+        self.prior, self.paper = prior_of([_once(self.pairs)], prior), paper_amid(self.pairs)
+        self.fixed = np.zeros(len(self.pairs), np.int64) if goal.keep is None else self.counts(goal.keep).astype(np.int64)
+        taken, kept = int(self.fixed.sum()), int((self.fixed > 0).sum())
+        if trials - taken < _FEWEST:
+            said = f", {taken} of which --keep has taken" if taken else ""
+            raise InputError(f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters")
+        most = min(goal.max_pairs, trials - taken + kept)
+        if kept >= most:
+            raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
+        self.information = information(self.pairs, people, goal.aim, self.prior)
+        self.task = Task(self.information, trials - taken, most, self.fixed)
+
+    def counts(self, design: StudyDesign) -> FloatArray:
+        """Trials of a design by admissible pair."""
+        trials = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
+        return np.array([trials.get(pair, 0) for pair in self.pairs], np.float64)
+
+    def candidates(self) -> dict[str, Candidate]:
+        """Designs to compare: the best two, then the paper's, a full factorial, random pairs."""
+        optima = dict(zip((OPTIMISED, SECOND), self._optima(), strict=False))
+        found = {name: self._candidate(design) for name, design in optima.items()}
+        self._require_hope(found[OPTIMISED])
+        return found | {name: self._candidate(design) for name, design in self._rivals()}
+
+    def _optima(self) -> list[StudyDesign]:
+        """What exchange made of several beginnings, best first, each different from those before."""
+        task, begun = self.task, [built(self.task), *self._like_the_papers()]
+        begun += [scattered(task, generator(self.seed, "design", number)) for number in range(_STARTS)]
+        ended = [trials_of(task, exchanged(task, counts)) for counts in begun]
+        found: list[IntArray] = []
+        for n in sorted(ended, key=lambda n: -self.information.score(self.information.total(n.astype(np.float64)))):
+            if all(np.abs(n - other).sum() > 0.2 * self.trials for other in found):
+                found.append(n)
+        columns = [[column[n > 0] for column in self.pairs.columns] for n in found]
+        return [StudyDesign(s1, s2, n[n > 0], *isi) for (s1, s2, *isi), n in zip(columns, found, strict=True)]
+
+    def _like_the_papers(self) -> Iterator[IntArray]:
+        """The paper's pairs at the nearest levels, where these reach as far."""
+        paper, levels = self.paper, self.levels
+        if self.goal.isi or self.fixed.any() or paper.s1.min() < levels[0] - 1e-9 or paper.s1.max() > levels[-1] + 1e-9:
+            return
+        nearest = [levels[np.abs(values[:, None] - levels).argmin(axis=1)] for values in (paper.s1, paper.s2)]
+        at = dict.fromkeys(int(np.flatnonzero((self.pairs.s1 == a) & (self.pairs.s2 == b))[0]) for a, b in zip(*nearest, strict=True))
+        yield np.bincount(np.resize(list(at)[: self.task.most], self.task.portions), minlength=len(self.pairs))
+
+    def _candidate(self, design: StudyDesign) -> Candidate:
+        own = information(design.pairs, self.people, self.goal.aim, self.prior)
+        total = own.total(design.n_trials.astype(np.float64))
+        return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
+
+    def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
+        """The paper's pairs too where a range is too narrow for them: they say what the range is worth. At all intervals that there are."""
+        rng, size = generator(self.seed, "random pairs"), min(self.goal.max_pairs, len(self.pairs))
+        random = rng.choice(len(self.pairs), size, replace=False)
+        some = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
+        rivals = {
+            PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED: (self.paper.s1, self.paper.s2),
+            FULL: _factorial(some),
+        }
+        pairs = {name: _at_intervals(*both, self.goal.isi) for name, both in rivals.items()}
+        for name, one in (pairs | {RANDOM: Pairs(*(column[random] for column in self.pairs.columns))}).items():
+            columns = np.unique(np.stack(one.columns), axis=1)
+            if columns.shape[1] <= self.trials:
+                yield name, StudyDesign(columns[0], columns[1], apportioned(np.ones(columns.shape[1]), self.trials), *columns[2:])
+
+    def _require_hope(self, best: Candidate) -> None:
+        """Refuse a range or a number of trials with which even the best design tells next to nothing."""
+        known, updates = self.information, of_kind(self.people, UPDATE)
+        start = np.sqrt(known.variance(known.prior)[known.updates].mean())
+        targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
+        width = np.mean([target.quantities(one.point(target))["width"][0] for one, target in targets])
+        pull, span = known.pull[known.updates].mean(), float(np.ptp(self.levels))
+        toward = float(np.median([one.quantities["mu1"] for one in updates if "mu1" in one.quantities]))
+        away = pull * max(self.levels[0] - toward, toward - self.levels[-1])  # of the nearest stimulus
+        nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
+        about = (
+            f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
+            f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
+            f"more trials{nearer}"
+        )
+        # The closed form is too hopeful where there are few trials.
+        if self.goal.aim == "update" and (
+            known.named(known.total(self.counts(best.design))) < _HOPELESS
+            or all(simulated(OPTIMISED, best.design, one, self.seed, self.prior).judgement.named() != UPDATE for one in updates[:_PILOT])
+        ):
+            raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
+        if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
+            raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+
+
+# --- Judged by simulation -------------------------------------------------------------------------
+
+
+def _clearly_better(table: PowerTable, aim: str) -> bool:
+    """Whether the second best is better by simulation: by more than two standard errors, the same observers having answered both."""
+    first, second = ({row.observer: _utility(row, aim) for row in table if row.design == name} for name in (OPTIMISED, SECOND))
+    difference = np.array([second[name] - first[name] for name in first if name in second])
     difference = difference[np.isfinite(difference)]
     return len(difference) > 1 and difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(len(difference))
 
 
-def _simulated_utility(row: DataSet, aim: str) -> float:
+def _utility(row: DataSet, aim: str) -> float:
     """Log probability of the true kind, or minus the log width of the intervals that are to be narrow; NaN where there is none."""
+    logs, widths = row.judgement.log_evidence, row.judgement.widths
     if aim == "update":
-        return float("nan") if row.log_evidence is None else float(log_softmax(row.log_evidence)[list(PLAIN).index(row.kind)])
-    if row.kind != UPDATE or row.widths is None:
+        return float("nan") if logs is None else float(log_softmax(logs)[list(PLAIN).index(row.kind)])
+    if row.kind != UPDATE or widths is None:
         return float("nan")
-    widths = dict(zip(WIDTHS, row.widths, strict=True))
-    return -float(np.log(widths[aim])) if aim in widths else -float(np.log(row.widths).sum())
+    return -float(np.log(widths[WIDTHS.index(aim)] if aim in WIDTHS else widths).sum())

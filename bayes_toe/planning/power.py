@@ -1,4 +1,4 @@
-"""What a design will tell: assumed observers answer it, and every answer is analysed as the program analyses a study's.
+"""What a design will tell: assumed observers answer it, and every data set is judged as the program judges a study's.
 
 Of each simulated subject the evidences without order effect, with a constant error and with the update, by the pipeline of the commands
 with fewer judging draws: their standard errors are below 0.02 nat, and what is asked is whether factors of 3 and more are passed.
@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 from scipy.special import betaincinv, ndtri
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Subject
@@ -53,139 +52,136 @@ TRIALS, DATA_SETS = (325, 650, 1300), 100
 DRAWS = 4000
 
 
-@dataclass(frozen=True)
-class DataSet:
-    """One simulated data set: log evidence and probability of no order effect, a constant error, the update, None where one is withheld.
+# --- How a data set is judged ---------------------------------------------------------------------
 
-    And the widths of the 90 % intervals of :data:`WIDTHS` under the update.
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the program says of one subject's answers; all that power, designs and rules of stopping know of them.
+
+    Log evidence of no order effect, a constant error, the update (nats), None where one is withheld; and, where they were asked for and can
+    be told, the widths of the 90 % intervals of :data:`WIDTHS` under the update.
     """
 
-    design: str
-    trials: int
-    observer: str
-    kind: str
     log_evidence: tuple[float, ...] | None
-    probability: tuple[float, ...] | None
-    widths: tuple[float, ...] | None
+    widths: tuple[float, ...] | None = None
+
+    @property
+    def probability(self) -> tuple[float, ...] | None:
+        """Of each kind, equally probable beforehand."""
+        return None if self.log_evidence is None else probabilities(self.log_evidence)
 
     def named(self, certain: float = CERTAIN) -> str | None:
         """The kind whose probability is above `certain`, if there is one."""
-        if self.probability is None:
-            return None
-        best = int(np.argmax(self.probability))
-        return list(PLAIN)[best] if self.probability[best] > certain else None
+        p = self.probability
+        return None if p is None or max(p) <= certain else list(PLAIN)[p.index(max(p))]
 
     def favoured(self, factor: float) -> str | None:
         """The kind whose Bayes factor against its best rival is above `factor`, if there is one."""
         if self.log_evidence is None:
             return None
-        best, ahead = int(np.argmax(self.log_evidence)), np.diff(np.sort(self.log_evidence)[-2:])[0]
-        return list(PLAIN)[best] if ahead > np.log(factor) else None
+        *_, second, best = sorted(self.log_evidence)
+        return list(PLAIN)[self.log_evidence.index(best)] if best - second > np.log(factor) else None
+
+
+def judged(subject: Subject, seed: int, prior: Prior) -> Judgement:
+    """The program's judgement of a subject's answers, by the pipeline of the commands; streams are keyed by seed and name."""
+    found, widths = [], None
+    for kind, model in PLAIN.items():
+        result, fitted = fitted_result(model.posterior(subject, prior), seed, Wanted(evidence_draws=DRAWS))
+        assert result.evidence is not None  # it was asked for
+        found.append(result.evidence)
+        if kind == UPDATE and fitted.proposal.trusted:
+            draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
+            assert isinstance(target, Posterior)
+            values = target.quantities(draws.x)
+            ends = (np.quantile(values[name], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for name in WIDTHS)
+            widths = tuple(float(np.ptp(one)) for one in ends)
+    logs = weighed([one.value for one in found], [one.bound for one in found])
+    return Judgement(None if np.isnan(logs).any() else tuple(logs.tolist()), widths)
+
+
+# --- What is counted ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Counted:
-    """One row of power.csv: a share or a mean over data sets, with its 95 % interval of Monte Carlo error."""
+    """A share or a mean over so many (`size`) simulated data sets, or studies of so many subjects, with its 95 % interval."""
 
     design: str
     trials: int
     observers: str
+    subjects: int
     quantity: str
     value: float
     low: float
     high: float
-    data_sets: int
+    size: int
 
 
 @dataclass(frozen=True, eq=False)
-class PowerTable(Table[DataSet]):
-    """Simulated data sets of one or several designs, and what is counted of them.
+class Simulations(Table[Row]):
+    """What was simulated and judged, a row each, and what is counted of it by design, trials, kind of observers and number of subjects.
 
     Attributes
     ----------
-    rows : tuple of DataSet
-    designs : tuple of str
+    rows : tuple
     seed : int
     failed : mapping of str to str
-        Observers whose work was lost, with the reason.
+        Observers, or studies, whose work was lost, with the reason.
     """
 
-    designs: tuple[str, ...]
     seed: int
     failed: Mapping[str, str] = field(default_factory=dict)
+    COLUMNS: ClassVar[tuple[str, ...]] = ()  # of the file, the last being the size
 
-    def __getitem__(self, key: tuple[str, int, str, str]) -> Counted:
-        """What is counted, by (design, trials, kind of observers, quantity)."""
-        found = self._by_key.get(key)
-        if found is None:
-            raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.quantities], 20)}")
-        return found
+    def _counts(self, kind: str, rows: Sequence[Row]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
+        """Quantity, value with both ends of its interval, and size, of rows of one group."""
+        raise NotImplementedError
+
+    @cached_property
+    def groups(self) -> dict[tuple[str, int, str, int], list[Row]]:
+        """Rows by design, trials of a subject, kind of observers and number of subjects."""
+        groups: dict[tuple[str, int, str, int], list[Row]] = {}
+        for row in self.rows:
+            key: Any = tuple(getattr(row, name) for name in ("design", "trials", "kind", "subjects"))
+            groups.setdefault(key, []).append(row)
+        return groups
+
+    @cached_property
+    def counted(self) -> dict[tuple[str, int, str, int, str], Counted]:
+        """Every share and mean, by its group and quantity."""
+        found = ((key, of) for key, rows in self.groups.items() for of in self._counts(key[2], rows))
+        return {(*key, quantity): Counted(*key, quantity, *values, size) for key, (quantity, values, size) in found}
+
+    @property
+    def designs(self) -> tuple[str, ...]:
+        """Names of designs."""
+        return tuple(dict.fromkeys(key[0] for key in self.groups))
 
     @property
     def trials(self) -> tuple[int, ...]:
-        """Numbers of trials, in their order."""
-        return tuple(dict.fromkeys(row.trials for row in self.rows))
+        """Numbers of trials of a subject, in their order."""
+        return tuple(dict.fromkeys(key[1] for key in self.groups))
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of observers."""
-        return tuple(dict.fromkeys(row.kind for row in self.rows))
+        return tuple(dict.fromkeys(key[2] for key in self.groups))
+
+    @property
+    def subjects(self) -> tuple[int, ...]:
+        """Numbers of subjects of a study."""
+        return tuple(dict.fromkeys(key[3] for key in self.groups))
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """What is counted."""
-        return tuple(dict.fromkeys(one.quantity for one in self.counted))
-
-    @cached_property
-    def counted(self) -> tuple[Counted, ...]:
-        """Every share and mean."""
-        return tuple(one for key, rows in self.groups.items() for one in _counted(*key, rows))
-
-    @cached_property
-    def _by_key(self) -> dict[tuple[str, int, str, str], Counted]:
-        return {(one.design, one.trials, one.observers, one.quantity): one for one in self.counted}
-
-    @cached_property
-    def groups(self) -> dict[tuple[str, int, str], list[DataSet]]:
-        """Data sets by (design, trials, kind of observers)."""
-        groups: dict[tuple[str, int, str], list[DataSet]] = {}
-        for row in self.rows:
-            groups.setdefault((row.design, row.trials, row.kind), []).append(row)
-        return groups
+        return tuple(dict.fromkeys(key[4] for key in self.counted))
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of power.csv: a share or a mean a row, with low and high end of a 95 % interval of its error."""
-        return frame_of(self.counted, POWER_COLUMNS)
-
-    def data_sets_frame(self) -> pd.DataFrame:
-        """Every simulated data set, with the columns of power_data_sets.csv."""
-        import pandas as pd
-
-        parts = [(row.log_evidence, row.probability, row.widths) for row in self.rows]
-        numbers = [[value for part in some for value in part or (None,) * 3] for some in parts]
-        cells = [[row.design, row.trials, row.observer, row.kind, *more] for row, more in zip(self.rows, numbers, strict=True)]
-        return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
-
-    def sentences(self) -> list[str]:
-        """What the simulation says, a line a design and number of trials.
-
-        Examples
-        --------
-        >>> rows = [DataSet("these pairs", 650, f"update {i}", "update", None, (0.0, 0.1 * i, 1 - 0.1 * i), None) for i in range(2)]
-        >>> PowerTable(tuple(rows), ("these pairs",), 1).sentences()
-        ['with these pairs 650 trials name an update in 50 % of observers (6 to 94 %)']
-        """
-        lines = []
-        for design in self.designs:
-            for trials in self.trials:
-                keys = [kind for kind in self.kinds if (design, trials, kind) in self.groups]
-                main = UPDATE if UPDATE in keys else keys[-1]
-                named, others = self[design, trials, main, NAMED], [kind for kind in keys if kind != main]
-                wrong = [row.named() == main for kind in others for row in self.groups[design, trials, kind]]
-                said = f"{100 * named.value:.0f} % of observers ({100 * named.low:.0f} to {100 * named.high:.0f} %)"
-                more = f", and wrongly in {sum(wrong)} of {len(wrong)} others" if wrong else ""
-                lines.append(f"with {design} {trials} trials name {WORDS[main]} in {said}{more}")
-        return lines
+        """The table with the columns of its file: a share or a mean a row, with both ends of the 95 % interval of its Monte Carlo error."""
+        return frame_of(self.counted.values(), (*self.COLUMNS[:-1], "size")).set_axis(list(self.COLUMNS), axis=1)
 
 
 def share(hits: float, size: int) -> tuple[float, float, float]:
@@ -204,32 +200,87 @@ def share(hits: float, size: int) -> tuple[float, float, float]:
     return hits / size, low, high
 
 
-def _counted(design: str, trials: int, kind: str, rows: Sequence[DataSet]) -> Iterator[Counted]:
-    def made(quantity: str, found: tuple[float, float, float], size: int) -> Counted:
-        return Counted(design, trials, kind, quantity, *found, size)
-
-    known = [row for row in rows if row.probability is not None]
-    if known:
-        for word, values in zip(SAID, zip(*(row.probability for row in known if row.probability), strict=True), strict=True):
-            yield made(f"P({word})", share(sum(values), len(known)), len(known))
-    rules: list[tuple[str, str, Callable[[DataSet], str | None]]] = [(NAMED, WRONG, DataSet.named)]
-    rules += [(f"named, BF > {f}", f"another named, BF > {f}", lambda row, f=f: row.favoured(f)) for f in FACTORS]  # type: ignore[misc]
-    for right, wrong, rule in rules:
-        named = [rule(row) for row in rows]
-        yield made(right, share(named.count(kind), len(rows)), len(rows))
-        yield made(wrong, share(sum(one not in (None, kind) for one in named), len(rows)), len(rows))
-    told = [row.widths for row in rows if row.widths is not None]
-    if told:
-        for name, values in zip(WIDTHS, zip(*told, strict=True), strict=True):
-            yield made(f"90 % width of {name}", mean(values), len(told))
-    yield made("evidence withheld", share(len(rows) - len(known), len(rows)), len(rows))
-
-
 def mean(values: Sequence[float]) -> tuple[float, float, float]:
-    """A mean and its 95 % interval; the interval is the number itself where there is one value only."""
+    """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
     middle = float(np.mean(values))
     error = float(np.std(values, ddof=1) / np.sqrt(len(values)) * ndtri(0.5 * (1 + _LEVEL))) if len(values) > 1 else float("nan")
     return middle, middle - error, middle + error
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """One simulated observer's answers to a design, and how they are judged."""
+
+    design: str
+    trials: int
+    observer: str
+    kind: str
+    judgement: Judgement
+    subjects: ClassVar[int] = 1
+
+
+@dataclass(frozen=True, eq=False)
+class PowerTable(Simulations[DataSet]):
+    """Simulated data sets of one or several designs, and what is counted of them.
+
+    Attributes
+    ----------
+    rows : tuple of DataSet
+    seed : int
+    failed : mapping of str to str
+        Observers whose work was lost, with the reason.
+    """
+
+    COLUMNS = POWER_COLUMNS
+
+    def __getitem__(self, key: tuple[str, int, str, str]) -> Counted:
+        """What is counted, by (design, trials, kind of observers, quantity)."""
+        found = self.counted.get((*key[:3], 1, key[3]))
+        if found is None:
+            raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.quantities], 20)}")
+        return found
+
+    def _counts(self, kind: str, rows: Sequence[DataSet]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
+        said = [row.judgement for row in rows]
+        known = [one.probability for one in said if one.probability is not None]
+        for word, values in zip(SAID, zip(*known, strict=True), strict=False):  # none where nothing is known
+            yield f"P({word})", share(sum(values), len(known)), len(known)
+        named = {f"P > {CERTAIN}": [one.named() for one in said]}
+        for rule, found in (named | {f"BF > {factor}": [one.favoured(factor) for one in said] for factor in FACTORS}).items():
+            yield f"named, {rule}", share(found.count(kind), len(rows)), len(rows)
+            yield f"another named, {rule}", share(sum(one not in (None, kind) for one in found), len(rows)), len(rows)
+        told = [one.widths for one in said if one.widths is not None]
+        for name, values in zip(WIDTHS, zip(*told, strict=True), strict=False):
+            yield f"90 % width of {name}", mean(values), len(told)
+        yield "evidence withheld", share(len(rows) - len(known), len(rows)), len(rows)
+
+    def data_sets_frame(self) -> pd.DataFrame:
+        """Every simulated data set, with the columns of power_data_sets.csv."""
+        import pandas as pd
+
+        said = [(one.judgement.log_evidence, one.judgement.probability, one.judgement.widths) for one in self.rows]
+        numbers = [[value for part in parts for value in part or (None,) * 3] for parts in said]
+        cells = [[row.design, row.trials, row.observer, row.kind, *more] for row, more in zip(self.rows, numbers, strict=True)]
+        return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
+
+    def sentences(self) -> list[str]:
+        """What the simulation says, a line a design and number of trials.
+
+        Examples
+        --------
+        >>> rows = [DataSet("these pairs", 650, f"update {i}", "update", Judgement((0.0, 0.0, 9.0 * i))) for i in range(2)]
+        >>> PowerTable(tuple(rows), 1).sentences()
+        ['with these pairs 650 trials name an update in 50 % of observers (6 to 94 %)']
+        """
+        lines = []
+        for design, trials in dict.fromkeys(key[:2] for key in self.groups):
+            groups = {key[2]: rows for key, rows in self.groups.items() if key[:2] == (design, trials)}
+            main = UPDATE if UPDATE in groups else list(groups)[-1]
+            p, low, high = (100 * getattr(self[design, trials, main, NAMED], key) for key in ("value", "low", "high"))
+            wrong = [row.judgement.named() == main for kind, rows in groups.items() if kind != main for row in rows]
+            more = f", and wrongly in {sum(wrong)} of {len(wrong)} others" if wrong else ""
+            lines.append(f"with {design} {trials} trials name {WORDS[main]} in {p:.0f} % of observers ({low:.0f} to {high:.0f} %){more}")
+        return lines
 
 
 # --- Simulation -----------------------------------------------------------------------------------
@@ -271,7 +322,7 @@ def power(
     Examples
     --------
     >>> table = power(trials=[130], data_sets=1, seed=1, workers=1)
-    >>> len(table.rows), table["the paper's pairs", 130, "update", "named, P > 0.95"].data_sets
+    >>> len(table.rows), table["the paper's pairs", 130, "update", "named, P > 0.95"].size
     (3, 1)
     """
     designs = named_designs(design)
@@ -279,60 +330,8 @@ def power(
     with keeping(keep, "simulated data sets") as kept:
         root = kept.seed(seed)
         people = assumed(observers, designs, data_sets, root, prior)
-        rows, failed = each_observer(kept, simulated, asked, people, root, prior, workers, progress)
-    return PowerTable(rows, tuple(designs), root, failed)
-
-
-def each_observer(
-    kept: Kept,
-    job: Callable[..., Row],
-    designs: Iterable[tuple[str, StudyDesign]],
-    people: Sequence[Any],
-    seed: int,
-    prior: Prior | str | None,
-    workers: Workers,
-    progress: Progress | None,
-) -> tuple[tuple[Row, ...], dict[str, str]]:
-    """A job done for every observer, or study of such, of every design, and by the observer's name why some could not be.
-
-    The job is called with the design's name, the design, the observer, by whose name random streams are keyed, `seed` and `prior`, in
-    numbers for the design's stimuli.
-    """
-    numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
-    jobs = [partial(job, name, one, person, seed=seed, prior=of) for name, one, of in numbers for person in people]
-    done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
-    return tuple(done), {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
-
-
-def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
-    """One observer's answers to a design, analysed; streams are keyed by seed, observer and number of trials."""
-    subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
-    evidence, widths = analysed(subject, seed, prior)
-    p = None if evidence is None else probabilities(evidence)
-    return DataSet(name, design.total, observer.name, observer.kind, evidence, p, widths)
-
-
-def analysed(subject: Subject, seed: int, prior: Prior) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """Log evidences of the three kinds (nats) and widths of 90 % intervals under the update; None if withheld."""
-    found, widths = [], None
-    for kind, model in PLAIN.items():
-        result, fitted = fitted_result(model.posterior(subject, prior), seed, Wanted(evidence_draws=DRAWS))
-        assert result.evidence is not None  # it was asked for
-        found.append(result.evidence)
-        if kind == UPDATE and fitted.proposal.trusted:
-            draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
-            assert isinstance(target, Posterior)
-            values = target.quantities(draws.x)
-            widths = tuple(_width(values[name], draws.shares) for name in WIDTHS)
-    logs = weighed([one.value for one in found], [one.bound for one in found])
-    return None if np.isnan(logs).any() else tuple(logs.tolist()), widths
-
-
-def _width(values: FloatArray, shares: FloatArray) -> float:
-    """Of the 90 % interval of weighted draws."""
-    order = np.argsort(values)
-    low, high = np.searchsorted(np.cumsum(shares[order]), (0.05, 0.95))
-    return float(values[order[min(high, len(order) - 1)]] - values[order[low]])
+        rows, failed = worked(kept, jobs_of(simulated, asked, people, root, prior), workers, progress)
+    return PowerTable(rows, root, failed)
 
 
 def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Mapping[str, StudyDesign]:
@@ -340,3 +339,27 @@ def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Map
     if design is None:
         return {"the paper's pairs": paper_study_design()}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
+
+
+def jobs_of(
+    job: Callable[..., Row], designs: Iterable[tuple[str, StudyDesign]], people: Sequence[Any], seed: int, prior: Prior | str | None
+) -> list[partial[Row]]:
+    """A job for every observer, or study of such, of every design.
+
+    It is called with the design's name, the design, the observer, by whose name random streams are keyed, `seed` and `prior`, in numbers
+    for the design's stimuli.
+    """
+    numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
+    return [partial(job, name, one, person, seed=seed, prior=of) for name, one, of in numbers for person in people]
+
+
+def worked(kept: Kept, jobs: Sequence[partial[Row]], workers: Workers, progress: Progress | None) -> tuple[tuple[Row, ...], dict[str, str]]:
+    """What the jobs returned, and by the observer's name why some could not be done."""
+    done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
+    return tuple(done), {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
+
+
+def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
+    """One observer's answers to a design, judged; streams are keyed by seed, observer and number of trials."""
+    subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
+    return DataSet(name, design.total, observer.name, observer.kind, judged(subject, seed, prior))

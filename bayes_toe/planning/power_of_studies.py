@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import islice, product
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, simplefilter
@@ -25,14 +24,13 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.data.study import Study
-from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.groups.population import Population, population
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
-from bayes_toe.planning.power import CERTAIN, WORDS, PowerTable, each_observer, mean, named_designs, share
+from bayes_toe.planning.power import CERTAIN, WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -40,17 +38,17 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of power_subjects.csv.
+SUBJECTS, STUDIES = (4, 8, 16), 20
+#: Columns of power_subjects.csv and of power_population.csv.
 STUDY_COLUMNS = ("design", "trials", "observers", "subjects", "studies", "named", "low", "high", "another_named")
-SUBJECTS = (4, 8, 16)
+POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
+#: What is counted.
+NAMED, WRONG = "named", "another named"
+ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
+#: Quantities of the group of which the expected width of the 90 % interval is told.
+WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
 _WHAT = {kind: f"{words} as the most frequent kind" for kind, words in WORDS.items()}
 _WHAT[MIXED] = "the most frequent kind of the mixed population"
-#: Columns of power_population.csv.
-POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
-STUDIES = 20
-#: What is counted, and quantities of which the expected width of the 90 % interval is told.
-ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
-WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
 _WHO = {
     NONE: "subjects without one",
     CONSTANT_ERROR: "subjects with a constant error",
@@ -61,42 +59,45 @@ _DIRECTION, _BAND = 0.975, 0.95
 _DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
 
-@dataclass(frozen=True)
-class StudyShare:
-    """How often studies with so many subjects of one kind name it, with a 95 % interval, and how often another.
+# --- By random effects over evidences -------------------------------------------------------------
 
-    Of a mixed population it is the kind that is the most frequent in it.
-    """
+
+@dataclass(frozen=True)
+class ComparedStudy:
+    """One study of subjects of one kind, or mixed, by the random effects of `compare`: the most frequent kind, and which one is named."""
 
     design: str
     trials: int
-    observers: str
     subjects: int
-    studies: int
-    named: float
-    low: float
-    high: float
-    another_named: float
+    kind: str
+    right: str
+    named: str | None
 
 
 @dataclass(frozen=True, eq=False)
-class StudyPower(Table[StudyShare]):
-    """One row a design, number of trials, kind of subjects and number of them."""
+class StudyPower(Simulations[ComparedStudy]):
+    """Simulated studies, and how often they name what is the most frequent kind, or another."""
+
+    def _counts(self, kind: str, rows: Sequence[ComparedStudy]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
+        yield NAMED, share(sum(row.named == row.right for row in rows), len(rows)), len(rows)
+        yield WRONG, share(sum(row.named not in (None, row.right) for row in rows), len(rows)), len(rows)
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of power_subjects.csv."""
-        return frame_of(self.rows, STUDY_COLUMNS)
+        """One row a design, number of trials, kind of subjects and number of them, with the columns of power_subjects.csv."""
+        import pandas as pd
+
+        both = [(self.counted[*key, NAMED], self.counted[*key, WRONG].value) for key in self.groups]
+        rows = [[one.design, one.trials, one.observers, one.subjects, one.size, one.value, one.low, one.high, p] for one, p in both]
+        return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
 
     def sentences(self) -> list[str]:
-        """What studies of subjects who update name, or of the last kind there is, a line a design and number of trials."""
-        groups: dict[tuple[str, int, str], list[StudyShare]] = {}
-        for row in self.rows:
-            groups.setdefault((row.design, row.trials, row.observers), []).append(row)
-        last = [kind for kind in (*PLAIN, MIXED) if any(key[2] == kind for key in groups)][-1:]
+        """What studies of a mixed population name, else of those who update or the last kind there is, a line a design and trials."""
+        last = [kind for kind in (*PLAIN, MIXED) if kind in self.kinds][-1:]
         lines = []
-        for (design, trials, kind), rows in groups.items():
-            said = ", ".join(f"{100 * row.named:.0f} % of studies with {row.subjects} subjects (of {row.studies})" for row in rows)
-            lines += [f"with {design} and {trials} trials each, {_WHAT[kind]} is named in {said}"] if kind in last else []
+        for design, trials, kind in dict.fromkeys(key[:3] for key in self.groups if key[2] in last):
+            found = [one for key, one in self.counted.items() if (*key[:3], key[4]) == (design, trials, kind, NAMED)]
+            said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.size})" for one in found)
+            lines.append(f"with {design} and {trials} trials each, {_WHAT[kind]} is named in {said}")
         return lines
 
 
@@ -104,44 +105,36 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
     """Random effects over simulated subjects of one kind, as `compare` has them over real ones; with shares, also of a mixture of kinds.
 
     Data sets are taken together in order, each once, so that studies are independent; a kind is named where the probability that it is the
-    most frequent in the population, protected against all being equally frequent, is above 0.95. There are no rows of more subjects than
-    data sets, and of a study one of whose evidences is withheld.
+    most frequent in the population, protected against all being equally frequent, is above 0.95. There are no studies of more subjects
+    than data sets, and none of a subject whose evidence is withheld.
 
     Examples
     --------
-    >>> from bayes_toe.planning.power import DataSet
-    >>> rows = [DataSet("d", 650, f"u{i}", "update", (-5.0, -4.0, 0.0), (0.0, 0.1, 0.9), None) for i in range(8)]
-    >>> [(row.subjects, row.studies, row.named) for row in power_of_studies(PowerTable(tuple(rows), ("d",), 1))]
+    >>> from bayes_toe.planning.power import DataSet, Judgement
+    >>> rows = [DataSet("d", 650, f"u{i}", "update", Judgement((-5.0, -4.0, 0.0))) for i in range(8)]
+    >>> found = power_of_studies(PowerTable(tuple(rows), 1))
+    >>> [(row.subjects, row.size, row.value) for row in found.counted.values() if row.quantity == "named"]
     [(4, 2, 0.0), (8, 1, 1.0)]
     """
-    known = {key: np.array([row.log_evidence for row in rows if row.log_evidence is not None]) for key, rows in table.groups.items()}
-    sizes = [size for size in sorted(set(subjects)) if size > 1]
-    studies = [
-        (key, key[2], [values[i : i + size] for i in range(0, len(values) - size + 1, size)])
-        for key, values in known.items()
-        for size in sizes
-    ]
-    if shares:
-        most = max(shares, key=shares.__getitem__)
-        for (design, trials), size in product(dict.fromkeys(key[:2] for key in known), sizes):
-            of_kind = {kind: known.get((design, trials, kind), np.empty(0)) for kind in shares}
-            mixed = []
-            for study in mixture(shares, size, table.seed):
-                if not all(number < len(of_kind[kind]) for kind, number in study):
+    sizes, found = [size for size in sorted(set(subjects)) if size > 1], []
+    most = max((share, kind) for kind, share in shares.items())[1] if shares else ""
+    for design, trials in dict.fromkeys(key[:2] for key in table.groups):
+        groups = {key[2]: [row.judgement.log_evidence for row in rows] for key, rows in table.groups.items() if key[:2] == (design, trials)}
+        known = {kind: [one for one in some if one is not None] for kind, some in groups.items()}
+        for kind, some in known.items():
+            for size in sizes:
+                studies = (some[i : i + size] for i in range(0, len(some) - size + 1, size))
+                found += [ComparedStudy(design, trials, size, kind, kind, _named(study)) for study in studies]
+        for size in sizes if shares else ():
+            for study in mixture(shares or {}, size, table.seed):
+                if not all(i < len(known.get(kind, ())) for kind, i in study):
                     break
-                mixed.append(np.array([of_kind[kind][number] for kind, number in study]))
-            studies.append(((design, trials, MIXED), most, mixed))
-    found = []
-    for key, kind, some in studies:
-        named = [_named(evidence) for evidence in some]
-        if named:
-            wrong = sum(one not in (None, kind) for one in named) / len(named)
-            found.append(StudyShare(*key, len(some[0]), len(some), *share(named.count(kind), len(named)), wrong))
-    return StudyPower(tuple(found))
+                found.append(ComparedStudy(design, trials, size, MIXED, most, _named([known[kind][i] for kind, i in study])))
+    return StudyPower(tuple(found), table.seed)
 
 
-def _named(evidence: FloatArray) -> str | None:
-    found = random_effects(evidence).protected
+def _named(log_evidence: Sequence[tuple[float, ...]]) -> str | None:
+    found = random_effects(log_evidence).protected
     return list(PLAIN)[int(found.argmax())] if found.max() > CERTAIN else None
 
 
@@ -182,96 +175,33 @@ class AnalysedStudy:
         return int(self.direction > _DIRECTION) - int(self.direction < 1.0 - _DIRECTION)
 
 
-@dataclass(frozen=True)
-class CountedStudies:
-    """One row of power_population.csv: a share or a mean over studies, with its 95 % interval of Monte Carlo error."""
-
-    design: str
-    trials: int
-    observers: str
-    subjects: int
-    quantity: str
-    value: float
-    low: float
-    high: float
-    studies: int
-
-
 @dataclass(frozen=True, eq=False)
-class PopulationPower(Table[AnalysedStudy]):
-    """Simulated studies and what is counted of them.
+class PopulationPower(Simulations[AnalysedStudy]):
+    """Simulated studies analysed as groups, and what is counted of them."""
 
-    Attributes
-    ----------
-    rows : tuple of AnalysedStudy
-    seed : int
-    failed : mapping of str to str
-        Studies whose work was lost, with the reason.
-    """
+    COLUMNS = POPULATION_COLUMNS
 
-    seed: int
-    failed: Mapping[str, str]
-
-    @cached_property
-    def counted(self) -> dict[tuple[str, str, int, str], CountedStudies]:
-        """Every share and mean, by design, kind of observers, number of subjects and quantity."""
-        groups: dict[tuple[str, str, int], list[AnalysedStudy]] = {}
-        for row in self.rows:
-            groups.setdefault((row.design, row.kind, row.subjects), []).append(row)
-        return {(*key, one.quantity): one for key, rows in groups.items() for one in _counted(rows)}
-
-    @property
-    def trials(self) -> int:
-        """Of each subject."""
-        return self.rows[0].trials
-
-    @property
-    def designs(self) -> tuple[str, ...]:
-        """Names of designs."""
-        return tuple(dict.fromkeys(row.design for row in self.rows))
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of observers."""
-        return tuple(dict.fromkeys(row.kind for row in self.rows))
-
-    @property
-    def subjects(self) -> tuple[int, ...]:
-        """Numbers of subjects."""
-        return tuple(dict.fromkeys(row.subjects for row in self.rows))
-
-    def frame(self) -> pd.DataFrame:
-        """The table with the columns of power_population.csv."""
-        return frame_of(self.counted.values(), POPULATION_COLUMNS)
+    def _counts(self, kind: str, rows: Sequence[AnalysedStudy]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
+        size = len(rows)
+        yield ON_AVERAGE, share(sum(row.sign != 0 for row in rows), size), size
+        if kind != NONE:  # there is a direction
+            yield REVERSED, share(sum(row.sign * row.truth < 0.0 for row in rows), size), size
+        yield SOMEWHERE, share(sum(row.somewhere for row in rows), size), size
+        for name, values in zip(WIDTHS, zip(*(row.widths for row in rows), strict=True), strict=True):
+            yield f"90 % width of {name}", mean(values), size
+        yield "analysed with warnings", share(sum(row.warned for row in rows), size), size
 
     def sentences(self) -> list[str]:
         """How often the order effect of subjects is found in some pair, and how often one that is not there, a line a design."""
         main = next((kind for kind in (MIXED, UPDATE) if kind in self.kinds), self.kinds[-1])
         lines = []
-        for design in self.designs:
-            rows = [one for one in self.counted.values() if one.design == design and one.quantity == SOMEWHERE]
-            found = [one for one in rows if one.observers == main]
-            said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.studies})" for one in found)
-            line = f"with {design} and {found[0].trials} trials each, population shows an order effect of {_WHO[main]} in {said}"
-            wrong = [one for one in rows if one.observers == NONE != main]
-            hits, size = round(sum(one.value * one.studies for one in wrong)), sum(one.studies for one in wrong)
-            lines.append(line + (f", and wrongly of others in {hits} of {size}" if wrong else ""))
+        for design, trials in dict.fromkeys(key[:2] for key in self.groups):
+            found = [one for one in self.counted.values() if (one.design, one.observers, one.quantity) == (design, main, SOMEWHERE)]
+            said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.size})" for one in found)
+            line = f"with {design} and {trials} trials each, population shows an order effect of {_WHO[main]} in {said}"
+            wrong = [row.somewhere for row in self.rows if row.design == design and row.kind == NONE != main]
+            lines.append(line + (f", and wrongly of others in {sum(wrong)} of {len(wrong)}" if wrong else ""))
         return lines
-
-
-def _counted(rows: Sequence[AnalysedStudy]) -> Iterator[CountedStudies]:
-    one, size = rows[0], len(rows)
-
-    def made(quantity: str, found: tuple[float, float, float]) -> CountedStudies:
-        return CountedStudies(one.design, one.trials, one.kind, one.subjects, quantity, *found, size)
-
-    yield made(ON_AVERAGE, share(sum(row.sign != 0 for row in rows), size))
-    if one.kind != NONE:  # there is a direction
-        yield made(REVERSED, share(sum(row.sign * row.truth < 0.0 for row in rows), size))
-    yield made(SOMEWHERE, share(sum(row.somewhere for row in rows), size))
-    for name, values in zip(WIDTHS, zip(*(row.widths for row in rows), strict=True), strict=True):
-        yield made(f"90 % width of {name}", mean(values))
-    yield made("analysed with warnings", share(sum(row.warned for row in rows), size))
 
 
 def power_of_populations(
@@ -313,7 +243,7 @@ def power_of_populations(
         people = assumed(observers, designs, studies * sizes[-1], root, prior)
         shares = shares_from(observers) if observers is None or isinstance(observers, str | Path) else {}
         planned = list(planned_studies(people, sizes, shares, root))
-        rows, failed = each_observer(kept, analysed_study, designs.items(), planned, root, prior, workers, progress)
+        rows, failed = worked(kept, jobs_of(analysed_study, designs.items(), planned, root, prior), workers, progress)
     return PopulationPower(rows, root, failed)
 
 
@@ -338,12 +268,14 @@ def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: 
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
         found = population(Study(tuple(answers)), draws=_DRAWS, seed=own, prior=prior, workers=1)
-    pairs = comparisons(design)
-    truth = np.mean([asymmetry_of(one, pairs) for one in planned.people])
-    direction, somewhere = _order_effect(found, pairs)
-    return AnalysedStudy(
-        name, design.total, len(answers), planned.kind, direction, float(truth), somewhere, _widths(found), bool(found.shortfalls)
-    )
+    pairs, direction, somewhere = comparisons(design), float("nan"), False
+    known = asymmetries(found, pairs)
+    if known is not None:
+        draws = known.draws[:, :, 0].reshape(-1, len(known.comparisons))
+        direction, somewhere = float((draws[:, 0] > 0.0).mean()), outside_band(draws[:, 1:])
+    truth = float(np.mean([asymmetry_of(one, pairs) for one in planned.people]))
+    widths, warned = _widths(found), bool(found.shortfalls)
+    return AnalysedStudy(name, design.total, len(answers), planned.kind, direction, truth, somewhere, widths, warned)
 
 
 def comparisons(design: StudyDesign) -> FloatArray:
@@ -365,15 +297,6 @@ def asymmetry_of(observer: Observer, pairs: FloatArray) -> float:
     (weak, strong, *isi), once = pairs.T, np.ones(len(pairs), np.int64)
     first, second = (observer.equal(StudyDesign(a, b, once, *isi)).mean() for a, b in ((strong, weak), (weak, strong)))
     return float(first - second)
-
-
-def _order_effect(found: Population, pairs: FloatArray) -> tuple[float, bool]:
-    """P(mean asymmetry > 0), and whether an order effect is found in some pair."""
-    known = asymmetries(found, pairs)
-    if known is None:
-        return float("nan"), False
-    draws = known.draws[:, :, 0].reshape(-1, len(known.comparisons))
-    return float((draws[:, 0] > 0.0).mean()), outside_band(draws[:, 1:])
 
 
 def outside_band(draws: FloatArray) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -24,7 +24,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import PLAIN, Observer, assumed
-from bayes_toe.planning.power import CERTAIN, DATA_SETS, WORDS, each_observer, named_designs, share
+from bayes_toe.planning.power import CERTAIN, DATA_SETS, WORDS, Judgement, jobs_of, named_designs, share, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -234,7 +234,7 @@ def stopping(
     with keeping(keep, "simulated sessions") as kept:
         root = kept.seed(seed)
         people = assumed(observers, given, data_sets, root, prior)
-        rows, failed = each_observer(kept, partial(session, rule=chosen), designs.items(), people, root, prior, workers, progress)
+        rows, failed = worked(kept, jobs_of(partial(session, rule=chosen), designs.items(), people, root, prior), workers, progress)
     return StoppingTable(rows, chosen, root, failed)
 
 
@@ -250,8 +250,8 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
         Particles.of_prior(model, prior, centre, interval, _DRAWS, generator(seed, observer.name, kind, "prior"))
         for kind, model in PLAIN.items()
     ]
-    p, trials = np.full(len(PLAIN), 1.0 / len(PLAIN)), 0
-    while p.max() <= rule.certain and trials < rule.most:
+    judgement, trials = Judgement((0.0,) * len(PLAIN)), 0
+    while judgement.named(rule.certain) is None and trials < rule.most:
         end = min(trials + rule.every, rule.most)
         new, every = (
             Subject.from_trials("session", s1[at], s2[at], equal[at], *(one[at] for one in isi)) for at in (slice(trials, end), slice(end))
@@ -260,6 +260,5 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
             cloud.answered(new)
             if cloud.left < ENOUGH:
                 list(cloud.renewing(every, generator(seed, observer.name, kind, "particles", end)))
-        p, trials = softmax([cloud.log_evidence for cloud in clouds]), end
-    named = list(PLAIN)[int(p.argmax())] if p.max() > rule.certain else None
-    return Session(name, observer.name, observer.kind, trials, named, tuple(p.tolist()))
+        judgement, trials = Judgement(tuple(cloud.log_evidence for cloud in clouds)), end
+    return Session(name, observer.name, observer.kind, trials, judgement.named(rule.certain), judgement.probability or ())

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.validation import read_numbers
@@ -37,6 +37,9 @@ class Pairs:
 
     def __len__(self) -> int:
         return len(self.s1)
+
+    def __iter__(self) -> Iterator[tuple[float, ...]]:
+        return zip(*(column.tolist() for column in self.columns), strict=True)
 
     @property
     def columns(self) -> tuple[FloatArray, ...]:
@@ -232,11 +235,11 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
         raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
     rng = generator(seed, subject, "order of trials")
     counts, same = _blocks(design, blocks, rng), design.s1 == design.s2
-    gaps = _gaps(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng)
-    order = [_ordered(design, of_block, between, rng) for of_block, between in zip(counts, gaps, strict=True)]
-    all_of_them = np.concatenate(order)
-    block = np.repeat(np.arange(1, blocks + 1), [len(part) for part in order])
-    return TrialList(subject, block, *(column[all_of_them] for column in design.pairs.columns))
+    order = [rng.permutation(np.repeat(np.arange(design.n_pairs), of_block)) for of_block in counts]
+    for trials, equal in zip(order, _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng), strict=True):
+        trials[equal], trials[~equal] = trials[same[trials]], trials[~same[trials]]
+    of_all, block = np.concatenate(order), np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
+    return TrialList(subject, block, *(column[of_all] for column in design.pairs.columns))
 
 
 def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | None = None, overwrite: bool = False) -> Path:
@@ -256,7 +259,7 @@ def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | 
     return write_table(pd.concat(parts), path, overwrite=overwrite)
 
 
-# --- Which pairs in which block ---------------------------------------------------------------------
+# --- Which pairs in which block, and where the equal ones ---------------------------------------------
 
 
 def _blocks(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntArray:
@@ -276,11 +279,10 @@ def _blocks(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntAr
 
 def _units(design: StudyDesign) -> Iterator[tuple[list[int], int]]:
     """What is kept together in a block: both orders of two stimuli as often as both occur, and what is left of either; with how often."""
-    isi = np.zeros(design.n_pairs) if design.isi is None else design.isi
-    places = {key: i for i, key in enumerate(zip(design.s1.tolist(), design.s2.tolist(), isi.tolist(), strict=True))}
+    places = {pair: i for i, pair in enumerate(design.pairs)}
     left = design.n_trials.copy()
-    for (s1, s2, seconds), i in places.items():
-        other = places.get((s2, s1, seconds), i)
+    for (s1, s2, *isi), i in places.items():
+        other = places.get((s2, s1, *isi), i)
         if other > i:
             both = int(min(left[i], left[other]))
             left[[i, other]] -= both
@@ -288,83 +290,40 @@ def _units(design: StudyDesign) -> Iterator[tuple[list[int], int]]:
     yield from (([i], int(count)) for i, count in enumerate(left))
 
 
-# --- In which order ---------------------------------------------------------------------------------
+def _places_of_equals(equal: IntArray, different: IntArray, rng: np.random.Generator) -> list[BoolArray]:
+    """Of every block with so many pairs, which of its trials are equal ones: all ways with no more than three in a row equally probable.
 
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Equal and different pairs of one block, and in how many ways equal ones can stand between its different ones."""
-
-    equal: int
-    different: int
-    log_ways: FloatArray
-
-    @classmethod
-    def of(cls, equal: int, different: int) -> _Block:
-        return cls(equal, different, _log_ways(equal, max(different - 1, 0)))
-
-    def log_firsts(self, before: int, last: int) -> FloatArray:
-        """Log of the number of orders with 0, 1, ... equal pairs first and `last` at the end, `before` having come before."""
-        first = np.arange(MOST_EQUAL - before + 1)
-        if not self.different:
-            return np.where((first == self.equal) & (before + first == last), 0.0, -np.inf)
-        between = self.equal - first - last
-        return np.where(between >= 0, self.log_ways[-1][np.maximum(between, 0)], -np.inf)
-
-    def sampled(self, before: int, last: int, rng: np.random.Generator) -> list[int]:
-        """How many equal pairs stand before, between and after the different ones; all ways equally probable."""
-        found = [_draw(self.log_firsts(before, last), rng)]
-        left = self.equal - found[0] - last
-        for gaps in range(self.different - 1, 0, -1):
-            found.append(_draw(np.array([self.log_ways[gaps - 1, left - size] for size in range(min(left, MOST_EQUAL) + 1)]), rng))
-            left -= found[-1]
-        return [*found, last] if self.different else found
-
-
-def _gaps(equal: IntArray, different: IntArray, rng: np.random.Generator) -> list[list[int]]:
-    """Of every block, how many equal pairs stand before, between and after the different ones; all ways of all blocks equally probable."""
-    blocks = [_Block.of(int(e), int(d)) for e, d in zip(equal, different, strict=True)]
-    runs = range(MOST_EQUAL + 1)
-    ways = [np.array([[logsumexp(block.log_firsts(before, last)) for last in runs] for before in runs]) for block in blocks]
-    ahead = [np.zeros(MOST_EQUAL + 1)]
-    for transition in reversed(ways):
-        ahead.insert(0, logsumexp(transition + ahead[0], axis=1))
-    if np.isneginf(ahead[0][0]):
+    Ways are counted from the end: of each block by how many different and equal pairs are to come where a different one was last, and of
+    all blocks from one on by the run of equal ones before it.
+    """
+    tables, from_here = [], np.zeros(MOST_EQUAL + 1)
+    for e, d in zip(equal[::-1], different[::-1], strict=True):
+        log_ways = np.full((d + 1, e + 1), -np.inf)
+        log_ways[0, : MOST_EQUAL + 1] = from_here[: e + 1]
+        for left in range(1, d + 1):
+            for size in range(min(MOST_EQUAL, e) + 1):
+                log_ways[left, size:] = np.logaddexp(log_ways[left, size:], log_ways[left - 1, : e + 1 - size])
+        tables.append(log_ways)
+        runs = range(MOST_EQUAL + 1)
+        if d:
+            from_here = np.array([logsumexp(log_ways[d - 1, max(0, e - MOST_EQUAL + run) :]) for run in runs])
+        else:
+            from_here = np.array([from_here[run + e] if run + e <= MOST_EQUAL else -np.inf for run in runs])
+    if np.isneginf(from_here[0]):
         worst = int((equal - MOST_EQUAL * different).argmax())
         raise InputError(
             f"block {worst + 1}, of {equal[worst] + different[worst]} trials, has {equal[worst]} equal pairs: more than {MOST_EQUAL} would "
             "follow each other; allowed: a design with fewer equal pairs, or fewer blocks"
         )
     found, run = [], 0
-    for block, transition, rest in zip(blocks, ways, ahead[1:], strict=True):
-        last = _draw(transition[run] + rest, rng)
-        found.append(block.sampled(run, last, rng))
-        run = last
+    for log_ways in reversed(tables):
+        d, e = (size - 1 for size in log_ways.shape)
+        sizes = []  # of runs of equal ones before each different one
+        for left in range(d - 1, -1, -1):
+            fewest = max(0, e - MOST_EQUAL + run)
+            p = np.exp(log_ways[left, fewest : e + 1] - logsumexp(log_ways[left, fewest : e + 1]))
+            sizes.append(e - fewest - int(rng.choice(len(p), p=p)))
+            e, run = e - sizes[-1], 0
+        found.append(np.insert(np.ones(log_ways.shape[1] - 1, np.bool_), np.cumsum(sizes, dtype=np.int64), False))
+        run += e
     return found
-
-
-def _draw(log_weights: FloatArray, rng: np.random.Generator) -> int:
-    p = np.exp(log_weights - log_weights.max())
-    return int(rng.choice(len(p), p=p / p.sum()))
-
-
-def _ordered(design: StudyDesign, counts: IntArray, gaps: list[int], rng: np.random.Generator) -> IndexArray:
-    """Pairs of one block in random order, with so many equal ones before, between and after the different ones."""
-    trials = np.repeat(np.arange(len(counts)), counts)
-    rng.shuffle(trials)
-    same = design.s1[trials] == design.s2[trials]
-    equal, different = iter(trials[same].tolist()), iter(trials[~same].tolist())
-    order = [next(equal) for _ in range(gaps[0])]
-    for size in gaps[1:]:
-        order += [next(different), *(next(equal) for _ in range(size))]
-    return np.array(order)
-
-
-def _log_ways(equal: int, gaps: int) -> FloatArray:
-    """Log of the number of ways to put 0..equal into 0..gaps gaps, at most three in each, shape (gaps + 1, equal + 1)."""
-    ways = np.full((gaps + 1, equal + 1), -np.inf)
-    ways[0, 0] = 0.0
-    for gap in range(1, gaps + 1):
-        for size in range(min(MOST_EQUAL, equal) + 1):
-            ways[gap, size:] = np.logaddexp(ways[gap, size:], ways[gap - 1, : equal + 1 - size])
-    return ways

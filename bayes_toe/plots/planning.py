@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, Null
 from bayes_toe.arrays import FloatArray
 from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, SECOND, OptimalDesign, paper_amid
 from bayes_toe.planning.power import NAMED, WIDTHS, WRONG, Counted, PowerTable
-from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, CountedStudies, PopulationPower
+from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, PopulationPower
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -90,12 +90,12 @@ def power_axes(table: PowerTable, kind: str = "update", *, ax: Axes | None = Non
 
 def population_power_axes(table: PopulationPower, kind: str = "update", *, ax: Axes | None = None) -> Axes:
     """Share of simulated studies of one kind of subjects whose analysis as a group finds an order effect, by their number."""
-    ax, beside = panel(ax), _beside(table.subjects, table.designs)
+    ax, beside, [trials] = panel(ax), _beside(table.subjects, table.designs), table.trials
     for index, design in enumerate(table.designs):
         for quantity, style in ((SOMEWHERE, "-"), (ON_AVERAGE, ":")):
-            found = [table.counted[design, kind, size, quantity] for size in table.subjects]
+            found = [table.counted[design, trials, kind, size, quantity] for size in table.subjects]
             _line(ax, index, next(beside), found, f"order effect {quantity}, {plain(design)}", style)
-    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of studies", xlabel=f"subjects of {table.trials:,} trials")
+    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of studies", xlabel=f"subjects of {trials:,} trials")
     return _by(ax, table.subjects)
 
 
@@ -118,7 +118,7 @@ def _beside(numbers: Sequence[int], designs: Sequence[str], *, lines: int = 2) -
     return (at * np.exp(step * (place - 0.5 * (count - 1))) for place in range(count))
 
 
-def _line(ax: Axes, index: int, x: FloatArray, found: Sequence[Counted | CountedStudies], label: str, style: str = "-") -> None:
+def _line(ax: Axes, index: int, x: FloatArray, found: Sequence[Counted], label: str, style: str = "-") -> None:
     """A line of a design with error bars; beyond five designs colours come again, with other markers."""
     y = [one.value for one in found]
     errors = [[one.value - one.low for one in found], [one.high - one.value for one in found]]

@@ -28,10 +28,11 @@ def test_a_constant_added_to_every_stimulus_changes_no_number_of_power(observers
     assert (here.failed, there.failed) == ({}, {})
     for one, other in zip(here.rows, there.rows, strict=True):
         assert (one.design, one.observer) == (other.design, other.observer)
+        one, other = one.judgement, other.judgement
         assert other.log_evidence == pytest.approx(one.log_evidence, abs=0.05)  # the same answers; standard errors are below 0.02
         if one.widths is not None:
             assert np.log(other.widths) == pytest.approx(np.log(one.widths), abs=0.1)
-    assert any(np.ptp(row.log_evidence) > 1.0 for row in there)  # they tell something
+    assert any(np.ptp(row.judgement.log_evidence) > 1.0 for row in there)  # they tell something
 
 
 def test_sessions_that_stop_are_as_long():
@@ -52,7 +53,7 @@ def test_a_constant_added_to_the_range_changes_no_chosen_pair():
     assert there.candidates[OPTIMISED].utility == pytest.approx(here.candidates[OPTIMISED].utility, rel=1e-6)
     assert there.candidates[MOVED].utility == pytest.approx(here.candidates[PAPER].utility, rel=1e-6)
     assert there.candidates[MOVED].design.s1 == pytest.approx(paper_study_design().s1 + 3.65)
-    assert [row.named() for row in there.power] == [row.named() for row in here.power]
+    assert [row.judgement.named() for row in there.power] == [row.judgement.named() for row in here.power]
     assert any("from 3.65 to 4.16, amid what can be shown" in line for line in there.said())
 
 

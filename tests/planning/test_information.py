@@ -5,8 +5,9 @@ import pytest
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import AIMS, MODEL, information
+from bayes_toe.planning.information import MODEL, UTILITIES, information
 from bayes_toe.planning.observers import observers_from, of_kind
+from bayes_toe.planning.optimal import DesignGoal
 from bayes_toe.planning.study_design import Pairs, StudyDesign
 
 PAIRS = Pairs(np.array([-0.5, 0.0, 0.7, 1.1, 0.2]), np.array([-0.2, 0.0, 0.5, 0.6, 1.9]))
@@ -39,7 +40,7 @@ def test_information_is_the_expected_product_of_slopes(observers):
         assert np.outer(rows, rows) == pytest.approx(expected / np.outer(scale, scale), rel=1e-5, abs=1e-9)
 
 
-@pytest.mark.parametrize("aim", AIMS)
+@pytest.mark.parametrize("aim", UTILITIES)
 def test_a_change_is_worth_what_the_changed_design_is(observers, aim):
     found = information(PAIRS, observers, aim, Prior())
     n = np.array([30.0, 40.0, 20.0, 10.0, 5.0])
@@ -78,6 +79,6 @@ def test_who_does_not_update_counts_for_naming_alone(observers):
 
 def test_refusals(observers):
     with pytest.raises(InputError, match="--for: found 'luck', allowed: update, gain"):
-        information(PAIRS, observers, "luck", Prior())
+        DesignGoal("luck")
     with pytest.raises(InputError, match="found nobody with a predictive update"):
         information(PAIRS, of_kind(observers, "none"), "update", Prior())

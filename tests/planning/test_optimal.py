@@ -8,7 +8,7 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import AIMS, Task, built, exchanged, information, scattered, trials_of
+from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, scattered, trials_of
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, DesignGoal, grid, optimal_design, proposed, read_levels
 from bayes_toe.planning.power import NAMED
@@ -30,12 +30,12 @@ def test_an_optimised_design_names_updates_and_the_papers_pairs_do_not(found):
         one.utility for name, one in found.candidates.items() if "best" not in name and name != OPTIMISED
     )
     assert found.power[OPTIMISED, 650, "update", NAMED].value == 1.0
-    wrong = [row.named() for row in found.power if row.design == OPTIMISED and row.kind != "update"]
+    wrong = [row.judgement.named() for row in found.power if row.design == OPTIMISED and row.kind != "update"]
     assert "update" not in wrong
     assert found.reasons[0].startswith("first stimuli, of most trials: -0.75 (")
 
 
-@pytest.mark.parametrize("aim", AIMS)
+@pytest.mark.parametrize("aim", UTILITIES)
 def test_exchange_never_loses_and_brute_force_finds_nothing_better(aim):
     """Five pairs, ten portions: every way to distribute them."""
     from itertools import combinations_with_replacement

@@ -1,17 +1,30 @@
-"""Power by simulation: the analysis is the program's, counts are counted, errors are stated."""
+"""Power by simulation: data sets are judged as the program judges them, what is counted is counted, and commands write and say it."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from populations import made_up as made_up_group
 
 import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.errors import InputError
+from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power import NAMED, WRONG, DataSet, PowerTable, power, share
-from bayes_toe.planning.power_of_studies import power_of_studies
-from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
+from bayes_toe.planning.power import NAMED, WRONG, DataSet, Judgement, PowerTable, power, share
+from bayes_toe.planning.power_of_studies import (
+    ON_AVERAGE,
+    REVERSED,
+    SOMEWHERE,
+    AnalysedStudy,
+    PopulationPower,
+    asymmetry_of,
+    comparisons,
+    outside_band,
+    planned_studies,
+    power_of_studies,
+)
+from bayes_toe.planning.study_design import StudyDesign, narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
 
 
@@ -22,73 +35,39 @@ def designs():
 
 @pytest.fixture(scope="module")
 def table(designs):
-    return power(designs, [650], data_sets=3, seed=1, workers=1)
+    return power(designs, [650], data_sets=2, seed=1, workers=1)
 
 
 def test_probabilities_are_those_of_the_command_evidence(table, designs):
     observer = observers_from(None, 1, seed=1)[-1]
     subject = observer.answers(designs["paper"], generator(1, observer.name, "answers", 650))
     row = bt.evidence(bt.Study((subject,)), seed=1, workers=1).rows[0]
-    [found] = [one for one in table if (one.design, one.observer) == ("paper", observer.name)]
+    [found] = [one.judgement for one in table if (one.design, one.observer) == ("paper", observer.name)]
     assert found.log_evidence == pytest.approx(row.log_evidence_orders, abs=0.05)  # standard errors below 0.01
     assert found.probability == pytest.approx(row.order_probabilities, abs=0.02)
 
 
-def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not(table):
+def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(table, designs):
     assert table["narrow", 650, "update", NAMED].value == 1.0
     assert table["paper", 650, "update", "90 % width of gain"].value > 3.0 * table["narrow", 650, "update", "90 % width of gain"].value
     assert table["narrow", 650, "none", WRONG].value == 0.0
-
-
-def test_data_sets_do_not_depend_on_the_others(table, designs):
-    again = power({"narrow": designs["narrow"]}, [650], observers_from(None, 3, seed=1)[-1:], seed=1, workers=1)
-    [same] = [one for one in table if (one.design, one.observer) == ("narrow", "update 3")]
-    assert again.rows[0] == same
+    again = power({"narrow": designs["narrow"]}, [650], observers_from(None, 2, seed=1)[-1:], seed=1, workers=1)
+    assert again.rows[0] == next(one for one in table if (one.design, one.observer) == ("narrow", "update 2"))
 
 
 def made_up(kind, *probabilities):
-    return [DataSet("d", 100, f"{kind} {i}", kind, tuple(np.log(p)), p, None) for i, p in enumerate(probabilities)]
+    return [DataSet("d", 100, f"{kind} {i}", kind, Judgement(None if p is None else tuple(np.log(p)))) for i, p in enumerate(probabilities)]
 
 
-def test_counts():
-    rows = made_up("update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.3, 0.69))
-    rows += made_up("none", (0.01, 0.03, 0.96), (0.97, 0.02, 0.01))
-    table = PowerTable(tuple(rows), ("d",), 0)
-    assert [table["d", 100, "update", name].value for name in (NAMED, WRONG)] == [0.25, 0.25]
-    assert [table["d", 100, "update", f"named, BF > {factor}"].value for factor in (3, 10, 30)] == [0.25, 0.25, 0.25]
+def test_counts_of_data_sets_one_of_which_is_withheld():
+    rows = made_up("update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.3, 0.69), None)
+    table = PowerTable(tuple(rows + made_up("none", (0.01, 0.03, 0.96), (0.97, 0.02, 0.01))), 0)
+    assert [table["d", 100, "update", name].value for name in (NAMED, WRONG, "evidence withheld")] == [0.2, 0.2, 0.2]
+    assert [table["d", 100, "update", f"named, BF > {factor}"].value for factor in (3, 10, 30)] == [0.2, 0.2, 0.2]
     assert table["d", 100, "update", "P(update)"].value == pytest.approx(0.52)
-    assert table.sentences() == ["with d 100 trials name an update in 25 % of observers (3 to 72 %), and wrongly in 1 of 2 others"]
+    assert table.sentences() == ["with d 100 trials name an update in 20 % of observers (2 to 63 %), and wrongly in 1 of 2 others"]
     with pytest.raises(InputError, match="nothing counted"):
         table["d", 100, "update", "luck"]
-
-
-def test_whole_studies_name_what_single_subjects_cannot():
-    rows = made_up("update", *[(0.02, 0.08, 0.9)] * 16) + made_up("none", *[(0.4, 0.3, 0.3)] * 5)
-    found = {(row.observers, row.subjects): row for row in power_of_studies(PowerTable(tuple(rows), ("d",), 0), (4, 8, 16))}
-    assert list(found) == [("update", 4), ("update", 8), ("update", 16), ("none", 4)]
-    assert [row.studies for row in found.values()] == [4, 2, 1, 1]
-    assert (found["update", 16].named, found["none", 4].named, found["update", 16].another_named) == (1.0, 0.0, 0.0)
-    protected = random_effects([row.log_evidence for row in rows[:8]]).protected
-    assert found["update", 8].named == float(protected[2] > 0.95)
-
-
-def test_a_mixed_population_names_its_most_frequent_kind():
-    rows = made_up("none", *[(0.98, 0.01, 0.01)] * 40) + made_up("update", *[(0.01, 0.01, 0.98)] * 160)
-    table = PowerTable(tuple(rows), ("d",), 0)
-    found = power_of_studies(table, (10, 20), {"none": 0.1, "update": 0.9})
-    ten, twenty = (row for row in found if row.observers == "mixed")
-    assert 15 < ten.studies <= 20  # until one kind has no subject left
-    assert (twenty.subjects, twenty.another_named) == (20, 0.0)
-    assert twenty.named > 0.8
-    assert found.sentences()[-1].startswith("with d and 100 trials each, the most frequent kind of the mixed population is named in")
-    assert power_of_studies(table, (10, 20)).rows == found.rows[:4]
-
-
-def test_withheld_evidence_is_counted_as_not_named_and_said():
-    rows = [*made_up("update", (0.01, 0.01, 0.98)), DataSet("d", 100, "update 2", "update", None, None, None)]
-    table = PowerTable(tuple(rows), ("d",), 0)
-    assert table["d", 100, "update", NAMED].value == 0.5
-    assert table["d", 100, "update", "evidence withheld"].value == 0.5
 
 
 def test_intervals_of_shares_cover():
@@ -99,21 +78,115 @@ def test_intervals_of_shares_cover():
     assert 0.91 < hits / 2000 < 0.99  # 0.93 by the exact sum: counts are whole numbers
 
 
+# --- Studies --------------------------------------------------------------------------------------
+
+
+def test_whole_studies_name_what_single_subjects_cannot():
+    rows = made_up("update", *[(0.02, 0.08, 0.9)] * 16) + made_up("none", *[(0.4, 0.3, 0.3)] * 5)
+    found = power_of_studies(PowerTable(tuple(rows), 0), (4, 8, 16)).frame().set_index(["observers", "subjects"])
+    assert list(found.index) == [("update", 4), ("update", 8), ("update", 16), ("none", 4)]
+    assert found.studies.tolist() == [4, 2, 1, 1]
+    assert (found.named["update", 16], found.named["none", 4], found.another_named["update", 16]) == (1.0, 0.0, 0.0)
+    protected = random_effects([row.judgement.log_evidence for row in rows[:8]]).protected
+    assert found.named["update", 8] == float(protected[2] > 0.95)
+
+
+def test_a_mixed_population_names_its_most_frequent_kind():
+    rows = made_up("none", *[(0.98, 0.01, 0.01)] * 40) + made_up("update", *[(0.01, 0.01, 0.98)] * 160)
+    table = PowerTable(tuple(rows), 0)
+    found = power_of_studies(table, (10, 20), {"none": 0.1, "update": 0.9})
+    ten, twenty = (row for row in found.frame().itertuples() if row.observers == "mixed")
+    assert 15 < ten.studies <= 20  # until one kind has no subject left
+    assert (twenty.subjects, twenty.another_named) == (20, 0.0)
+    assert twenty.named > 0.8
+    assert found.sentences()[-1].startswith("with d and 100 trials each, the most frequent kind of the mixed population is named in")
+    pd.testing.assert_frame_equal(power_of_studies(table, (10, 20)).frame(), found.frame()[:4])
+
+
+def test_counts_of_studies_analysed_as_groups():
+    def analysed(kind, *found):  # probability of direction, and found in some pair, by subjects whose asymmetry is negative
+        return [AnalysedStudy("d", 100, 8, kind, p, -0.1, some, (0.1,) * 5, warned=p == 0.5) for p, some in found]
+
+    rows = analysed("none", (0.5, False), (0.99, True)) + analysed("update", (0.01, True), (0.03, True), (0.98, False), (0.5, False))
+    table = PopulationPower(tuple(rows), 1)
+    expected = {ON_AVERAGE: 0.5, REVERSED: 0.25, SOMEWHERE: 0.5, "analysed with warnings": 0.25}
+    assert {name: table.counted["d", 100, "update", 8, name].value for name in expected} == expected
+    assert ("d", 100, "none", 8, REVERSED) not in table.counted
+    assert table.sentences() == [
+        "with d and 100 trials each, population shows an order effect of subjects who update in 50 % of studies with 8 subjects (of 4), "
+        "and wrongly of others in 1 of 2"
+    ]
+
+
+def test_many_pairs_are_no_more_chances():
+    """Columns without effect: 0 is outside of the band in 5 % of posteriors about estimates that scatter by chance, as their sd says."""
+    rng, hits = np.random.default_rng(2), 0
+    for _ in range(400):
+        hits += outside_band(rng.standard_normal(12) + rng.standard_normal((1000, 12)))
+    assert 0.02 < hits / 400 < 0.09  # 99.9 % of 400 with a rate of 0.05
+
+
+def test_smaller_studies_are_parts_of_larger_ones_and_no_subject_is_in_two_of_a_size():
+    people, shares = observers_from(None, 600, seed=1), {"none": 0.2, "constant error": 0.2, "update": 0.6}
+    planned = list(planned_studies(people, [3, 12], shares, 1))
+    assert len({one.name for one in planned}) == len(planned)
+    for kind in ("none", "mixed"):
+        small, large = ([one.people for one in planned if one.kind == kind and len(one.people) == size] for size in (3, 12))
+        assert (len(large), small) == (50, [study[:3] for study in large])
+        assert len({one.name for study in large for one in study}) == 600
+    kinds = [one.kind for study in large for one in study]
+    assert kinds.count("update") / 600 == pytest.approx(0.6, abs=3.3 * np.sqrt(0.24 / 600))  # false alarm 1 in 1,000
+
+
+def test_asymmetries_of_observers_have_the_sign_of_the_populations():
+    pairs = comparisons(StudyDesign([0.0, 0.5, 0.5], [0.3, 0.2, 0.5], [1, 1, 1]))
+    assert pairs.tolist() == [[0.0, 0.3], [0.2, 0.5]]
+    none, _, update = observers_from(None, 1, seed=1)
+    assert asymmetry_of(none, pairs) == pytest.approx(0.0, abs=1e-12)
+    given = [update.quantities[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
+    strong, weak = np.array([0.3, 0.5]), np.array([0.0, 0.2])
+    expected = bt.model.equal_probability(strong, weak, *given).mean() - bt.model.equal_probability(weak, strong, *given).mean()
+    assert asymmetry_of(update, pairs) == pytest.approx(expected, rel=1e-9)
+
+
+def test_pairs_may_be_asked_for_that_nobody_met_in_both_orders():
+    design = paper_study_design()
+    found = made_up_group(bt.Study([design.answered(design.n_trials // 2, name) for name in "AB"]))
+    assert np.array_equal(asymmetries(found, comparisons(design)).draws, found.asymmetries.draws)  # all were met in both
+    further = asymmetries(found, np.array([[0.1, 0.6]]))
+    assert further.comparisons[1:] == ("P(equal) 0.6 then 0.1 less 0.1 then 0.6",)
+
+
+# --- The command ----------------------------------------------------------------------------------
+
+
+ALONE = ("--data-sets", "1", "--seed", "1", "--workers", "1", "-o", "out")
+
+
 def test_the_command(tmp_path, designs):
     designs["paper"].save(tmp_path / "design.csv")
-    asked = ("power", "design.csv", "--trials", "130,65", "--data-sets", "1", "-o", "out", "--seed", "1", "--workers", "1")
-    done = inside(*asked, cwd=tmp_path)
+    done = inside("power", "design.csv", "--trials", "130,65", "--stop", "0.9", "--look", "65", *ALONE, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "with these pairs 65 trials name an update in" in done.stdout
-    assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == [
-        "power.csv",
-        "power.pdf",
-        "power.png",
-        "power_data_sets.csv",
-        "power_subjects.csv",
-    ]
-    table, sets = (pd.read_csv(tmp_path / "out" / name) for name in ("power.csv", "power_data_sets.csv"))
+    assert "with these pairs, stopping at P > 0.9 or 130 trials names an update in" in done.stdout
+    names = ["power.csv", "power.pdf", "power.png", "power_data_sets.csv", "power_stopping.csv", "power_subjects.csv"]
+    assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == names
+    table, sets, sessions = (pd.read_csv(tmp_path / "out" / f"power{name}.csv") for name in ("", "_data_sets", "_stopping"))
     assert (set(table.trials), len(sets), list(sets.columns[:4])) == ({65, 130}, 6, ["design", "trials", "observer", "kind"])
+    assert set(sessions.trials) <= {65, 130}
+    assert not (tmp_path / "out.partial").exists()
+
+
+def test_the_command_with_groups(tmp_path):
+    (tmp_path / "some.toml").write_text("[update]\npull = 0.3\nmu1 = 0.3\nwidth = 0.3\nq0 = 0.9\n", encoding="utf-8")
+    asked = ("--observers", "some.toml", "--trials", "20000", "--subjects", "1,2", "--population", "--studies", "1")
+    # of so many trials the analysis takes 3 seconds, of few 8
+    done = inside("power", *asked, *ALONE, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "and 20000 trials each, population shows an order effect of subjects who update in" in " ".join(done.stdout.split())
+    table = pd.read_csv(tmp_path / "out" / "power_population.csv")
+    assert (set(table.subjects), set(table.studies), set(table.observers)) == ({2}, {1}, {"update"})
+    assert table.set_index("quantity").value["90 % width of pull at the means"] > 0.0
     assert not (tmp_path / "out.partial").exists()
 
 
@@ -128,7 +201,10 @@ def test_the_command(tmp_path, designs):
 )
 def test_bad_input_is_one_line(tmp_path, more, said):
     done = inside("power", *more, "-o", "out", cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith(said)
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stderr.startswith(said), done.stderr.count("\n")) == (2, True, 1)
     assert not (tmp_path / "out").exists()
+
+
+def test_studies_of_one_subject_are_refused():
+    with pytest.raises(InputError, match=r"studies=1, subjects=\[1\]: allowed is at least 1 study of at least 2 subjects"):
+        bt.power_of_populations(subjects=[1], studies=1)

@@ -1,14 +1,12 @@
 """Sessions that stop: their probabilities are those of the evidences, they stop when the rule says so, and errors are counted."""
 
 import numpy as np
-import pandas as pd
 import pytest
-from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power import analysed
+from bayes_toe.planning.power import judged
 from bayes_toe.planning.stopping import Session, StoppingRule, StoppingTable, session
 from bayes_toe.planning.study_design import narrow_study_design
 from bayes_toe.seeds import generator
@@ -23,7 +21,7 @@ def test_a_session_that_goes_on_to_the_end_says_what_the_analysis_of_all_its_ans
     order = rng.permutation(np.repeat(np.arange(NARROW.n_pairs), NARROW.n_trials))
     equal = rng.uniform(size=200) < observer.equal(NARROW)[order]
     subject = bt.Subject.from_trials("s", NARROW.s1[order], NARROW.s2[order], equal)
-    evidence, _ = analysed(subject, 1, bt.Prior())
+    evidence = judged(subject, 1, bt.Prior()).log_evidence
     assert (found.trials, found.named) == (200, None)
     assert np.diff(np.log(found.probability)) == pytest.approx(np.diff(evidence), abs=0.15)
 
@@ -43,34 +41,7 @@ def test_errors_are_counted():
     ]
 
 
-def test_the_command(tmp_path):
-    NARROW.save(tmp_path / "d.csv")
-    asked = (
-        "power",
-        "d.csv",
-        "--trials",
-        "50",
-        "--data-sets",
-        "1",
-        "--stop",
-        "0.9",
-        "--look",
-        "25",
-        "-o",
-        "p",
-        "--seed",
-        "1",
-        "--workers",
-        "1",
-    )
-    done = inside(*asked, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "with these pairs, stopping at P > 0.9 or 50 trials names an update in" in done.stdout
-    assert set(pd.read_csv(tmp_path / "p" / "power_stopping.csv").trials) <= {25, 50}
-    assert not (tmp_path / "p.partial").exists()
-
-
-def test_refusals(tmp_path):
+def test_refusals():
     with pytest.raises(InputError, match="allowed is a probability above 1/3 and below 1"):
         StoppingRule(1.5)
     with pytest.raises(InputError, match="--look 2000: allowed is 1 to 1000"):

@@ -5,7 +5,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
-from bayes_toe.planning.power import NAMED, DataSet, PowerTable
+from bayes_toe.planning.power import NAMED, DataSet, Judgement, PowerTable
 from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower
 from bayes_toe.planning.study_design import Pairs, paper_study_design
 
@@ -17,8 +17,8 @@ def made_up(designs, trials):
             for kind in ("none", "constant error", "update"):
                 for i in range(5):
                     p = rng.dirichlet([1.0, 1.0, 1.0])
-                    rows.append(DataSet(name, n, f"{kind} {i}", kind, tuple(np.log(p)), tuple(p), (0.1, 1.0, 0.05)))
-    return PowerTable(tuple(rows), tuple(designs), 1)
+                    rows.append(DataSet(name, n, f"{kind} {i}", kind, Judgement(tuple(np.log(p)), (0.1, 1.0, 0.05))))
+    return PowerTable(tuple(rows), 1)
 
 
 @pytest.fixture(scope="module")
