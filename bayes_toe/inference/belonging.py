@@ -84,20 +84,17 @@ def require_said_prior(source: str, said: str, wanted: str, but: str = "") -> No
 def _other_study(draws: Draws, study: Study) -> str:
     """What is not the same; nothing where all is."""
     known = {*draws.names, *draws.failed}
-    absent, others = [name for name in study.names if name not in known], known.difference(study.names)
+    absent, others = [name for name in study.names if name not in known], sorted(known.difference(study.names))
+    different = [] if absent or others else [name for name in draws.names if not same_answers(draws.subject(name), study[name])]
+    who = f"subject {listed([quoted(name) for name in absent or others or different], 3)}"
     if absent:
-        return f"found no draws of {_named(absent)}"
+        return f"found no draws of {who}"
     if others:
-        return f"found draws of {_named(sorted(others))}, whom {study.source} does not have"
-    different = [name for name in draws.names if not same_answers(draws.subject(name), study[name])]
-    return f"found draws of {_named(different)} from other answers" if different else ""
+        return f"found draws of {who}, whom {study.source} does not have"
+    return f"found draws of {who} from other answers" if different else ""
 
 
 def same_answers(one: Subject, other: Subject) -> bool:
     """Whether both have the same counts of the same pairs."""
     pairs = [(getattr(one, name), getattr(other, name)) for name in _COLUMNS]
     return all(mine is theirs is None if mine is None or theirs is None else np.array_equal(mine, theirs) for mine, theirs in pairs)
-
-
-def _named(names: Iterable[str]) -> str:
-    return f"subject {listed([quoted(name) for name in names], 3)}"

@@ -99,6 +99,21 @@ def _found(measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: Floa
     return found.tolist()
 
 
+def worst(found: Mapping[str, Convergence]) -> tuple[tuple[str, float], tuple[str, float]]:
+    """What has the fewest effective draws, bulk or tail, and how many; what has the largest R-hat, and which. NaN is worst."""
+    ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
+    r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
+    return min(ess.items(), key=lambda item: item[1]), max(r_hat.items(), key=lambda item: item[1])
+
+
+def shortfall(found: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
+    """What was not reached, in words; empty where everything was."""
+    (lowest, ess), (highest, r_hat) = worst(found)
+    problems = [f"{ess:.0f} effective draws of {lowest}, {draws} required"] if ess < draws else []
+    problems += [f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required"] if r_hat >= max_r_hat else []
+    return "; ".join(problems)
+
+
 def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: float) -> FloatArray:
     """Monte Carlo errors of quantiles where the effective sample size is known; draws of any shape, one error a probability.
 

@@ -145,10 +145,10 @@ class Draws:
 
     def select(self, name: str | int) -> Draws:
         """The same."""
-        name, pairs = self._known(name), self._pairs(name)
+        name = self._known(name)
         with self._reading():
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
-        groups |= {f"/{key}": self.group(key).isel(obs=pairs) for key in ("observed_data", "constant_data")}
+        groups |= {f"/{key}": self.group(key).isel(obs=self._places[name]) for key in ("observed_data", "constant_data")}
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
@@ -161,11 +161,10 @@ class Draws:
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        name, at = self._known(name), self._pairs(name)
-        observed, constant = self.group("observed_data"), self.group("constant_data")
-        columns = (observed["s1"], observed["s2"], observed["n_equal"], constant["n_trials"])
-        s1, s2, n_equal, n_trials = (column.values[at] for column in columns)
-        return Subject(name, s1, s2, n_equal, n_trials, observed["isi"].values[at] if "isi" in observed.coords else None)
+        name = self._known(name)
+        columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
+        keys = ("s1", "s2", "n_equal", "n_trials", *(["isi"] if "isi" in columns else []))
+        return Subject(name, *(columns[key].values[self._places[name]] for key in keys))
 
     def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""
@@ -328,9 +327,6 @@ class Draws:
         owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
         return {str(name): np.asarray(at) for name, at in owner.groupby(owner).indices.items()}
 
-    def _pairs(self, name: str | int) -> IndexArray:
-        return self._places[self._known(name)]
-
     def _known(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
         if as_name(name) not in self._places:
@@ -344,17 +340,14 @@ class Draws:
         return f"<Draws of {self.model!r}: {len(self.names):,} subjects ({named_few(self.names)}), {about}>"
 
     def _repr_html_(self) -> str:
-
-        rows = [self._row(name) for name in self.names[:MOST_ROWS]]
+        rows = []
+        for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
+            row = {"subject": name}
+            for key in self.posterior(name).names.natural:
+                low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
+                row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
+            rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
         return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))
-
-    def _row(self, name: str) -> dict[str, str]:
-        """What a notebook shows of one subject: natural parameters and whether they may be read."""
-        row = {"subject": name}
-        for key in self.posterior(name).names.natural:
-            low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
-            row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
-        return {**row, "converged": "no" if name in self.not_converged else "yes"}
 
 
 def load(path: str | Path) -> Draws:

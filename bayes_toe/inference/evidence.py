@@ -21,7 +21,6 @@ from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import log_jacobian, log_jacobian_slope_of_pull
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.target import Conjugate
 
 #: Probability that a model without evidence may have at most, by the bound of it, where it is left out as having none.
 NO_WEIGHT = 1e-4
@@ -64,20 +63,15 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
     """
     if not fitted.independent:
         raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first")
-    quality = fitted.efficiency, fitted.pareto_k
+    quality, draws = (fitted.efficiency, fitted.pareto_k), fitted.draws
     if not fitted.trusted:
         reason = f"importance weights are unreliable (Pareto k-hat {fitted.pareto_k:.2f}, efficiency {fitted.efficiency:.3f})"
-        return Evidence(None, None, *quality, f"evidence withheld: {reason}", _highest_log_likelihood(fitted))
-    n = len(fitted.draws.log_weights)
-    value = float(logsumexp(fitted.draws.log_weights) - np.log(n))
+        target, best = fitted.proposal.posterior, draws.x[np.argmax(draws.log_posterior - draws.log_prior)]
+        highest = -float(minimize(lambda x: -float(target.log_likelihood(x[None])[0]), best, method="Nelder-Mead").fun)
+        return Evidence(None, None, *quality, f"evidence withheld: {reason}", highest)
+    n = len(draws.log_weights)
+    value = float(logsumexp(draws.log_weights) - np.log(n))
     return Evidence(value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), *quality)
-
-
-def _highest_log_likelihood(fitted: FittedProposal) -> float:
-    """By climbing from the best of the draws."""
-    target, draws = fitted.proposal.posterior, fitted.draws
-    best = np.argmax(draws.log_posterior - draws.log_prior)
-    return -float(minimize(lambda x: -float(target.log_likelihood(x[None])[0]), draws.x[best], method="Nelder-Mead").fun)
 
 
 def weighed(values: Iterable[float | None], bounds: Iterable[float]) -> FloatArray:
@@ -104,10 +98,7 @@ def said_of_bound(bound: float, known: FloatArray) -> str:
     return f"its log evidence is at most {bound:.1f}, the highest log likelihood, and so its probability 0 (at most 1e{digits:.0f})"
 
 
-def exact_evidence(target: Conjugate) -> Evidence:
-    """The evidence of a posterior in closed form."""
-    return Evidence(target.log_evidence, 0.0, None, None)
-
+# --- Laplace ---------------------------------------------------------------------------------------
 
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge
 #: Where the search starts: logits of the pull, and by how much offset (in widths), log width and logit of q0 differ from those of the
@@ -157,7 +148,8 @@ def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: Float
     # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.
     slope, bend = np.abs(found.gradient[:, best[0]]), np.abs(np.diagonal(curvature))
     if not found.arrived[best[0]] or np.any(slope > _STILL * bend):
-        return None, f"{label} does not exist: the maximum lies on an edge ({_edge(x)})"
+        edges = {"gamma = 1": x[1], "gamma = 0": -x[1], "q0 = 1": x[3], "q0 = 0": -x[3], "sigma_p = 0": -x[2]}
+        return None, f"{label} does not exist: the maximum lies on an edge ({max(edges, key=edges.__getitem__)})"
     return _at(float(posterior.log_density(x)[0]), curvature, label)
 
 
@@ -183,9 +175,3 @@ def _at(value: float, curvature: FloatArray, label: str) -> tuple[float | None, 
     if eigenvalues[0] <= 0:
         return None, f"{label} does not exist: the Hessian at the maximum is not negative definite"
     return value - 0.5 * float(np.log(eigenvalues).sum()) + 0.5 * len(eigenvalues) * LOG_2PI, ""
-
-
-def _edge(x: FloatArray) -> str:
-    """The edge that a point is nearest to, in words."""
-    edges = {"gamma = 1": x[1], "gamma = 0": -x[1], "q0 = 1": x[3], "q0 = 0": -x[3], "sigma_p = 0": -x[2]}
-    return max(edges, key=lambda name: edges[name])

@@ -6,7 +6,6 @@ The objective may differ from point to point. Arrays have their points on the la
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +16,6 @@ from bayes_toe.model.target import Gradient, Target, hessian, one_sided
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
-_TRIES, _POINTS = 5, 128  # steps evaluated beside each next one, at most, and about how many points cost little more than one
 _TINY = 1e-300
 
 
@@ -96,8 +94,6 @@ def ascend(
 ) -> Ascent:
     """Levenberg-damped Newton ascent of every start; a step is kept only if it does not lower the value.
 
-    Where a step fails a shorter one follows. Of few points some of these are evaluated at once: the way is the same, and takes less time.
-
     Parameters
     ----------
     objective : Objective
@@ -135,24 +131,20 @@ def ascend(
         if not len(at):
             break
         free = ~(held | ((now.x >= top) & (now.gradient >= 0.0)))
-        tries = 1 + min(_TRIES, _POINTS // len(at))
-        dampings = _dampings(damping, tries)
         with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
-            step, decrement, proper = _steps(now.gradient, now.hessian, free, dampings)
+            step, decrement, proper = _steps(now.gradient, now.hessian, free, damping)
         step *= np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY))
-        trial = np.minimum(now.x[:, None] + step, top[:, None])
-        value = objective.value(trial.reshape(len(x), -1), np.tile(at, tries)).reshape(dampings.shape)
-        chosen = (value >= now.value).argmax(axis=0), np.arange(len(at))  # the first that does not lower the value
-        better = np.flatnonzero(value[chosen] >= now.value)
-        now.x[:, better], now.value[better] = trial[:, *chosen][:, better], value[chosen][better]
+        trial = np.minimum(now.x + step, top)
+        value = objective.value(trial, at)
+        better = value >= now.value
+        now.x[:, better], now.value[better] = trial[:, better], value[better]
         now.gradient[:, better], now.hessian[:, :, better] = objective.derivatives(now.x[:, better], at[better])
         # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not the step was taken.
-        now.arrived[:] = (decrement[0] < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
-        damping = _dampings(dampings[-1], 2)[1]
-        damping[better] = np.maximum(dampings[chosen][better] / 16.0, 1e-12)
+        now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
+        damping = np.where(better, np.maximum(damping / 16.0, 1e-12), np.maximum(8.0 * damping, 1e-3))
         going = ~now.arrived & (damping < 1e12) & np.isfinite(now.hessian).all(axis=(0, 1))  # not beyond where slopes are floats
         if leaders is not None:
-            near = better[(proper[chosen] & (decrement[chosen] < _NEAR))[better]]
+            near = np.flatnonzero(better & proper & (decrement < _NEAR))
             going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])
         if not going.all():
             ended.put(at, now)
@@ -181,46 +173,37 @@ class _Leaders:
         return np.asarray((self.at[of] != at) & close.all(axis=0))
 
 
-def _dampings(damping: FloatArray, tries: int) -> FloatArray:
-    """The dampings of all points, and those that follow where a step fails, (tries, points)."""
-    found = np.empty((tries, len(damping)))
-    found[0] = damping
-    for last, following in pairwise(found):
-        np.maximum(8.0 * last, 1e-3, out=following)
-    return found
-
-
 def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Ascent steps (k, tries, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
+    """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
 
-    -H is scaled to a unit diagonal, which the damping, (tries, points), raises. Where the result is positive definite the step follows by
+    -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is positive definite the step follows by
     elimination; elsewhere eigenvalues enter by size, so that the step leads uphill, away from a saddle too.
     """
-    k = len(gradient)
-    size = np.abs(hessian[np.arange(k), np.arange(k)])
+    diagonal = np.arange(len(gradient)), np.arange(len(gradient))
+    size = np.abs(hessian[diagonal])
     scale = np.where(free & (size > 0.0), 1.0 / np.sqrt(np.maximum(size, _TINY)), free)
-    matrix = hessian * -scale[:, None]
-    matrix *= scale
+    matrix = hessian * -scale[:, None] * scale
     right = np.where(free, gradient, 0.0) * scale
-    matrix[np.arange(k), np.arange(k)] += ~free
+    matrix[diagonal] += ~free
     step, proper = _solve(matrix, right, damping)
     if not proper.all():
-        some = ~proper.all(axis=0)
-        step[..., some] = np.where(proper[:, some], step[..., some], _uphill(matrix[..., some], right[:, some], damping[:, some]))
-    return step * scale[:, None], np.abs(step * right[:, None]).sum(axis=0), proper
+        values, vectors = np.linalg.eigh(np.moveaxis(matrix[..., ~proper], -1, 0))
+        along = np.einsum("nij,in->nj", vectors, right[:, ~proper]) / (np.abs(values) + damping[~proper, None])
+        step[:, ~proper] = np.einsum("nij,nj->in", vectors, along)
+    return step * scale, np.abs(step * right).sum(axis=0), proper
 
 
 def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Solve many small symmetric systems with raised diagonals by elimination; False where a pivot is not positive."""
-    k = len(right)
-    a, y = (np.repeat(part[..., None, :], len(damping), axis=-2) for part in (matrix, right))
+    """Solve many small symmetric systems with raised diagonals by elimination; False where a pivot is not positive.
+
+    LAPACK, called for each, takes several times as long.
+    """
+    k, a, y, proper = len(right), matrix.copy(), right.copy(), np.ones(len(damping), bool)
     a[np.arange(k), np.arange(k)] += damping
-    proper = np.ones(damping.shape, bool)
     for j in range(k):
         good = a[j, j] > 1e-12
-        if not good.all():
-            proper &= good
-            a[j, j][~good] = 1.0
+        proper &= good
+        a[j, j][~good] = 1.0
         factor = a[j, j + 1 :] / a[j, j]
         for i in range(j + 1, k):  # the rows below, of which the part on and behind the diagonal counts
             a[i, i:] -= factor[i - j - 1] * a[j, i:]
@@ -229,13 +212,6 @@ def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[
         y[j] /= a[j, j]
         y[:j] -= a[:j, j] * y[j]
     return y, proper
-
-
-def _uphill(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> FloatArray:
-    """The damped steps with every eigenvalue by its size."""
-    values, vectors = np.linalg.eigh(np.moveaxis(matrix, -1, 0))
-    along = np.einsum("nij,in->nj", vectors, right) / (np.abs(values) + damping[..., None])
-    return np.asarray(np.einsum("nij,dnj->idn", vectors, along))
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,18 +258,11 @@ def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     x = target.starts() if starts is None else starts
     density = Differenced(target.log_density, lambda x: target.gradient(x)[1], *x.shape)
     found = ascend(density, x.T)
-    kept = np.flatnonzero(found.arrived if found.arrived.any() else np.ones_like(found.arrived))
-    kept = kept[_distinct(found.x.T[kept], found.value[kept])]
-    x, value = found.x.T[kept], found.value[kept]
-    hopeless = value <= value[0] - 30.0
-    chosen = kept[~hopeless]
-    return Maxima(x[~hopeless], value[~hopeless], density.curvature(found.x[:, chosen], chosen), bool(found.arrived.any()), x[hopeless])
-
-
-def _distinct(x: FloatArray, value: FloatArray) -> IndexArray:
-    """Indices of maxima that differ visibly, best first."""
     chosen: list[int] = []
-    for i in np.argsort(-value):
-        if all(np.abs(x[i] - x[j]).max() > 1e-3 for j in chosen):
+    for i in np.argsort(-found.value):
+        if (found.arrived[i] or not found.arrived.any()) and all(np.abs(found.x[:, i] - found.x[:, j]).max() > 1e-3 for j in chosen):
             chosen.append(int(i))
-    return np.array(chosen)
+    x, value = found.x.T[chosen], found.value[chosen]
+    near = value > value[0] - 30.0
+    kept = np.array(chosen)[near]
+    return Maxima(x[near], value[near], density.curvature(found.x[:, kept], kept), bool(found.arrived.any()), x[~near])

@@ -107,20 +107,12 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
     >>> predict_equal(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    fitted = Predictor.of(draws, subject)
-    if isi is None:
-        _require_no_intervals(draws)
-        first, second = _broadcast(s1, s2)
-        columns = {"s1": first, "s2": second}
-    else:
-        _require_intervals(draws)
-        first, second, seconds = _broadcast(s1, s2, require_intervals(isi))
-        columns = {"s1": first, "s2": second, "isi": seconds}
-
-    def predicted(rows: slice) -> FloatArray:
-        return fitted.equal(*(values[rows] for values in columns.values()))
-
-    return _table(columns, len(fitted.x), predicted)
+    fitted, keys = Predictor.of(draws, subject), ("s1", "s2", "isi")
+    if isi is None and draws.intervals:
+        raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")
+    asked = (s1, s2) if isi is None else (s1, s2, _seconds(draws, isi))
+    columns = [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(one, np.float64)) for one in asked))]
+    return _table(dict(zip(keys, columns, strict=False)), len(fitted.x), lambda rows: fitted.equal(*(one[rows] for one in columns)))
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
@@ -151,31 +143,21 @@ def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame
     InputError
         For an unknown subject, an interval that is not positive and finite, or draws without intervals.
     """
-    _require_intervals(draws)
-    (seconds,) = _broadcast(require_intervals(isi))
-    fitted = Predictor.of(draws, subject)
+    seconds, fitted = np.ravel(_seconds(draws, isi)), Predictor.of(draws, subject)
     return _table({"isi": seconds}, len(fitted.x), lambda rows: fitted.gain(seconds[rows]))
+
+
+def _seconds(draws: Draws, isi: npt.ArrayLike) -> FloatArray:
+    """Intervals that these draws know."""
+    if not draws.intervals:
+        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
+    return require_intervals(isi)
 
 
 def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
     """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
-    rows = len(next(iter(columns.values())))
-    size = max(1, _BLOCK // draws)
+    rows, size = len(next(iter(columns.values()))), max(1, _BLOCK // draws)
     values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]
     mean = np.concatenate([part.mean(axis=0) for part in values])
     quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
-
-
-def _broadcast(*arrays: npt.ArrayLike) -> list[FloatArray]:
-    return [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(array, np.float64)) for array in arrays))]
-
-
-def _require_intervals(draws: Draws) -> None:
-    if not draws.intervals:
-        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
-
-
-def _require_no_intervals(draws: Draws) -> None:
-    if draws.intervals:
-        raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.target import Answering, times_counts
 from bayes_toe.seeds import generator
@@ -25,11 +24,12 @@ _CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the w
 # --- Deviance ---------------------------------------------------------------------------------------
 
 
-def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: npt.ArrayLike, log_rest: npt.ArrayLike) -> FloatArray:
+def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     """Deviance of k 'equal' answers in n from P(equal) = q and P(different) = 1 - q, in nats times 2. Arguments broadcast.
 
-    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more. The logs of q and
-    of 1 - q are given apart: either probability may be below the smallest float. Infinite where an answer was given that has probability 0.
+    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more, to the rounding of
+    that. The logs of q and of 1 - q are given apart: either probability may be below the smallest float. Infinite where an answer was given
+    that has probability 0.
 
     Examples
     --------
@@ -38,22 +38,8 @@ def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: np
     [0.0, 69.314718]
     """
     k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
-    return np.asarray(2.0 * (_excess(k, n, np.asarray(log_q, np.float64)) + _excess(n - k, n, np.asarray(log_rest, np.float64))))
-
-
-def _excess(x: FloatArray, n: FloatArray, log_share: FloatArray) -> FloatArray:
-    """The term x ln(x/m) - x + m >= 0 with m = n e^log_share; near x = m by the series of the logarithm in v = (x - m)/(x + m)."""
-    x, m = np.broadcast_arrays(x, n * np.exp(log_share))
-    both = x + m
-    v = np.divide(x - m, both, out=np.zeros(both.shape), where=both > 0)
-    near = np.abs(v) < 0.1
-    square = np.where(near, v * v, 0.0)
-    series = np.zeros_like(square)
-    for j in range(10, 0, -1):  # 0.01^10 is far below rounding
-        series = (series + 1.0 / (2 * j + 1)) * square
-    with np.errstate(divide="ignore", invalid="ignore"):  # branches not taken
-        far = np.where(x > 0, x * (np.log(x / n) - log_share), 0.0) - x + m
-    return np.asarray(np.where(near, (x - m) * v + 2.0 * x * v * series, far))
+    saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
+    return np.asarray(2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +79,11 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     >>> fit.residual.shape, fit.degrees_of_freedom
     ((3,), -1)
     """
-    point = np.asarray(x, np.float64).reshape(1, -1)
-    logs = posterior.log_answers(point)
-    pairs, q = _pair_deviance(posterior, *logs)[0], np.exp(logs[0][0])
-    subject = posterior.subject
+    (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
+    subject, q = posterior.subject, np.exp(log_q)
+    pairs = binomial_deviance(subject.n_equal, subject.n_trials, log_q, log_rest)
     sign, freedom = np.sign(subject.n_equal - subject.n_trials * q), subject.n_pairs - len(posterior.coordinates)
-    p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, logs[0][0], logs[1][0])
+    p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, log_q, log_rest)
     return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), freedom, p_value)
 
 
@@ -126,35 +111,18 @@ def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q:
 
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
-    log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
     k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
-    possible, at = k <= n, np.minimum(k, n)
+    log_rare, log_other, at = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest), np.minimum(k, n)
     log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
-    log_chance = times_counts(at, log_rare) + times_counts(n - at, log_other)
-    chance = np.where(possible, np.exp(log_ways + log_chance), 0.0)
-    values = np.where(chance > 0.0, 2.0 * (_saturated(at, n) - log_chance), 0.0)
-    mean = (chance * values).sum(axis=0)
-    rare = n * np.exp(log_rare) < _OFTEN
+    chance = np.where(k <= n, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0)
+    values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
+    mean, rare = (chance * values).sum(axis=0), n * np.exp(log_rare) < _OFTEN
     return np.where(rare, mean, 1.0), np.where(rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0)
-
-
-def _saturated(k: FloatArray, n: FloatArray) -> FloatArray:
-    """Log likelihood of k 'equal' answers in n where P(equal) = k/n, the largest there is, without binomial coefficients."""
-    return np.asarray(xlogy(k, k / n) + xlogy(n - k, (n - k) / n))
 
 
 def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
     """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
-    return _pair_deviance(posterior, *posterior.log_answers(require_draws(x, posterior)))
-
-
-def _pair_deviance(posterior: Answering, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
-    return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, log_q, log_rest)
-
-
-def _half_deviance(k: FloatArray, n: FloatArray, logs: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Half the deviance of counts, (points, pairs) -> (points,), to the rounding of the likelihood: counts are compared by it."""
-    return np.asarray((_saturated(k, n) - times_counts(k, logs[0]) - times_counts(n - k, logs[1])).sum(axis=-1))
+    return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, *posterior.log_answers(require_draws(x, posterior)))
 
 
 def require_draws(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
@@ -198,11 +166,6 @@ class PredictiveCheck:
     p_overall_se: float
 
     @property
-    def p_mid(self) -> FloatArray:
-        """P(n_rep < n_equal) + P(n_rep = n_equal)/2, shape (pairs,): near 0 too few 'equal' answers, near 1 too many."""
-        return np.asarray(0.5 * (self.p_fewer + (1.0 - self.p_more)))
-
-    @property
     def p_value(self) -> FloatArray:
         """Two-sided p-value of every pair, twice the smaller tail; conservative, since the same answers shaped the posterior."""
         return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
@@ -226,23 +189,20 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         If draws have another shape or hold a NaN.
     """
     points, subject = require_draws(x, posterior), posterior.subject
-    answers, trials = subject.n_equal.astype(np.float64), subject.n_trials.astype(np.float64)
+    k, n = subject.n_equal, subject.n_trials
     rng = generator(seed, subject.name, posterior.model.name, "predictive check")
-    expected, fewer, more = (np.zeros(subject.n_pairs) for _ in range(3))
-    beyond = 0
+    sums, beyond = np.zeros((3, subject.n_pairs)), 0
     rows = max(1, _BLOCK // subject.n_pairs)
     for start in range(0, len(points), rows):
         some = points[start : start + rows]
         logs = posterior.log_answers(some)
         q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some, logs))
-        expected += np.exp(logs[0]).sum(axis=0)
-        for total, tail in zip((fewer, more), binomial_tails(subject.n_equal, subject.n_trials, q, rest), strict=True):
-            total += tail.sum(axis=0)
-        again = rng.binomial(subject.n_trials, q).astype(np.float64)
-        beyond += int(np.count_nonzero(_half_deviance(again, trials, logs) >= _half_deviance(answers, trials, logs)))
-    share = beyond / len(points)
-    error = float(np.sqrt(share * (1.0 - share) / len(points)))
-    return PredictiveCheck(expected / len(points), fewer / len(points), more / len(points), share, error)
+        tails = (np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0) for x, share in ((k, rest), (n - k, q)))
+        sums += [values.sum(axis=0) for values in (np.exp(logs[0]), *tails)]
+        again, seen = (binomial_deviance(counts, n, *logs).sum(axis=1) for counts in (rng.binomial(n, q), k))
+        beyond += int(np.count_nonzero(again >= seen))
+    (expected, fewer, more), share = sums / len(points), beyond / len(points)
+    return PredictiveCheck(expected, fewer, more, share, float(np.sqrt(share * (1.0 - share) / len(points))))
 
 
 @dataclass(frozen=True)
@@ -319,7 +279,11 @@ def summarise_fit(
     points, subject = require_draws(x, posterior), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
     best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
-    worst, fit = int(np.argmin(check.p_value)), fit_at(posterior, points[best : best + 1])
+    fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))
+    isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
+    s1, s2, observed, expected = (column.tolist() for column in (subject.s1, subject.s2, subject.n_equal / subject.n_trials, fit.q))
+    order, far = np.argsort(-np.abs(fit.residual), kind="stable").tolist(), np.abs(fit.residual) >= _CONSPICUOUS
+    named = [i for place, i in enumerate(order[:_NAMED]) if place == 0 or far[i]]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
         fit.deviance,
@@ -327,31 +291,9 @@ def summarise_fit(
         check.p_overall,
         check.p_overall_se,
         float(check.p_value[worst]),
-        float(subject.s1[worst]),
-        float(subject.s2[worst]),
-        None if subject.isi is None else float(subject.isi[worst]),
+        s1[worst],
+        s2[worst],
+        isi[worst],
         deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)),
-        _worst_pairs(subject, fit),
+        tuple(PairFit(s1[i], s2[i], observed[i], expected[i], isi[i]) for i in named),
     )
-
-
-def _worst_pairs(subject: Subject, fit: Fit) -> tuple[PairFit, ...]:
-    order, far = np.argsort(-np.abs(fit.residual), kind="stable"), np.abs(fit.residual) >= _CONSPICUOUS
-    named = [int(pair) for place, pair in enumerate(order[:_NAMED]) if place == 0 or far[pair]]
-    share = subject.n_equal / subject.n_trials
-    isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
-    return tuple(PairFit(float(subject.s1[i]), float(subject.s2[i]), float(share[i]), float(fit.q[i]), isi[i]) for i in named)
-
-
-def binomial_tails(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, q: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """P(N <= k) and P(N >= k) for N ~ Binomial(n, q); `rest` is 1 - q. Arguments broadcast.
-
-    Examples
-    --------
-    >>> [float(tail) for tail in binomial_tails(1, 2, np.array(0.5), np.array(0.5))]
-    [0.75, 0.75]
-    """
-    k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
-    fewer = np.where(k < n, betainc(np.maximum(n - k, 1.0), k + 1.0, rest), 1.0)
-    more = np.where(k > 0, betainc(np.maximum(k, 1.0), n - k + 1.0, q), 1.0)
-    return np.asarray(fewer), np.asarray(more)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.inference.diagnostics import Convergence, convergence_of, tail_error
+from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 from bayes_toe.model.target import Conjugate, Target, require_defined
 from bayes_toe.seeds import generator, stream
@@ -167,9 +167,8 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
         diagnostics = convergence_of(posterior.judged(x))
-        reason, imprecise, hopeless = _shortfall(diagnostics, settings), "", False
-        if not reason:
-            imprecise, hopeless = _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+        reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
+        imprecise, hopeless = ("", False) if reason else _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
         if hopeless or thin >= settings.max_thin or not (reason or imprecise):
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason, imprecise)
         thin *= 2
@@ -192,14 +191,13 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     """
 
     def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
-        self.proposal, self._left, self._known = proposal, first, (np.empty((0, 0)), np.empty(0))
+        self.proposal, self._left = proposal, first
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
-        x = state.coords
-        fresh, log_old = self.take(len(x), model.random), self.log_proposal(x)
-        accepted = np.log(model.random.rand(len(x))) < fresh.log_weights - (state.log_prob - log_old)
-        self._known = np.where(accepted[:, None], fresh.x, x), np.where(accepted, fresh.log_proposal, log_old)
+        fresh = self.take(len(state.coords), model.random)
+        log_old = self.proposal.log_density(state.coords, self.proposal.posterior.log_prior(state.coords))
+        accepted = np.log(model.random.rand(len(fresh.x))) < fresh.log_weights - (state.log_prob - log_old)
         return self.update(state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
 
     def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
@@ -208,19 +206,6 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
             self._left = importance_draws(self.proposal, random, max(size, _BATCH))
         taken, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
         return taken
-
-    def log_proposal(self, x: FloatArray) -> FloatArray:
-        """Log proposal density at the walkers: they stand where the last global step left them, but for few that were moved since."""
-        points, values = self._known
-        if points.shape != x.shape:
-            return self._log_density(x)
-        moved = (points != x).any(axis=1)
-        if moved.any():
-            values[moved] = self._log_density(x[moved])
-        return values
-
-    def _log_density(self, x: FloatArray) -> FloatArray:
-        return self.proposal.log_density(x, self.proposal.posterior.log_prior(x))
 
 
 def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float]]:
@@ -284,19 +269,6 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
     return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
-def _shortfall(diagnostics: dict[str, Convergence], settings: SamplerSettings) -> str:
-    """What was not reached, in words; empty where everything was. A NaN diagnostic counts as not reached."""
-    lowest = min(diagnostics, key=lambda name: np.nan_to_num(min(diagnostics[name][:2])))
-    highest = max(diagnostics, key=lambda name: np.nan_to_num(diagnostics[name].r_hat, nan=np.inf))
-    ess, r_hat = min(diagnostics[lowest][:2]), diagnostics[highest].r_hat
-    problems = []
-    if not ess >= settings.required:
-        problems.append(f"{ess:.0f} effective draws of {lowest}, {settings.required} required")
-    if not r_hat < settings.max_r_hat:
-        problems.append(f"R-hat {r_hat:.3f} of {highest}, below {settings.max_r_hat:g} required")
-    return "; ".join(problems)
-
-
 def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
@@ -305,8 +277,7 @@ def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str,
     if limit == np.inf:
         return "", False
     natural = {name: values for name, values in posterior.quantities(x).items() if name in posterior.names.natural}
-    left_out = {name: values for name, values in natural.items() if name not in diagnostics}
-    known = diagnostics | (convergence_of(left_out) if left_out else {})
+    known = diagnostics | convergence_of({name: values for name, values in natural.items() if name not in diagnostics})
     errors = {name: tail_error(values, known[name].ess_tail) for name, values in natural.items()}
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:

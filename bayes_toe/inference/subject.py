@@ -14,7 +14,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
 from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
 from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of, smoothed_weights
-from bayes_toe.inference.evidence import Evidence, exact_evidence, importance_evidence
+from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
@@ -130,8 +130,8 @@ def infer(target: AnyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
 def exact_result(target: Conjugate, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline where the posterior is known in closed form."""
     chains = None if wanted.chains is None else independent_chains(target, wanted.chains, seed)
-    evidence = exact_evidence(target) if wanted.evidence_draws else None
-    return _result(target, seed, (1.0, float("nan")), evidence, chains)
+    evidence = Evidence(target.log_evidence, 0.0, None, None) if wanted.evidence_draws else None
+    return SubjectResult(target, 1.0, float("nan"), evidence, chains, _chains_fit(target, chains, seed))
 
 
 def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
@@ -141,8 +141,16 @@ def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectRes
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
-    result = _result(target, seed, (adapted.efficiency, adapted.pareto_k), evidence, chains)
-    return result, Fitted(maxima, fitted)
+    fit = _chains_fit(target, chains, seed)
+    return SubjectResult(target, adapted.efficiency, adapted.pareto_k, evidence, chains, fit), Fitted(maxima, fitted)
+
+
+def _chains_fit(target: Answering, chains: Chains | None, seed: int) -> FitSummary | None:
+    """Goodness of fit by the draws of chains."""
+    if chains is None:
+        return None
+    x = chains.x.reshape(-1, chains.x.shape[-1])
+    return summarise_fit(target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x))
 
 
 def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
@@ -150,20 +158,10 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
     if not fitted.trusted:
         return None
     target, draws = fitted.proposal.posterior, fitted.draws
-    rng = generator(seed, target.subject.name, target.model.name, "resampling")
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
+    rng = generator(seed, target.subject.name, target.model.name, "resampling")
     kept = rng.choice(len(weights), len(weights), p=weights / weights.sum())
     return summarise_fit(target, draws.x[kept], seed, log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept])
-
-
-def _result(target: Answering, seed: int, quality: tuple[float, float], evidence: Evidence | None, chains: Chains | None) -> SubjectResult:
-    fit = None if chains is None else _chains_fit(target, chains, seed)
-    return SubjectResult(target, *quality, evidence, chains, fit)
-
-
-def _chains_fit(target: Answering, chains: Chains, seed: int) -> FitSummary:
-    x = chains.x.reshape(-1, chains.x.shape[-1])
-    return summarise_fit(target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x))
 
 
 # --- What a file of draws keeps, and tables say ---------------------------------------------------
@@ -208,9 +206,23 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     InputError
         If it has none.
     """
-    target, chains = result.target, chains_of(result)
+    target, chains, fit = result.target, result.chains, result.fit
+    if chains is None:
+        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     found = target.quantities(chains.x)
     natural = {name: found[name] for name in target.names.natural}
+    statistics: dict[str, float | int | str | None] = {
+        "converged": int(chains.converged),
+        "shortfall": chains.reason,
+        "imprecise": chains.imprecise,
+        "min_ess": chains.least_ess,
+        "max_r_hat": chains.largest_r_hat,
+        "thin": chains.thin,
+        "steps": chains.steps,
+        "proposal_efficiency": result.efficiency,
+        "pareto_k": result.pareto_k,
+        **{column: getattr(fit, key, None) for key, column in FIT_COLUMNS.items()},
+    }
     return SubjectDraws(
         result.subject,
         natural,
@@ -218,25 +230,17 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         target.coordinates,
         chains.log_posterior,
         chains.acceptance,
-        _statistics(result, chains),
+        {name: value for name, value in statistics.items() if value is not None},
         summary_rows(target, {name: found[name] for name in target.names.reported}, chains.diagnostics) if summarised else (),
     )
-
-
-def chains_of(result: SubjectResult) -> Chains:
-    """The chains of a result that must have them."""
-    if result.chains is None:
-        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
-    return result.chains
 
 
 def summary_rows(
     target: Answering, values: Mapping[str, FloatArray], known: Mapping[str, Convergence] | None = None
 ) -> tuple[SummaryRow, ...]:
     """Rows with the columns of summary.csv from values of shape (chains, draws), of some of which convergence is known."""
-    judged = {} if known is None else dict(known)
-    unknown = {name: draws for name, draws in values.items() if name not in judged}
-    judged |= convergence_of(unknown) if unknown else {}
+    judged = dict({} if known is None else known)
+    judged |= convergence_of({name: draws for name, draws in values.items() if name not in judged})
     uncertain, rows = errors_of(values), list[SummaryRow]()
     for name, draws in values.items():
         located = location(draws)
@@ -255,19 +259,3 @@ def unit(name: str, target: Answering) -> str:
     plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
     reference = reference_interval(target.subject, target.prior.reference_interval)
     return plain if target.subject.isi is None else target.model.units_at_intervals(reference).get(name, plain)
-
-
-def _statistics(result: SubjectResult, chains: Chains) -> dict[str, float | int | str]:
-    fit = {} if result.fit is None else {FIT_COLUMNS[key]: value for key, value in asdict(result.fit).items() if key in FIT_COLUMNS}
-    return {
-        "converged": int(chains.converged),
-        "shortfall": chains.reason,
-        "imprecise": chains.imprecise,
-        "min_ess": chains.least_ess,
-        "max_r_hat": chains.largest_r_hat,
-        "thin": chains.thin,
-        "steps": chains.steps,
-        "proposal_efficiency": result.efficiency,
-        "pareto_k": result.pareto_k,
-        **{column: value for column, value in fit.items() if value is not None},
-    }

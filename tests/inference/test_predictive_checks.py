@@ -20,17 +20,15 @@ counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st
 @settings(max_examples=150, deadline=None)
 @given(count=counts, power=st.floats(-12, 0), near=st.booleans())
 def test_deviance_against_fifty_digits(count, power, near):
+    """To the rounding of the two log likelihoods of which it is the difference."""
     k, n = count
-    # Either far from the data, or so near that the printed form would lose everything.
     q = min(max((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1e-300), 1 - 1e-12) if near else 0.999 * 10.0**power
     with mpmath.workdps(50):
         p = mpmath.mpf(q)
-        parts = [(k, n * p), (n - k, n * (1 - p))]
-        expected = float(2 * mpmath.fsum(x * mpmath.log(x / m) for x, m in parts if x))
+        expected = float(2 * mpmath.fsum(x * mpmath.log(x / m) for x, m in ((k, n * p), (n - k, n * (1 - p))) if x))
         log_q, log_rest = float(mpmath.log(p)), float(mpmath.log(1 - p))
-        # The logs are given to 16 digits, so expected counts m to about eps (1 + |log|) m; what that costs is the slope times it.
-        slack = float(sum(abs(mpmath.mpf(x) / m - 1) * m * (2 + abs(mpmath.log(m / n))) for x, m in parts)) * 2e-15 + n * 1e-28
-    assert float(gof.binomial_deviance(k, n, log_q, log_rest)) == pytest.approx(expected, rel=1e-13, abs=slack + 1e-300)
+    rounding = 1e-15 * (n - k * log_q - (n - k) * log_rest)
+    assert float(gof.binomial_deviance(k, n, log_q, log_rest)) == pytest.approx(expected, rel=1e-15, abs=rounding)
 
 
 def test_deviance_of_answers_with_a_probability_below_the_smallest_float():
@@ -66,15 +64,6 @@ def test_the_fit_at_a_maximum(small_study):
     assert np.isnan(gof.fit_at(bt.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
 
 
-def test_binomial_tails_against_scipy():
-    rng = np.random.default_rng(1)
-    k, n = np.array([0, 0, 3, 50, 50, 27]), np.array([1, 50, 9, 50, 50, 50])
-    q = rng.uniform(size=(20, 6))
-    fewer, more = gof.binomial_tails(k, n, q, 1 - q)
-    assert fewer == pytest.approx(stats.binom.cdf(k, n, q), rel=1e-10)
-    assert more == pytest.approx(stats.binom.sf(k - 1, n, q), rel=1e-10)
-
-
 def posterior_and_draws(subject, size=4000):
     """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
     posterior = bt.posterior_of(subject)
@@ -93,8 +82,6 @@ def test_predictive_p_values_against_simulated_repetitions(small_study, monkeypa
     assert found.expected == pytest.approx(q.mean(axis=0))
     assert found.p_fewer == pytest.approx((again <= subject.n_equal).mean(axis=0), abs=error)
     assert found.p_more == pytest.approx((again >= subject.n_equal).mean(axis=0), abs=error)
-    mid = ((again < subject.n_equal) + 0.5 * (again == subject.n_equal)).mean(axis=0)
-    assert found.p_mid == pytest.approx(mid, abs=error)
     assert (found.p_value <= 1).all()
     monkeypatch.setattr(gof, "_BLOCK", 999)  # the same in small blocks, up to the random stream of the overall value
     blocks = gof.predictive_check(posterior, x, seed=1)
@@ -120,7 +107,7 @@ def test_p_values_are_uniform_when_the_truth_is_known():
     subject = bt.Subject("S", s1, s2, rng.binomial(400, q), np.full(500, 400))
     posterior = bt.posterior_of(subject)
     check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)
-    assert stats.kstest(check.p_mid, "uniform").pvalue > 1e-4
+    assert stats.kstest(0.5 * (check.p_fewer + 1.0 - check.p_more), "uniform").pvalue > 1e-4
 
 
 @pytest.mark.parametrize("bad", [np.zeros((0, 4)), np.zeros((3, 3)), np.zeros(4), np.full((2, 4), np.nan)])
@@ -137,9 +124,6 @@ def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
     values = gof.binomial_deviance(again, n, log_q, log_rest).sum(axis=1)
     beyond = np.mean([gof.deviance_p_value(value, pairs, np.full(pairs, n), log_q, log_rest) < 0.01 for value in values[:2000]])
     assert beyond == pytest.approx(0.01, abs=0.005 + 4 * np.sqrt(0.01 * 0.99 / 2000))
-    mean, variance = (part.sum() for part in gof._moments(np.full(pairs, float(n)), log_q, log_rest))
-    assert mean == pytest.approx(values.mean(), abs=4 * values.std() / np.sqrt(len(values)) + 0.01 * pairs * (n * q > 20))
-    assert variance == pytest.approx(values.var(), rel=0.1)
 
 
 def test_impossible_answers_have_no_chance():
@@ -165,18 +149,6 @@ def test_a_misfit_names_its_worst_pairs(small_study):
         at = int(np.flatnonzero((one.s1 == worst.s1) & (one.s2 == worst.s2))[0])
         assert worst.observed == one.n_equal[at] / one.n_trials[at]
         assert at == np.argmax(gof.deviance(posterior, best)[0])
-
-
-@pytest.mark.slow
-def test_real_draws_of_a_subject(analysis):
-    for name in analysis.draws.names:
-        subject = analysis.study[name]
-        posterior = bt.posterior_of(subject)
-        theta = analysis.draws.natural(name)
-        x = unconstrained(theta, posterior.sbar).reshape(-1, 4)
-        check = gof.predictive_check(posterior, x, seed=1)
-        assert check.p_overall > 0.05
-        assert check.p_value.min() > 0.05
 
 
 def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
