@@ -2,9 +2,9 @@
 
     E[q(c, r) - q(r, c)],    r the weaker stimulus, c the stronger one,
 
-over subjects eta = m + x' beta + tau L u of the population, for every draw of m, beta, tau and L. The expectation over u is a sum over a
-fixed set of scores, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is
-over the covariates that the group has. The sign is that of :mod:`bayes_toe.classical.asymmetry`.
+over subjects eta = m + x' beta + tau L u of the population, for every draw of m, beta, tau and L. The expectation over u is a sum over
+Sobol points, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is over the
+covariates that the group has. The sign is that of :mod:`bayes_toe.classical.asymmetry`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.stats import qmc
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import bare
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.scatter import scatter_named
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
@@ -76,48 +76,38 @@ def asymmetries(found: Population, pairs: FloatArray | None = None) -> Asymmetri
     pairs = _both_orders(found.study) if pairs is None else pairs
     if not len(pairs):
         return None
-    shown, places = _shown_both_ways(pairs)
+    s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()
+    isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
+    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi)
+    strong, weak = np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # where a subject, who has pairs in order, has them
     posterior = found.posterior(found.study.names[0]).for_subject(shown)
-    levels = list(_levels(found))
-    kept = _kept(found, len(pairs) * sum(2 if one.less is not None else 1 for one in levels))
-    own = found.chains
-    mean, scatter, effects, root = (part[:, kept] for part in (own.mean, own.scatter, own.effects, own.root))
-    lead, k = mean.shape[:2], mean.shape[-1]
-    scores, _ = _scores(found)
-    flat = mean.reshape(-1, k), scatter.reshape(-1, k), effects.reshape(len(mean) * len(kept), -1, k), root.reshape(-1, k, k)
+
+    def asymmetry(eta: FloatArray) -> FloatArray:
+        """Of subjects, (draws, scores, k) -> (draws, scores, comparisons)."""
+        equal = np.exp(posterior.log_answers(posterior.from_group(eta.reshape(-1, eta.shape[-1]))[0])[0]).reshape(*eta.shape[:2], -1)
+        return np.asarray(equal[:, :, strong] - equal[:, :, weak])
+
+    (scores, whose), own, k = _scores(found), found.chains, len(found.names)
+    levels = list(_levels(found, whose))
+    comparisons = len(pairs) * sum(2 if one.less is not None else 1 for one in levels)
+    kept = spaced(len(own.mean), own.mean.shape[1], min(MOST_DRAWS, _AFFORDABLE // (4 * _SCORES * comparisons)))
+    lead, rows = (len(own.mean), len(kept)), max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
+    flat = [part[:, kept].reshape(lead[0] * lead[1], -1, k) for part in (own.mean, own.scatter, own.effects, own.root)]
 
     def average(x: FloatArray) -> FloatArray:
-        rows = max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
         parts = []
         for i in range(0, len(flat[0]), rows):
             m, tau, beta, factor = (part[i : i + rows] for part in flat)
-            eta = m[:, None] + x @ beta + tau[:, None] * (scores @ factor.swapaxes(1, 2))
-            parts.append(_asymmetry(posterior, eta, places).mean(axis=1))
+            parts.append(asymmetry(m + x @ beta + tau * (scores @ factor.swapaxes(1, 2))).mean(axis=1))
         return np.concatenate(parts)
 
     draws = np.stack([average(one.x) - (0.0 if one.less is None else average(one.less)) for one in levels], axis=1)
-    further = _asymmetry(posterior, _further(found)[:, kept].reshape(-1, 1, k), places).mean(axis=(1, 2)).reshape(lead)
-    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2)
-    names = (OVERALL, *(_label(pair) for pair in pairs))
-    labels, differences = zip(*((one.label, one.less is not None) for one in levels), strict=True)
-    return Asymmetries(labels, differences, names, whole.reshape(*lead, *whole.shape[1:]), further, kept)
-
-
-def _asymmetry(posterior: Posterior, eta: FloatArray, places: IndexArray) -> FloatArray:
-    """q(c, r) - q(r, c) of subjects, (draws, scores, k) -> (draws, scores, comparisons)."""
-    x, _ = posterior.from_group(eta.reshape(-1, eta.shape[-1]))
-    equal = np.exp(posterior.log_answers(x)[0]).reshape(*eta.shape[:2], -1)
-    return np.asarray(equal[:, :, places[0]] - equal[:, :, places[1]])
-
-
-def _further(found: Population) -> FloatArray:
-    """A further subject for each draw, with the covariates of one that there is, shape (chains, draws, k)."""
+    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2).reshape(*lead, len(levels), -1)
     rng = generator(found.settings.seed, "population", "covariates of a new subject")
-    x = found.regressors.x[rng.integers(len(found.study), size=found.chains.mean.shape[:2])]
-    return found.new_subject(x)
-
-
-# --- Comparisons ----------------------------------------------------------------------------------
+    further = found.new_subject(found.regressors.x[rng.integers(len(found.study), size=own.mean.shape[:2])])
+    of_further = asymmetry(further[:, kept].reshape(-1, 1, k)).mean(axis=(1, 2)).reshape(lead)
+    labels, differences = zip(*((one.label, one.less is not None) for one in levels), strict=True)
+    return Asymmetries(labels, differences, (OVERALL, *map(_label, pairs)), whole, of_further, kept)
 
 
 def _both_orders(study: Study) -> FloatArray:
@@ -128,14 +118,6 @@ def _both_orders(study: Study) -> FloatArray:
     return np.array(sorted(row for row in shown if row[0] < row[1] and (row[1], row[0], *row[2:]) in shown))
 
 
-def _shown_both_ways(pairs: FloatArray) -> tuple[Subject, IndexArray]:
-    """Somebody without answers to whom all pairs were shown; which of its pairs are those with the stronger first, then the others."""
-    s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()
-    isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
-    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi)
-    return shown, np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # a subject has its pairs in this order
-
-
 def _label(pair: FloatArray) -> str:
     weak, strong, *isi = (f"{value:.6g}" for value in pair.tolist())
     return f"P(equal) {strong} then {weak} less {weak} then {strong}" + "".join(f", {one} s" for one in isi)
@@ -144,51 +126,30 @@ def _label(pair: FloatArray) -> str:
 # --- Whom to average over -------------------------------------------------------------------------
 
 
-def _levels(found: Population) -> Iterator[Level]:
+def _levels(found: Population, whose: IndexArray) -> Iterator[Level]:
     """The population with its own mix of covariates, then with one of them set to a level, the others as they are."""
-    who, mix = found.regressors, found.regressors.x[_scores(found)[1]]
+    who, mix = found.regressors, found.regressors.x[whose]
     yield Level("", mix)
     for name in dict.fromkeys(column.covariate for column in who.columns):
         places = [i for i, column in enumerate(who.columns) if column.covariate == name]
+        reference = mix.copy()
+        reference[:, places] = 0.0
+        at = {i: reference + (np.arange(mix.shape[1]) == i) for i in places}
         first = who.columns[places[0]]
-        reference = _set(mix, places)
         if not first.level:
-            yield Level(f"{first.label} +1 sd - mean", _set(mix, places, places[0]), reference)
+            yield Level(f"{first.label} +1 sd - mean", at[places[0]], reference)
             continue
-        words = {None: bare(first.reference)} | {i: bare(who.columns[i].level) for i in places}
-        at = {i: _set(mix, places, i) for i in words}
-        yield from (Level(f"{bare(name)} {word}", at[i]) for i, word in words.items())
-        yield from (Level(f"{bare(name)} {words[i]} - {words[None]}", at[i], reference) for i in places)
-
-
-def _set(mix: FloatArray, places: list[int], one: int | None = None) -> FloatArray:
-    """Regressors with those of one covariate at 0, or one of them at 1."""
-    x = mix.copy()
-    x[:, places] = 0.0
-    if one is not None:
-        x[:, one] = 1.0
-    return x
+        yield Level(f"{bare(name)} {bare(first.reference)}", reference)
+        yield from (Level(who.columns[i].label, at[i]) for i in places)
+        yield from (Level(f"{who.columns[i].label} - {bare(first.reference)}", at[i], reference) for i in places)
 
 
 def _scores(found: Population) -> tuple[FloatArray, IndexArray]:
-    """Scores u, shape (scores, k), and whose covariates each has; every score with its opposite, so that what is odd in u cancels.
-
-    Points of a Kronecker sequence, which fill the unit cube evenly: shifts by the powers of 1/g, g^(d + 1) = g + 1.
-    """
-    k, n = len(found.names), len(found.study)
-    g = 2.0
-    for _ in range(60):
-        g = (1.0 + g) ** (1.0 / (k + 2))
-    cube = (0.5 + np.arange(1, _SCORES + 1)[:, None] * g ** -np.arange(1.0, k + 2)) % 1.0
-    u = scatter_named(found.settings.scatter).quantile(cube[:, :k])
-    whose = (cube[:, k] * n).astype(np.intp)
+    """Scores u, shape (scores, k), and whose covariates each has; every score with its opposite, so that what is odd in u cancels."""
+    k = len(found.names)
+    cube = qmc.Sobol(k + 1, scramble=False).random(_SCORES) + 0.5 / _SCORES
+    u, whose = scatter_named(found.settings.scatter).quantile(cube[:, :k]), (cube[:, k] * len(found.study)).astype(np.intp)
     return np.concatenate([u, -u]), np.concatenate([whose, whose])
-
-
-def _kept(found: Population, comparisons: int) -> IndexArray:
-    """Which draws of each chain: of a study with very many pairs fewer."""
-    chains, draws, _ = found.chains.mean.shape
-    return spaced(chains, draws, min(MOST_DRAWS, _AFFORDABLE // (4 * _SCORES * comparisons)))
 
 
 def spaced(chains: int, draws: int, most: int) -> IndexArray:

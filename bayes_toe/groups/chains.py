@@ -14,7 +14,7 @@ from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.joint import Joint
 from bayes_toe.groups.scatter import Root, pairs
 from bayes_toe.groups.subjects import population_moments
-from bayes_toe.inference.diagnostics import Convergence, convergence_of
+from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, worst
 
 _CHAINS = ((32, 16), (64, 8))  # up to so many subjects, so many chains
 _FEWEST = 4
@@ -84,17 +84,15 @@ class GroupChains:
         """Whether everything was reached."""
         return not self.reason
 
-    def worst(self, names: Sequence[str], subjects: Sequence[str]) -> tuple[tuple[str, float], tuple[str, float]]:
-        """What has the fewest effective draws, bulk or tail, and how many; what has the largest R-hat, and which. NaN is worst."""
-        found = {}
-        for (kind, other, k), one in self.convergence.items():
-            found[f"the {kind} of {f'{names[other]} and ' if kind == CORRELATION else ''}{names[k]}"] = one
+    def named(self, names: Sequence[str], subjects: Sequence[str]) -> dict[str, Convergence]:
+        """Every diagnostic, by the name of what it is of."""
+        found = {
+            f"the {kind} of {f'{names[other]} and ' if kind == CORRELATION else ''}{names[k]}": one
+            for (kind, other, k), one in self.convergence.items()
+        }
         for subject, rows in zip(subjects, self.subject_convergence.tolist(), strict=True):
             found |= {f"{name} of {subject!r}": Convergence(*row) for name, row in zip(names, rows, strict=True)}
-        ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
-        r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
-        lowest, highest = min(ess, key=ess.__getitem__), max(r_hat, key=r_hat.__getitem__)
-        return (lowest, ess[lowest]), (highest, r_hat[highest])
+        return found
 
 
 def chain_count(subjects: int) -> int:
@@ -132,14 +130,14 @@ def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], dr
         trace = sampler.advance(more)
         x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
         found = replace(_chains(joint, x), divergent=divergent, gradients=sampler.gradients)
-        lowest, highest = found.worst(names, subjects)
-        reason = _shortfall(lowest, highest, draws)
+        known = found.named(names, subjects)
+        reason, ((_, ess), (_, r_hat)) = shortfall(known, draws, MAX_R_HAT), worst(known)
         if not reason or sampler.draws * chains >= max(LIMIT, MOST * draws):
             return replace(found, reason=reason)
-        if not highest[1] < _NOT_MIXED:
+        if r_hat >= _NOT_MIXED:
             x, more = x[:0], 2 * len(x)
         else:
-            missing = _MORE * draws / max(lowest[1], 1.0) - 1.0 if highest[1] < MAX_R_HAT else 1.0
+            missing = _MORE * draws / max(ess, 1.0) - 1.0 if r_hat < MAX_R_HAT else 1.0
             more = int(np.ceil(len(x) * max(0.25, min(1.0, missing))))
 
 
@@ -175,13 +173,3 @@ def with_convergence(found: GroupChains) -> GroupChains:
     draws |= {(CORRELATION, j, i): found.correlation[..., i, j] for j, i in found.correlated}
     judged = convergence_of({repr(key): values for key, values in draws.items()})
     return replace(found, convergence=dict(zip(draws, judged.values(), strict=True)))
-
-
-def _shortfall(lowest: tuple[str, float], highest: tuple[str, float], draws: int) -> str:
-    """What was not reached, in words; a diagnostic that is NaN was not."""
-    problems = []
-    if not lowest[1] >= draws:
-        problems.append(f"{lowest[1]:.0f} effective draws of {lowest[0]}, {draws} required")
-    if not highest[1] < MAX_R_HAT:
-        problems.append(f"R-hat {highest[1]:.3f} of {highest[0]}, below {MAX_R_HAT:g} required")
-    return "; ".join(problems)

@@ -98,14 +98,14 @@ class GroupParameter(NamedTuple):
     @property
     def fields(self) -> dict[str, PriorField]:
         """Its numbers as a file has them, by name."""
-        return {name: self._field(name, kind, words.format(self.label)) for name, kind, words in NUMBERS}
-
-    def _field(self, name: str, kind: Kind, words: str) -> PriorField:
-        default: Default = getattr(self, name)
-        least = -LARGEST if kind == "location" else SMALLEST
-        if isinstance(default, str):
-            return PriorField(name, STIMULI, self.name, kind, words, self.unit, least, LARGEST, default)
-        return PriorField(name, default, self.name, kind, words, self.unit, least, LARGEST)
+        found = {}
+        for name, kind, words in NUMBERS:
+            default: Default = getattr(self, name)
+            number: float | Literal["stimuli"] = STIMULI if isinstance(default, str) else default
+            stimuli = default if isinstance(default, str) else ""
+            least = -LARGEST if kind == "location" else SMALLEST
+            found[name] = PriorField(name, number, self.name, kind, words.format(self.label), self.unit, least, LARGEST, stimuli)
+        return found
 
 
 _DECLARED = (
@@ -134,19 +134,8 @@ LKJ = PriorField(
 )
 
 
-class Section(NamedTuple):
-    """A part of a hyperprior file: what it is about, and its numbers by name."""
-
-    words: str
-    fields: dict[str, PriorField]
-
-
-SECTIONS = {one.name: Section(one.words, one.fields) for one in _DECLARED} | {
-    CORRELATIONS: Section("of parameters between subjects, where they are asked for", {LKJ.name: LKJ})
-}
-
-
-_FIELDS = {name: section.fields for name, section in SECTIONS.items()}
+#: Sections of a hyperprior file: their numbers by name.
+_FIELDS = {one.name: one.fields for one in _DECLARED} | {CORRELATIONS: {LKJ.name: LKJ}}
 _NAMES = tuple(name for name, _, _ in NUMBERS)
 
 
@@ -186,7 +175,7 @@ class Hyperprior:
     )
 
     def __post_init__(self) -> None:
-        _refuse("hyperprior", _problems(self.as_dict()))
+        _require("hyperprior", self.as_dict())
 
     def changed(self, sections: Mapping[str, Mapping[str, float | str]]) -> Hyperprior:
         """The hyperprior with some other numbers, by parameter and number.
@@ -196,9 +185,9 @@ class Hyperprior:
         InputError
             For an unknown parameter or number, and for one that is out of range.
         """
-        _refuse("hyperprior", _problems(sections))
-        whole = {name: {**section, **sections.get(name, {})} for name, section in self.as_dict().items()}
-        return Hyperprior(tuple(tuple(map(_value, section.values())) for section in whole.values()))
+        _require("hyperprior", sections)
+        whole = ({**section, **sections.get(name, {})}.values() for name, section in self.as_dict().items())
+        return Hyperprior(tuple(tuple(one if one == STIMULI else real(one) for one in section) for section in whole))
 
     def for_study(self, study: Study) -> Hyperprior:
         """With numbers in the place of "stimuli", the same for all models of the study.
@@ -215,15 +204,13 @@ class Hyperprior:
         >>> Hyperprior().for_study(study).describe(["mu1"])[0]
         'mu1: mean ~ Normal(0.25, 8), sd between subjects ~ HalfNormal(8), effect ~ Normal(0, 8), natural-log intensity'
         """
-        open_ones = [(name, key) for name, section in self.as_dict().items() for key, value in section.items() if value == STIMULI]
-        if not open_ones:
+        found = {name: {key: value for key, value in section.items() if value == STIMULI} for name, section in self.as_dict().items()}
+        if not any(found.values()):
             return self
         from bayes_toe.model.study_prior import Stimuli  # with SciPy, and the help of commands asks for the declaration above
 
-        stimuli, found = Stimuli.of(study), self.as_dict()
-        for name, key in open_ones:
-            found[name][key] = getattr(stimuli, _FIELDS[name][key].stimuli)
-        return self.changed(found)
+        stimuli = Stimuli.of(study)
+        return self.changed({name: {key: getattr(stimuli, _FIELDS[name][key].stimuli) for key in keys} for name, keys in found.items()})
 
     def numbers(self, names: Sequence[str]) -> HyperpriorNumbers:
         """Those of some parameters, in this order.
@@ -255,8 +242,14 @@ class Hyperprior:
         InputError
             For an unknown parameter.
         """
-        lines = tuple(_line(name, section) for name, section in self._sections(names).items())
-        return (*lines, f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})") if correlations else lines
+        law = "{}: mean ~ Normal({mean}, {mean_sd}), sd between subjects ~ HalfNormal({sd_scale}), effect ~ Normal(0, {effect_sd})"
+        lines = []
+        for name, section in self._sections(names).items():
+            known = {key: f"the stimuli's {field.stimuli.replace('_', ' ')}" for key, field in _FIELDS[name].items()}
+            said = {key: known[key] if value == STIMULI else f"{value:g}" for key, value in section.items()}
+            parameter = GROUP_PARAMETERS[name]
+            lines.append(", ".join(part for part in (law.format(parameter.label, **said), parameter.unit) if part))
+        return (*lines, *([f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})"] if correlations else []))
 
     def scaled(self, sd_scale: float = 1.0, *, mean_sd: float = 1.0) -> Hyperprior:
         """With the scale of every tau, and the sd of every mean, times a factor: to see what depends on them.
@@ -279,20 +272,6 @@ class Hyperprior:
     def as_dict(self) -> dict[str, dict[str, float | str]]:
         """All numbers by parameter and name, as JSON has them."""
         return {name: dict(zip(fields, values, strict=True)) for (name, fields), values in zip(_FIELDS.items(), self.values, strict=True)}
-
-    @classmethod
-    def from_dict(cls, sections: Mapping[str, Mapping[str, float | str]]) -> Hyperprior:
-        """The inverse of :meth:`as_dict`.
-
-        Raises
-        ------
-        InputError
-            If a number is missing, unknown or out of range.
-        """
-        found = cls().changed(sections)
-        missing = [f"{key} of {name}" for name, fields in _FIELDS.items() for key in fields if key not in sections.get(name, {})]
-        _refuse("hyperprior", [f"{one}: missing, allowed: all numbers of all parameters" for one in missing])
-        return found
 
     def _sections(self, names: Iterable[str]) -> dict[str, dict[str, float | str]]:
         known = self.as_dict()
@@ -321,7 +300,7 @@ def read_hyperprior(path: str | Path) -> Hyperprior:
     True
     """
     found = toml_table(path, f"NAME = NUMBER below a line [PARAMETER], as in {_NAMES[0]} = 0 below [{next(iter(_FIELDS))}]")
-    _refuse(str(path), _problems(found))
+    _require(str(path), found)
     return Hyperprior().changed(found)
 
 
@@ -334,42 +313,23 @@ def example_file() -> str:
     [mu1]  # mean of the prior belief
     mean = "stimuli"           # mean of the normal prior of the population mean of mu1, natural-log intensity; or "stimuli", their mean s1
     """
+    words = {one.name: one.words for one in _DECLARED} | {CORRELATIONS: "of parameters between subjects, where they are asked for"}
     texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}
-    width = max(map(len, texts.values()))
-    sections = {
-        f"[{name}]  # {SECTIONS[name].words}": [f"{texts[name, key]:<{width}}  # {one.about}" for key, one in fields.items()]
-        for name, fields in _FIELDS.items()
-    }
-    return "".join(f"{line}\n" for head, lines in sections.items() for line in (head, *lines))
+    width, lines = max(map(len, texts.values())), list[str]()
+    for name, fields in _FIELDS.items():
+        lines += [f"[{name}]  # {words[name]}\n", *(f"{texts[name, key]:<{width}}  # {one.about}\n" for key, one in fields.items())]
+    return "".join(lines)
 
 
-def _problems(sections: Mapping[str, Any]) -> list[str]:
-    """What is wrong with numbers by parameter and name, one line each."""
-    found = []
+def _require(source: str, sections: Mapping[str, Any]) -> None:
+    """Refuse numbers by parameter and name, one line for each thing that is wrong."""
+    problems = []
     for name, section in sections.items():
         if name not in _FIELDS:
-            found.append(f"section {quoted(name)}: unknown, allowed: {', '.join(_FIELDS)}")
+            problems.append(f"section {quoted(name)}: unknown, allowed: {', '.join(_FIELDS)}")
         elif not isinstance(section, Mapping):
-            found.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_FIELDS[name])}")
+            problems.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_FIELDS[name])}")
         else:
-            found += [f"[{name}] {line}" for key, value in section.items() for line in number_problems(_FIELDS[name], key, value)]
-    return found
-
-
-def _refuse(source: str, problems: Sequence[str]) -> None:
+            problems += [f"[{name}] {line}" for key, value in section.items() for line in number_problems(_FIELDS[name], key, value)]
     if problems:
         raise InputError([f"{source}: {line}" for line in problems])
-
-
-def _value(given: float | str) -> float | str:
-    return given if given == STIMULI else real(given)
-
-
-def _line(name: str, section: Mapping[str, float | str]) -> str:
-    parameter = GROUP_PARAMETERS[name]
-    said = {
-        key: f"the stimuli's {_FIELDS[name][key].stimuli.replace('_', ' ')}" if value == STIMULI else f"{value:g}"
-        for key, value in section.items()
-    }
-    law = "mean ~ Normal({mean}, {mean_sd}), sd between subjects ~ HalfNormal({sd_scale}), effect ~ Normal(0, {effect_sd})"
-    return ", ".join(part for part in (f"{parameter.label}: {law.format(**said)}", parameter.unit) if part)

@@ -166,14 +166,6 @@ class Joint:
         """Parameters of the subjects, shape (points, N, k)."""
         return self._place(*self.split(theta))[0].eta
 
-    def point(self, hyper: Hyperparameters, eta: FloatArray) -> FloatArray:
-        """The inverse: coordinates of hyperparameters and of subjects' parameters, shape (points, D)."""
-        xi, units = np.zeros(eta.shape), self._units(hyper.log_scatter)
-        for _ in range(2):  # the prior mean's place and unit depend on the pull
-            at = self._place(hyper, xi)[0]
-            xi = xi + (eta - at.eta) * np.exp(-at.log_unit)
-        return self._joined((hyper.coefficients - units.centre) * np.exp(-units.log_unit), hyper.log_scatter, hyper.z, xi)
-
     @cached_property
     def without_funnel(self) -> NormalApproximation:
         """The approximation with mu1 itself in the place of its product with the pull."""

@@ -253,15 +253,22 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     >>> found.names, found.converged
     (('mu1', 'gamma', 'width', 'q0'), True)
     """
-    given = Hyperprior() if hyperprior is None else hyperprior
+    if posterior is not None:
+        where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
+        require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
+        seed, prior = posterior.seed if seed is None else seed, posterior.prior
     with keeping(keep) as kept:
-        seed, prior = _of_posterior(posterior, study, model, seed, prior)
-        numbers = prior_for(study, prior), given.for_study(study)
+        numbers = prior_for(study, prior), (Hyperprior() if hyperprior is None else hyperprior).for_study(study)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
         if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
             correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
-        _require(settings, who)
+        _model(model)
+        scatter_named(scatter)
+        if len(who.subjects) < _FEWEST:
+            raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
+        if not 1 <= draws <= _MOST_DRAWS:
+            raise InputError(f"population: draws={draws} must be in 1..{_MOST_DRAWS}")
         workers = workers if engine is None else engine
         alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)
         if len(alone) < _FEWEST:
@@ -270,27 +277,6 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return made
-
-
-def _of_posterior(
-    posterior: Draws | None, study: Study, model: str, seed: int | None, prior: Prior | str | None
-) -> tuple[int | None, Prior | str | None]:
-    """Seed and prior, those of stored draws where there are any; which are refused where they belong to something else."""
-    if posterior is None:
-        return seed, prior
-    where = "posterior" if posterior.file is None else shown(posterior.file)
-    given = None if prior is None else prior_for(study, prior)
-    require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
-    return posterior.seed if seed is None else seed, posterior.prior
-
-
-def _require(settings: GroupSettings, who: Regressors) -> None:
-    _model(settings.model)
-    scatter_named(settings.scatter)
-    if len(who.subjects) < _FEWEST:
-        raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
-    if not 1 <= settings.draws <= _MOST_DRAWS:
-        raise InputError(f"population: draws={settings.draws} must be in 1..{_MOST_DRAWS}")
 
 
 def _unpooled(

@@ -8,11 +8,9 @@ checksums.
 
 from __future__ import annotations
 
-import hashlib
-import io
 import json
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -38,12 +36,6 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
-#: What the record of bayes_toe 0.1 is made of.
-_RECORDS = {
-    *("bayes_toe.data.study:Study", "bayes_toe.data.study:Subject", "bayes_toe.groups.population:Population"),
-    *("bayes_toe.groups.population:GroupSettings", "bayes_toe.groups.hyperprior:Hyperprior", "bayes_toe.model.prior:Prior"),
-    *("bayes_toe.groups.regressors:Regressors", "bayes_toe.groups.regressors:Regressor", "bayes_toe.groups.chains:GroupChains"),
-}
 AFFORDABLE = 1 << 24  # values of subjects' quantities of all draws: an eighth of a gigabyte
 _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four times as many
 
@@ -95,7 +87,9 @@ def _tree(found: Population) -> xr.DataTree:
         posterior = posterior.assign(values)
     else:
         predicted = predicted.assign_coords(subject=list(found.study.names)).assign(values)
-    groups = {"/posterior": posterior, "/sample_stats": _statistics(found), "/constant_data": _constant(found)}
+    coords = {"subject": list(found.study.names), "parameter": list(found.names), "diagnostic": list(Convergence._fields)}
+    judged = xr.Dataset({"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)}, coords)
+    groups = {"/posterior": posterior, "/sample_stats": judged, "/constant_data": _constant(found)}
     tree = xr.DataTree.from_dict(groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {}))
     tree.attrs.update(_attributes(found, whole))
     return tree
@@ -121,11 +115,6 @@ def _posterior(found: Population) -> xr.Dataset:
         data |= {"correlation": ((*dims, "parameter", "other"), own.correlation), "z": ((*dims, "pair"), own.z)}
         coords["other"] = list(found.names)
     return xr.Dataset(data, coords)
-
-
-def _statistics(found: Population) -> xr.Dataset:
-    coords = {"subject": list(found.study.names), "parameter": list(found.names), "diagnostic": list(Convergence._fields)}
-    return xr.Dataset({"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)}, coords)
 
 
 def _constant(found: Population) -> xr.Dataset:
@@ -193,19 +182,15 @@ def _population(tree: xr.DataTree) -> Population:
     from bayes_toe.groups.population import GroupSettings, Population  # which can save itself
 
     drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
-    stored = constant["record"].values
-    record = json.loads(str(stored)) if stored.ndim == 0 else _record_of_0_1(stored.tobytes())
-    study, own, who = record["study"], record["chains"], record["regressors"]
-    subjects = tuple(Subject(**one) for one in study["subjects"])
-    names, eta = tuple(record["names"]), drawn["eta"].values
+    record = json.loads(str(constant["record"].values))
+    study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
+    subjects, eta = tuple(Subject(**one) for one in study["subjects"]), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")
     effects, z = (drawn[key].values if key in drawn else np.empty((*lead, 0, *rest)) for key, rest in (("effect", size[1:]), ("z", ())))
-    of_subjects = np.asarray(tree["sample_stats"].to_dataset()["convergence"]) if "sample_stats" in tree.children else own.pop("members")
-    numbers = {key: own[key] for key in ("divergent", "reason", "gradients")}
-    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, of_subjects, **numbers)
-    settings = {key: value for key, value in record["settings"].items() if key != "method"}  # of 0.1, of which one is left
+    judged = tree["sample_stats"].to_dataset()["convergence"].values
+    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, **record["chains"])
     settings["prior"] = Prior(**settings["prior"])
     settings["hyperprior"] = Hyperprior(tuple(map(tuple, settings["hyperprior"]["values"])))
     x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
@@ -220,28 +205,3 @@ def _population(tree: xr.DataTree) -> Population:
         record["left_out"],
         tuple(record["rough"]),
     )
-
-
-def _record_of_0_1(content: bytes) -> dict[str, Any]:
-    """The record as bayes_toe 0.1 wrote it: JSON with types beside values, and arrays aside. The names of types are not used."""
-    digest, body = content[19:51], content[51:]
-    if hashlib.sha256(body).digest() != digest:
-        raise InputError("damaged: it does not fit its checksum")
-    with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
-        return dict(_plain(json.loads(str(arrays["text"])), arrays))
-
-
-def _plain(value: Any, arrays: Mapping[str, Any]) -> Any:
-    """Such JSON without its types, which must be known; what is not read again is left out."""
-    if isinstance(value, list):
-        return [_plain(one, arrays) for one in value]
-    if not isinstance(value, dict):
-        return value
-    kind, content = next(iter(value.items()))
-    if kind == "record":
-        if content not in _RECORDS:
-            raise InputError(f"{content} is no part of it")
-        return {name: _plain(one, arrays) for name, one in value["fields"].items() if name not in ("reading", "shared")}
-    if kind == "dict":
-        return {key: _plain(one, arrays) for key, one in content}
-    return _plain(content, arrays) if kind == "tuple" else arrays[f"a{content}"][()]

@@ -77,50 +77,36 @@ class PopulationTable(Table[PopulationRow]):
 
 def population_table(found: Population) -> PopulationTable:
     """All rows of a population."""
-    kinds = (_means, _scatters, _correlations, _effects, _asymmetries, _further)
-    return PopulationTable(tuple(row for rows in kinds for row in rows(found)))
+    return PopulationTable((*_hyperparameters(found), *_asymmetries(found), *_further(found)))
 
 
-def _means(found: Population) -> Iterator[PopulationRow]:
-    """On the group scales, then natural quantities of a subject at the mean; what is its own scale is not said twice."""
-    labels = _labels(found)
+def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
+    """Means on the group scales and natural quantities of a subject at them; scatters; correlations; effects, each with a Bayes factor."""
+    labels, own = [GROUP_PARAMETERS[name].label for name in found.names], found.chains
     for k, label in enumerate(labels):
-        yield _row(label, "mean", "", found.chains.mean[..., k], found.chains.convergence["mean", -1, k])
-    for name, values in found.quantities(found.chains.mean).items():
-        if name not in labels:  # ranks of a group parameter are those of its quantity
-            known = found.chains.convergence["mean", -1, found.names.index(name)] if name in found.names else None
-            yield _row(name, "mean", "", values, known)
-
-
-def _scatters(found: Population) -> Iterator[PopulationRow]:
-    for k, label in enumerate(_labels(found)):
-        yield _row(label, "sd", "", found.chains.scatter[..., k], found.chains.convergence["sd", -1, k])
-
-
-def _correlations(found: Population) -> Iterator[PopulationRow]:
-    """Between parameters of a subject, over subjects."""
-    labels, correlation = _labels(found), found.chains.correlation
-    for j, i in found.chains.correlated:
-        values, judged = correlation[..., i, j], found.chains.convergence[CORRELATION, j, i]
+        yield _row(label, "mean", "", own.mean[..., k], own.convergence["mean", -1, k])
+    for name, values in found.quantities(own.mean).items():
+        if name not in labels:  # what is its own scale is not said twice; ranks of a group parameter are those of its quantity
+            yield _row(name, "mean", "", values, own.convergence["mean", -1, found.names.index(name)] if name in found.names else None)
+    for k, label in enumerate(labels):
+        yield _row(label, "sd", "", own.scatter[..., k], own.convergence["sd", -1, k])
+    for j, i in own.correlated:
+        values, judged = own.correlation[..., i, j], own.convergence[CORRELATION, j, i]
         yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
-
-
-def _effects(found: Population) -> Iterator[PopulationRow]:
     ratios = no_difference(found) if found.regressors.columns else ()
     for i, column in enumerate(found.regressors.columns):
-        for k, label in enumerate(_labels(found)):
-            values, of_zero = found.chains.effects[..., i, k], ratios[i][k]
-            yield _directed(_row(label, "effect", column.label, values, found.chains.convergence["effect", i, k]), values, of_zero)
+        for k, label in enumerate(labels):
+            values, judged = own.effects[..., i, k], own.convergence["effect", i, k]
+            yield _directed(_row(label, "effect", column.label, values, judged), values, ratios[i][k])
 
 
 def _asymmetries(found: Population) -> Iterator[PopulationRow]:
     every = found.asymmetries
-    if every is None:
-        return
-    for j, comparison in enumerate(every.comparisons):
-        for i, level in enumerate(every.levels):
-            values = every.draws[:, :, i, j]
-            yield _directed(_row(comparison, "asymmetry", level, values), values)
+    if every is not None:
+        for j, comparison in enumerate(every.comparisons):
+            for i, level in enumerate(every.levels):
+                values = every.draws[:, :, i, j]
+                yield _directed(_row(comparison, "asymmetry", level, values), values)
 
 
 def _further(found: Population) -> Iterator[PopulationRow]:
@@ -131,19 +117,15 @@ def _further(found: Population) -> Iterator[PopulationRow]:
 
 
 def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: Convergence | None = None) -> PopulationRow:
-    diagnosed = convergence(values) if known is None else known
     mean, sd, q05, q25, q50, q75, q95 = location(values)
-    return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *diagnosed)
+    judged = convergence(values) if known is None else known
+    return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *judged)
 
 
 def _directed(row: PopulationRow, values: FloatArray, of_zero: Ratio | None = None) -> PopulationRow:
     p = max(float((values > 0.0).mean()), float((values < 0.0).mean()))
-    value, error, below = (None, None, None) if of_zero is None else of_zero
-    return row._replace(p_direction=p, bf_no_difference=value, bf_error=error, bf_below=below)
-
-
-def _labels(found: Population) -> list[str]:
-    return [GROUP_PARAMETERS[name].label for name in found.names]
+    row = row._replace(p_direction=p)
+    return row if of_zero is None else row._replace(bf_no_difference=of_zero.value, bf_error=of_zero.error, bf_below=of_zero.below)
 
 
 # --- Subjects -------------------------------------------------------------------------------------

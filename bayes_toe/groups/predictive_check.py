@@ -84,14 +84,13 @@ class PredictiveCheck:
         return tuple(self._said(one) for one in self.statistics if one.p_value < CONTRADICTED)
 
     def _said(self, one: Statistic) -> str:
+        above, outlying = one.above, one.above or one.kind == "skewness"
+        what = {
+            "spread": f"the spread of the {one.of} between subjects is {'larger' if above else 'smaller'} than",
+            "skewness": f"the {one.of} of the subjects is skewed otherwise than",
+            "farthest": f"the subject farthest in its {one.of} is {'farther out' if above else 'nearer'} than",
+        }[one.kind]
         numbers = f"{one.observed:.2g}, {one.q05:.2g} to {one.q95:.2g} expected, p = {one.p_value:.2g}"
-        outlying = one.above or one.kind == "skewness"
-        if one.kind == "spread":
-            what = f"the spread of the {one.of} between subjects is {'larger' if one.above else 'smaller'} than"
-        elif one.kind == "skewness":
-            what = f"the {one.of} of the subjects is skewed otherwise than"
-        else:
-            what = f"the subject farthest in its {one.of} is {'farther out' if one.above else 'nearer'} than"
         further = "; try --population t" if outlying and self.scatter == "normal" else ""
         clumps = "; do the subjects fall into kinds? A covariate may tell them apart" if not outlying and one.kind == "farthest" else ""
         return f"{what} a {self.scatter} population has it ({numbers}){further}{clumps}"
@@ -114,14 +113,6 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     >>> [one.label for one in predictive_check(made, groups=100).statistics[:2]]
     ['sd of mean asymmetry', 'farthest mean asymmetry, in sd']
     """
-    crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
-    everyone = np.concatenate([crowd.n_equal[None], _new_groups(found, groups)])
-    statistics = [one for of, values in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(of, values)]
-    return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
-
-
-def _new_groups(found: Population, groups: int) -> IntArray:
-    """Counts of 'equal' of new groups on the pairs of the study, shape (groups, N, pairs)."""
     rng, chains = generator(found.settings.seed, "population", "predictive check"), found.chains
     k, draws, parts = len(found.names), chains.mean[..., 0].size, -(-groups // _TOGETHER)
     some = np.linspace(0, draws - 1, parts * _TOGETHER).astype(int)
@@ -129,30 +120,27 @@ def _new_groups(found: Population, groups: int) -> IntArray:
     expected = mean + found.regressors.x @ effects
     eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
     likelihood = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
-    return np.concatenate([likelihood.repeated(part, rng) for part in np.split(eta, parts)])[:groups]
+    crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
+    everyone = np.concatenate([crowd.n_equal[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
+    statistics = [one for of, values in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(of, values)]
+    return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
 
 
 def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_equal: IntArray) -> Iterator[tuple[str, FloatArray]]:
     """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs)."""
-    orders, trials = _orders(subjects, crowd.n_pairs), crowd.n_trials.sum(axis=1)
-    both = orders.any(axis=1)
-    if both.sum() > 1:
-        shares = (n_equal[:, both] + 1.0) / (crowd.n_trials[both] + 2.0)  # Laplace's estimator, Eq. e:2b
-        yield "mean asymmetry", (orders[both] * shares).sum(axis=2)
-    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_equal, crowd.n_trials - n_equal).sum(axis=2) / trials
-    yield "share of 'equal'", n_equal.sum(axis=2) / trials
-
-
-def _orders(subjects: Sequence[Subject], pairs: int) -> FloatArray:
-    """Weights of the pairs in each subject's mean of q(c, r) - q(r, c) over its comparisons, shape (N, pairs)."""
-    weights = np.zeros((len(subjects), pairs))
+    weights, trials = np.zeros(crowd.s1.shape), crowd.n_trials.sum(axis=1)  # of pairs in a subject's mean of q(c, r) - q(r, c)
     for row, one in zip(weights, subjects, strict=True):
         seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
         at = {key: i for i, key in enumerate(zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True))}
         both = [(i, at[b, a, isi]) for (a, b, isi), i in at.items() if a > b and (b, a, isi) in at]
         for strong_first, weak_first in both:
             row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
-    return weights
+    met = weights.any(axis=1)
+    if met.sum() > 1:
+        shares = (n_equal[:, met] + 1.0) / (crowd.n_trials[met] + 2.0)  # Laplace's estimator, Eq. e:2b
+        yield "mean asymmetry", (weights[met] * shares).sum(axis=2)
+    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_equal, crowd.n_trials - n_equal).sum(axis=2) / trials
+    yield "share of 'equal'", n_equal.sum(axis=2) / trials
 
 
 def _statistics(of: str, values: FloatArray) -> Iterator[Statistic]:
@@ -162,13 +150,9 @@ def _statistics(of: str, values: FloatArray) -> Iterator[Statistic]:
     scores = np.divide(from_mean, spread, out=np.zeros_like(from_mean), where=spread > 0.0)
     measures = {"spread": spread[:, 0], "skewness": (scores**3).mean(axis=1), "farthest": np.abs(scores).max(axis=1)}
     for kind in _ASKED[of]:
-        if kind == "spread" or values.shape[1] >= _FEWEST:
-            yield _statistic(kind, of, measures[kind])
-
-
-def _statistic(kind: str, of: str, values: FloatArray) -> Statistic:
-    observed, others = values[0], values[1:]
-    tail = min((others >= observed).sum(), (others <= observed).sum())
-    p_value = min(1.0, 2.0 * (tail + 1.0) / (len(others) + 1.0))
-    q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
-    return Statistic(kind, of, float(observed), q05, q50, q95, float(p_value), above=bool(observed > q50))
+        if kind != "spread" and values.shape[1] < _FEWEST:
+            continue
+        observed, *others = measures[kind].tolist()
+        tail = min(sum(one >= observed for one in others), sum(one <= observed for one in others))
+        q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
+        yield Statistic(kind, of, observed, q05, q50, q95, min(1.0, 2.0 * (tail + 1) / (len(others) + 1)), observed > q50)

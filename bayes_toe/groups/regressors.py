@@ -125,9 +125,14 @@ def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Coll
     unknown = [name for name in categorical if name not in people.values]
     if unknown:
         raise InputError(f"categorical: found {quoted(unknown[0])}, allowed: {listed([*map(quoted, people.values)])}")
-    left_out = {subject: reason for subject in subjects if (reason := _missing(people, subject))}
+    left_out = dict[str, str]()
+    for subject in subjects:
+        missing = [f"no {bare(name)}" for name, values in people.values.items() if subject not in values]
+        if missing:
+            left_out[subject] = "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
+    said = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
     kept = tuple(subject for subject in subjects if subject not in left_out)
-    _require_subjects(kept, len(people.values), left_out)
+    _require_subjects(kept, len(people.values), said)
     columns, x = list[Regressor](), [np.empty((len(kept), 0))]
     for name, values in people.values.items():
         own = [values[subject] for subject in kept]
@@ -135,20 +140,15 @@ def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Coll
         more, part = _of_levels(name, own) if of_levels else _of_numbers(name, np.array(own, np.float64))
         columns += more
         x.append(part)
-    _require_subjects(kept, len(columns), left_out)
+    _require_subjects(kept, len(columns), said)
     _require_independent(columns, np.hstack(x))
-    return Regressors(kept, np.hstack(x), tuple(columns), left_out, _notes(people, subjects, left_out))
-
-
-def _missing(people: Covariates, subject: str) -> str:
-    """Which covariates a subject does not have."""
-    missing = [f"no {bare(name)}" for name, values in people.values.items() if subject not in values]
-    return "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
+    others = sorted({subject for values in people.values.values() for subject in values}.difference(subjects))
+    notes = (("covariates of subjects that are not in the study ignored", listed([*map(quoted, others)])), ("subjects left out", said))
+    return Regressors(kept, np.hstack(x), tuple(columns), left_out, tuple(f"{about}: {names}" for about, names in notes if names))
 
 
 def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
-    if values.min() == values.max():
-        raise _constant(name, f"{values[0]:g}")
+    _require_several(name, f"{values[0]:g}", values.min() < values.max())
     unit = float(np.abs(values).max())  # squares of numbers beyond 1e154 are beyond the largest float
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
     about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
@@ -158,42 +158,28 @@ def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatAr
 def _of_levels(name: str, values: Sequence[str | float]) -> tuple[list[Regressor], FloatArray]:
     kinds = levels(values)
     reference, *others = level_words(kinds)
-    if not others:
-        raise _constant(name, quoted(reference))
+    _require_several(name, quoted(reference), bool(others))
     columns = [Regressor(name, word, f"{bare(name)} {bare(word)} against {bare(reference)}", reference=reference) for word in others]
     return columns, np.array([[value == kind for kind in kinds[1:]] for value in values], np.float64)
 
 
-def _constant(name: str, found: str) -> InputError:
-    return InputError(
-        f"covariate {bare(name)}: found {found} for every subject, allowed: at least two different values; leave the column out"
-    )
+def _require_several(name: str, found: str, several: bool) -> None:
+    if not several:
+        allowed = "allowed: at least two different values; leave the column out"
+        raise InputError(f"covariate {bare(name)}: found {found} for every subject, {allowed}")
 
 
-def _require_subjects(kept: Sequence[str], columns: int, left_out: Mapping[str, str]) -> None:
+def _require_subjects(kept: Sequence[str], columns: int, left_out: str) -> None:
     if columns and len(kept) < columns + 2:
         found = f"covariates: found {counted(len(kept), 'subject')} with all of them"
-        rest = f"; left out: {_said(left_out)}" if left_out else ""
+        rest = f"; left out: {left_out}" if left_out else ""
         raise InputError(f"{found}, allowed: at least {columns + 2} for {counted(columns, 'column')}{rest}")
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     """R of the QR decomposition has on its diagonal what the columns before leave of each."""
     left = np.abs(np.diagonal(np.linalg.qr(with_ones(x), mode="r")))[1:]
-    for column, rest, size in zip(columns, left, np.linalg.norm(x - x.mean(axis=0), axis=0), strict=True):
-        if rest < _ALL_BUT_ROUNDING * size:
-            others = listed([one.label for one in columns[: columns.index(column)]])
-            raise InputError(
-                f"covariates: {column.label} follows from {others}, allowed: columns that tell different things; leave one out"
-            )
-
-
-def _said(left_out: Mapping[str, str]) -> str:
-    return listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
-
-
-def _notes(people: Covariates, subjects: Sequence[str], left_out: Mapping[str, str]) -> tuple[str, ...]:
-    known = {subject for values in people.values.values() for subject in values}
-    others = listed([quoted(subject) for subject in sorted(known - set(subjects))])
-    notes = (("covariates of subjects that are not in the study ignored", others), ("subjects left out", _said(left_out)))
-    return tuple(f"{about}: {names}" for about, names in notes if names)
+    for i, size in enumerate(np.linalg.norm(x - x.mean(axis=0), axis=0)):
+        if left[i] < _ALL_BUT_ROUNDING * size:
+            found = f"covariates: {columns[i].label} follows from {listed([one.label for one in columns[:i]])}"
+            raise InputError(f"{found}, allowed: columns that tell different things; leave one out")

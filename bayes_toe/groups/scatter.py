@@ -139,8 +139,7 @@ class Root(NamedTuple):
         """What slopes in L, (points, k, k), are in the coordinates, (points, k (k - 1)/2)."""
         through = of_factor * self.factor
         later = np.cumsum(through[:, :, ::-1], axis=2)[:, :, ::-1] - through
-        found = of_factor * (1.0 - np.square(self.partial)) * self.left - self.partial * later
-        return _below(found)
+        return _below(of_factor * (1.0 - np.square(self.partial)) * self.left - self.partial * later)
 
     @property
     def log_diagonal_slopes(self) -> FloatArray:

@@ -206,19 +206,14 @@ def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, se
 def _unpooled(posterior: Posterior, x: FloatArray, shares: tuple[FloatArray, FloatArray], trusted: bool, seed: int) -> Unpooled:
     """From points with shares of the whole, as they are and smoothed: what the answers say is the posterior less what the prior knows."""
     name, eta, (plain, smoothed) = posterior.subject.name, posterior.to_group(x), shares
-    believed = posterior.sample_prior(generator(seed, name, "prior"), _PRIOR_DRAWS)
-    at, first = (_nearly_normal(posterior, *points) for points in ((x, eta), (believed, posterior.to_group(believed))))
-    location = plain @ at
-    gained = 1.0 / (plain @ np.square(at - location)) - 1.0 / first.var(axis=0)
+    funnel, believed = funnel_of(posterior.model, posterior.sbar), posterior.sample_prior(generator(seed, name, "prior"), _PRIOR_DRAWS)
+    told, first = eta.copy(), posterior.to_group(believed)
+    if funnel is not None:  # answers tell p (mu1 - centre) more or less normally, and not mu1
+        offset = posterior.coordinates.index("offset")
+        told[:, funnel.mean], first[:, funnel.mean] = x[:, offset], believed[:, offset]
+    location = plain @ told
+    gained = 1.0 / (plain @ np.square(told - location)) - 1.0 / first.var(axis=0)
     with np.errstate(divide="ignore"):  # the answers say nothing: a precision of 0
         log_precision = np.log(np.where(gained > 0.0, gained, 0.0))
     some = generator(seed, name, "alone").choice(len(eta), _EQUAL, p=smoothed)
     return Unpooled(name, eta[some], log_precision, location, trusted)
-
-
-def _nearly_normal(posterior: Posterior, x: FloatArray, eta: FloatArray) -> FloatArray:
-    """What answers tell more or less normally: group parameters, but p (mu1 - centre) in the place of mu1, shape (points, k)."""
-    found, funnel = eta.copy(), funnel_of(posterior.model, posterior.sbar)
-    if funnel is not None:
-        found[:, funnel.mean] = x[:, posterior.coordinates.index("offset")]
-    return found

@@ -191,14 +191,6 @@ def test_correlated_parameters(case, far):
     require_right(made(*CORRELATED[case], correlated=True), far)
 
 
-@pytest.mark.parametrize("case", [*CASES, *CORRELATED])
-def test_there_and_back(case):
-    joint = made(*(CASES | CORRELATED)[case], correlated=case in CORRELATED)
-    theta = points(joint, far=False)
-    hyper, _ = joint.split(theta)
-    assert joint.point(hyper, joint.eta(theta)) == pytest.approx(theta, rel=1e-9, abs=1e-9)
-
-
 def drawn_without_answers(funnel):
     """Mean, log scatter and one member, about independent draws, where no answer says anything; coordinates are as if they did."""
 

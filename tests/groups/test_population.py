@@ -13,7 +13,7 @@ from bayes_toe.groups.hamiltonian import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
 from bayes_toe.groups.subjects import unpooled
-from bayes_toe.inference.diagnostics import errors
+from bayes_toe.inference.diagnostics import errors, worst
 
 pytestmark = pytest.mark.filterwarnings("ignore::bayes_toe.errors.ConvergenceWarning")
 
@@ -63,7 +63,7 @@ def test_the_order_of_subjects_changes_what_chance_may_change(found, run):
 
 def test_the_stated_diagnostics_are_those_of_the_draws(found):
     own = found.chains
-    (_, lowest), (_, highest) = own.worst(found.names, found.study.names)
+    (_, lowest), (_, highest) = worst(own.named(found.names, found.study.names))
     assert found.converged == (lowest >= 40 and highest < 1.01)
     assert set(own.convergence) == {(quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)}
     assert own.mean.shape[0] == 16
