@@ -348,9 +348,6 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
         lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
         lambda study, analysis: bt.asymmetry(study),
         lambda study, analysis: bt.plots.figures(analysis),
-        lambda study, analysis: bt.plots.plane_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.plots.answers_axes(study["S01"], analysis.draws.natural("S01")),
-        lambda study, analysis: bt.plots.collapse_axes(study["S01"], analysis.draws.natural("S01")),
     ],
 )
 def test_what_knows_one_interval_refuses_several(call, study, analysis):

@@ -25,12 +25,7 @@ _CROWDED = 12
 def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
     """P('equal') of one comparison in its two orders with the p-value of their difference. Source: Fig. 1C, with its colours.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Laplace estimators and their errors are drawn (Eq. e:2b), and the exact test's plain p-value is written.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
+    Laplace estimators and their errors (Eq. e:2b), and the exact test's plain p-value.
     """
     ax = panel(ax, wide=1.8, high=2.2)
     q = (comparison.q_weak_first, comparison.q_strong_first)
@@ -50,10 +45,10 @@ def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: float = LEVEL) -> Axes:
+def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its standard deviation.
 
-    Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ at `level` by the
+    Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ (p < 0.05) by the
     exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source: Fig. 1C and
     Results, response asymmetries. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by their largest asymmetry,
     without names and without the other comparisons.
@@ -63,15 +58,13 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     table : AsymmetryTable
     ax : matplotlib Axes, optional
         Drawn into, where given.
-    level : float
-        Level of significance.
     """
     rows = table.rows
     ax = panel(ax, high=asymmetry_height(table))
     ax.axvline(0.0, color="black", lw=0.8)
     ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
     if len(rows) > MOST_NAMED:
-        _draw_largest(ax, [row.maximal for row in rows if row.maximal is not None], len(rows), level)
+        _draw_largest(ax, [row.maximal for row in rows if row.maximal is not None], len(rows))
         return dress(ax)
     for i, row in enumerate(rows):
         if i % 2:
@@ -84,7 +77,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     value, error, p, largest = _columns([one for row in rows for one in row.comparisons])
     barred = np.where((np.repeat(counts, counts) > _CROWDED) & (largest == 0), np.nan, error)
     for (sign, (colour, marker)), sure, large in product(_MARKS.items(), (False, True), (False, True)):
-        at = (np.sign(value) == sign) & ((p < level) == sure) & (largest == large)
+        at = (np.sign(value) == sign) & ((p < LEVEL) == sure) & (largest == large)
         if at.any():
             style: dict[str, Any] = {"ms": 4.2, "elinewidth": 0.7, "zorder": 3} if large else {"ms": 2.4, "elinewidth": 0.4, "zorder": 2}
             face = colour if sure else "white"
@@ -93,7 +86,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None, *, level: floa
     reach = min(1.05, 1.08 * float((np.abs(value) + error).max())) if len(value) else 1.0  # zero is in the middle
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
     dress(ax).tick_params(axis="y", length=0)
-    _draw_key(ax, level)
+    _draw_key(ax)
     return ax
 
 
@@ -110,16 +103,15 @@ def _columns(comparisons: Sequence[Comparison]) -> FloatArray:
     return np.array([(one.asymmetry, one.asymmetry_se, one.p_adjusted, one.is_maximal) for one in comparisons], np.float64).reshape(-1, 4).T
 
 
-def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int, level: float) -> None:
+def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int) -> None:
     """The largest asymmetry of each subject, sorted, those that are significant in colour."""
-    ordered = sorted(largest, key=lambda one: -one.asymmetry)
-    value, error, p, _ = _columns(ordered)
+    value, error, p, _ = _columns(sorted(largest, key=lambda one: -one.asymmetry))
     y = np.arange(len(value))
     ax.hlines(y, value - error, value + error, color="#D9D9D9", lw=min(0.8, 250.0 / max(len(value), 1)), zorder=1)
     for (sign, (colour, marker)), sure in product(_MARKS.items(), (False, True)):
-        at = (np.sign(value) == sign) & ((p < level) == sure)
+        at = (np.sign(value) == sign) & ((p < LEVEL) == sure)
         if at.any():
-            said = f"p < {level:g} (Holm)" if sure else f"p ≥ {level:g}"
+            said = f"p < {LEVEL:g} (Holm)" if sure else f"p ≥ {LEVEL:g}"
             words = f"'equal' likelier {'stronger' if sign > 0 else 'weaker'} first, {said}" if sign else "neither order"
             style: dict[str, Any] = {"ms": 2.6, "mew": 0.4, "color": colour, "mfc": colour if sure else "white"}
             ax.plot(value[at], y[at], marker, label=f"{words}: {at.sum():,}", **style)
@@ -127,13 +119,12 @@ def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int, level:
         words = f"no pair in both orders: {subjects - len(value):,}"
         ax.text(0.98, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=SMALL, color=EQUAL)
     reach = min(1.05, 1.08 * float((np.abs(value) + error).max(initial=0.1)))
-    ax.set(
-        ylim=(len(value) - 0.5, -0.5), xlim=(-reach, reach), ylabel=f"{subjects:,} subjects, sorted by their largest asymmetry", yticks=[]
-    )
+    ax.set(ylim=(len(value) - 0.5, -0.5), xlim=(-reach, reach), yticks=[])
+    ax.set_ylabel(f"{subjects:,} subjects, sorted by their largest asymmetry")
     legend_above(ax)
 
 
-def _draw_key(ax: Axes, level: float) -> None:
+def _draw_key(ax: Axes) -> None:
     """What colour, filling and size mean; above the panel, where no point can be, and over the names where these are long."""
 
     def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
@@ -142,32 +133,15 @@ def _draw_key(ax: Axes, level: float) -> None:
     key = {
         "'equal' likelier weaker first": mark("o", WEAKER_FIRST, filled=True),
         "'equal' likelier stronger first": mark("s", STRONGER_FIRST, filled=True),
-        f"filled: p < {level:g} (Holm)": mark("o", "#333333", filled=True),
+        f"filled: p < {LEVEL:g} (Holm)": mark("o", "#333333", filled=True),
         "large: largest of the subject": mark("o", "#333333", filled=False),
     }
-    ax.legend(
-        key.values(),
-        key.keys(),
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=2,
-        frameon=False,
-        fontsize=SMALL,
-        handletextpad=0.1,
-        columnspacing=0.8,
-        borderaxespad=0.2,
-        labelspacing=0.25,
-    )
+    style = {"handletextpad": 0.1, "columnspacing": 0.8, "borderaxespad": 0.2, "labelspacing": 0.25, "frameon": False, "fontsize": SMALL}
+    ax.legend(key.values(), key.keys(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, **style)
 
 
 def _said(p_value: float) -> str:
-    r"""A p-value as text with mathematics.
-
-    Examples
-    --------
-    >>> _said(0.0004), _said(0.2)
-    ('$p$ = $4\\cdot10^{-4}$', '$p$ = 0.20')
-    """
+    """A p-value as text with mathematics."""
     if p_value >= 0.001:
         return f"$p$ = {p_value:.2g}" if p_value < 0.095 else f"$p$ = {p_value:.2f}"
     if p_value < 1e-99:

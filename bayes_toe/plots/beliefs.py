@@ -1,21 +1,17 @@
-"""Figures of the observer's beliefs in one trial (Fig. 2) and of what is noticed along a sequence of stimuli."""
+"""Figure of the observer's beliefs in one trial (Fig. 2)."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.beliefs import Gaussian, TrialView, noticed, trial_view
+from bayes_toe.model.beliefs import Gaussian, TrialView, trial_view
 from bayes_toe.model.closed_form import equal_probability
-from bayes_toe.model.coordinates import Natural
 from bayes_toe.plots.style import BELIEF, EQUAL, LETTERS, STRONGER_FIRST, WEAKER_FIRST, dress, panel
 
 #: Height of the tallest curve in units of the distance between rows.
 _TALL = 0.78
-#: Least distance of the labels of two stimuli in units of the panel's width.
-_LABEL = 0.105
 
 
 def filter_axes(
@@ -32,25 +28,8 @@ def filter_axes(
     """Beliefs of one trial from top to bottom, with the likelihood of each stimulus and the shift that decides. Source: Fig. 2.
 
     Violet: the belief; dotted: the belief of the row above; dashed in the colour of the order: likelihood of the stimulus (triangle).
-    Heights are not to scale: they go with the root of the precision.
-
-    Parameters
-    ----------
-    s1, s2 : float
-        First and second stimulus, natural-log intensity.
-    mu1, sigma_p, sigma_l : float
-        Parameters of the observer, natural-log intensity.
-    q0 : float, optional
-        Where given, P('equal') is written too.
-    span : (float, float), optional
-        From where to where the panel reaches, natural-log intensity; by default :func:`filter_span`.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-
-    Raises
-    ------
-    NumericalError
-        If a parameter is outside its range.
+    Heights are not to scale: they go with the root of the precision. All in natural-log intensity; with q0, P('equal') is written too;
+    the panel reaches over `span`, by default :func:`filter_span`.
     """
     view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
     ax = panel(ax, high=3.4)
@@ -81,57 +60,6 @@ def filter_axes(
     ax.spines["left"].set_visible(False)
     ax.title.set_color(colour)
     return ax
-
-
-def noticed_axes(
-    stimuli: npt.ArrayLike, theta: Natural, *, intervals: npt.ArrayLike | None = None, share: float = 0.9, ax: Axes | None = None
-) -> Axes:
-    """Probability that each stimulus of a sequence is noticed as different from what was expected, with a band over posterior draws.
-
-    Circles: median over draws; bars: central interval that holds a share of them; dotted: 1 - q0, the least that is possible. Under each
-    stimulus its time and value.
-
-    Parameters
-    ----------
-    stimuli : array_like, shape (times,)
-        At least two natural-log intensities.
-    theta : Natural
-        Parameters, numbers or draws of shape (draws,), such as ``draws.natural("S01")``.
-    intervals : array_like, shape (times - 1,), optional
-        As in :func:`bayes_toe.model.beliefs.noticed`.
-    share : float
-        Of draws inside the bars.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two stimuli, or intervals do not fit.
-    """
-    draws = Natural(*(np.ravel(np.asarray(v, np.float64)) for v in theta))
-    low, middle, high = np.quantile(noticed(stimuli, *draws, intervals=intervals), [0.5 - share / 2, 0.5, 0.5 + share / 2], axis=0)
-    shown = np.asarray(stimuli, np.float64)
-    times = np.cumsum(np.r_[0.0, np.ones(len(shown) - 1) if intervals is None else np.asarray(intervals, np.float64)])
-    ax = panel(ax)
-    ax.axhline(1.0 - float(np.median(draws.q0)), ls=":", lw=0.9, color=BELIEF)
-    ax.errorbar(
-        times[1:], middle, [middle - low, high - middle], fmt="o-", ms=4.0, lw=0.8, elinewidth=1.3, color=BELIEF, mec="white", mew=0.5
-    )
-    at = _apart(times)
-    ax.set_xticks(times[at], [f"{times[i]:.3g}\n{shown[i]:.2f}".replace("-", "−") for i in at])
-    ax.set(ylim=(0.0, 1.0), xlim=(times[0] - 0.03 * times[-1], times[-1] * 1.03), xlabel="time (intervals), stimulus (ln intensity)")
-    ax.set_ylabel("P(noticed as different)")
-    return dress(ax)
-
-
-def _apart(times: FloatArray) -> list[int]:
-    """Stimuli that are far enough apart for their labels, from the first on."""
-    chosen = [0]
-    for i, time in enumerate(times):
-        if time - times[chosen[-1]] >= _LABEL * (times[-1] - times[0]) and i > 0:
-            chosen.append(i)
-    return chosen
 
 
 def filter_span(s1: float, s2: float, mu1: float, sigma_p: float, sigma_l: float) -> tuple[float, float]:

@@ -12,27 +12,26 @@ from matplotlib.figure import Figure
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.experiments.calibration import DESIGNS, RANKED
 from bayes_toe.experiments.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
-from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, EvidenceRow, log_odds, rank_columns
-from bayes_toe.plots.style import EQUAL, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure
+from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, log_odds, rank_columns
+from bayes_toe.plots.style import EQUAL, LABELS, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure
 
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
-_SAID = {"mu1": r"$\mu_1$", "sigma_p": r"$\sigma_p$", "sigma_l": r"$\sigma_l$", "q0": "$q_0$", "gamma": r"$\gamma$"}
-_SAID["log_likelihood"] = "log likelihood"
 _BAND = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
 _FADE = 0.45
+_ENDS = np.concatenate([[0.0], POINTS, [1.0]])  # with 0 and 1, where every difference is 0
 _TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 def ranks_figure(table: CalibrationTable) -> Figure:
     """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
-    return _two_rows(3.7, RANKED, partial(ranks_axes, table), "rank of the true value", "ECDF difference")
+    return _two_rows(3.7, RANKED, partial(_draw_ranks, table), "rank of the true value", "ECDF difference")
 
 
-def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
+def _draw_ranks(table: CalibrationTable, quantity: str, ax: Axes) -> None:
     """One quantity of all designs; a design's band is that of its number of studies."""
     drawn: set[int] = set()
-    for design in DESIGNS:
+    for design, (colour, line, _) in STYLE.items():
         found = [one for one in table.outcome.ranks if one.design == design]
         rows = [row for row in table.ranks if row.design == design and row.quantity == quantity]
         if not found:
@@ -40,43 +39,36 @@ def ranks_axes(table: CalibrationTable, quantity: str, ax: Axes) -> Axes:
         if len(found) not in drawn:
             drawn.add(len(found))
             lower, upper = band(len(found), 1.0 - rows[0].threshold).differences()
-            ax.fill_between(_ends(), np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
-        colour, line, _ = STYLE[design]
-        difference = np.pad(ecdf_difference(rank_columns(found)[quantity]), 1)
+            ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
         label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
-        ax.plot(_ends(), difference, color=colour, ls=line, lw=1.1, label=label)
+        ax.plot(_ENDS, np.pad(ecdf_difference(rank_columns(found)[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
     ax.axhline(0.0, color="black", lw=0.5)
-    ax.set_title(_SAID.get(quantity, quantity), fontsize=LETTERS)
+    ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
     ax.set_xlim(0.0, 1.0)
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    return dress(ax)
 
 
 def reliability_figure(table: CalibrationTable) -> Figure:
     """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
-    return _two_rows(5.7, list(ESTIMATORS), partial(reliability_axes, table), "stated P(H1 | data)", "share that came from H1")
+    return _two_rows(5.7, list(ESTIMATORS), partial(_draw_reliability, table), "stated P(H1 | data)", "share that came from H1")
 
 
-def reliability_axes(table: CalibrationTable, estimator: str, ax: Axes) -> Axes:
+def _draw_reliability(table: CalibrationTable, estimator: str, ax: Axes) -> None:
     """One estimator: bins of the stated probability with exact 95 % intervals; the area of a mark grows with the data sets in it."""
     ax.plot([0, 1], [0, 1], color="black", lw=0.5)
-    said = []
-    for design in DESIGNS:
-        rows = [row for row in table.evidence if row.design == design and row.estimator == estimator]
-        found = [one for one in table.outcome.evidence if one.design == design]
-        if not rows:
-            continue
-        said.append((_score(rows[0]), STYLE[design][0]))
+    rows = [row for design in STYLE for row in table.evidence if row.design == design and row.estimator == estimator]
+    for line, row in enumerate(rows):
+        note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
+        said = "none exists" if row.judged is None else f"ECE {row.judged.error:.3f}" + (f", {note}" if note else "")
+        ax.text(0.0, 1.25 - 0.11 * line, said, color=STYLE[row.design][0], fontsize=SMALL, va="center")
+        found = [one for one in table.outcome.evidence if one.design == row.design]
         odds, from_h1, _ = log_odds(found, estimator)
         if len(odds):
-            _draw_bins(ax, odds, from_h1, design, len(found))
-    for line, (text, colour) in enumerate(said):
-        ax.text(0.0, 1.25 - 0.11 * line, text, color=colour, fontsize=SMALL, va="center")
+            _draw_bins(ax, odds, from_h1, row.design, len(found))
     ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
     ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    return dress(ax)
 
 
 def differences_figure(table: CalibrationTable) -> Figure:
@@ -84,7 +76,7 @@ def differences_figure(table: CalibrationTable) -> Figure:
     figure = new_figure(PAGE, 2.7)
     ax = figure.subplots()
     others = [name for name in ESTIMATORS if name != DEFAULT]
-    designs = [design for design in DESIGNS if any(one.design == design for one in table.outcome.evidence)]
+    designs = [design for design in STYLE if any(one.design == design for one in table.outcome.evidence)]
     for line, estimator in enumerate(others):
         for step, design in enumerate(designs):
             _draw_shifts(ax, table, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
@@ -94,25 +86,21 @@ def differences_figure(table: CalibrationTable) -> Figure:
     shown = [tick for tick in _TICKS if low <= tick <= high]
     ax.set_xticks(shown, [f"{tick:+d}".replace("-", "−") if tick else "0" for tick in shown])
     ax.set_xticks([], minor=True)
-    ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)", fontsize=LETTERS)
+    ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)")
     ax.set_yticks([-float(i) for i in range(len(others))], others)
-    dress(ax)
-    ax.tick_params(axis="y", labelsize=LETTERS)
-    _legend(figure, ax)
+    dress(ax).tick_params(axis="y", labelsize=LETTERS)
+    legend_below(figure, size=SMALL)
     return figure
 
 
-def _two_rows(high: float, kinds: Sequence[str], draw: Callable[[str, Axes], Axes], across: str, up: str) -> Figure:
+def _two_rows(high: float, kinds: Sequence[str], draw: Callable[[str, Axes], None], across: str, up: str) -> Figure:
     """One panel a kind, half of them above the others, with words at the outer axes only."""
     figure = new_figure(PAGE, high)
-    panels = figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True)
-    for ax, kind in zip(panels.ravel(), kinds, strict=True):
+    for ax, kind in zip(figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True).ravel(), kinds, strict=True):
         draw(kind, ax)
-    for ax in panels[1]:
-        ax.set_xlabel(across, fontsize=LETTERS)
-    for ax in panels[:, 0]:
-        ax.set_ylabel(up, fontsize=LETTERS)
-    _legend(figure, panels[0, 0])
+        ax.set(xlabel=across, ylabel=up)
+        dress(ax).label_outer()
+    legend_below(figure, size=SMALL)
     return figure
 
 
@@ -144,26 +132,7 @@ def _draw_shifts(ax: Axes, table: CalibrationTable, estimator: str, design: str,
     ax.plot([middle], [height], color=colour, marker=marker, ms=4.0, ls="", label=label)
 
 
-def _score(row: EvidenceRow) -> str:
-    if row.judged is None:
-        return "none exists"
-    note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
-    return f"ECE {row.judged.error:.3f}" + (f", {note}" if note else "")
-
-
 def _none(missing: int, total: int) -> str:
     """The share of data sets for which there is no number; empty where there is one for each."""
     share = 100 * missing / total
     return "" if missing == 0 else "none: < 1 %" if share < 1 else f"none: {share:.0f} %"
-
-
-def _ends() -> FloatArray:
-    """The points with 0 and 1, where every difference is 0."""
-    return np.concatenate([[0.0], POINTS, [1.0]])
-
-
-def _legend(figure: Figure, ax: Axes) -> None:
-    handles, labels = ax.get_legend_handles_labels()
-    first = [labels.index(label) for label in dict.fromkeys(labels)]
-    chosen = [handles[i] for i in first], [labels[i] for i in first]
-    figure.legend(*chosen, loc="outside lower center", ncols=len(first), frameon=False, fontsize=SMALL)

@@ -31,13 +31,7 @@ def png(figure: Figure, *, dpi: int = 150) -> bytes:
 
 
 def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
-    """A figure as the content of a file; without dates or random names, so that the same figure gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        If matplotlib knows no such format.
-    """
+    """A figure as the content of a file; without dates or random names, so that the same figure gives the same bytes."""
     buffer = io.BytesIO()
     _write(figure, buffer, _require_suffix(f"figure.{suffix}"), dpi)
     return buffer.getvalue()
@@ -60,13 +54,7 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dp
 
 
 def picture_beside(table: Path) -> Path:
-    """Where the figure of a table goes: beside it, as PNG.
-
-    Raises
-    ------
-    InputError
-        If the table itself is to have that name.
-    """
+    """Where the figure of a table goes, as PNG, refused if the table itself is to have that name."""
     picture = table.with_name(f"{table.stem}.png")
     if picture == table:
         raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
@@ -74,12 +62,7 @@ def picture_beside(table: Path) -> Path:
 
 
 def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
-    """The formats asked for, each once.
-
-    Raises
-    ------
-    InputError
-        For an unknown format, or none.
+    """The formats asked for, each once; an unknown one, or none, is refused.
 
     Examples
     --------

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -15,7 +14,6 @@ from matplotlib.figure import Figure
 
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
-from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.geometry import axis_band, axis_properties, plane
@@ -32,41 +30,27 @@ from bayes_toe.plots.style import (
     first_panels,
     legend_below,
     new_figure,
-    panel,
 )
-
-Quantity = Literal["prior_uncertainty", "slope", "prefactor"]
-QUANTITIES: tuple[Quantity, ...] = ("prior_uncertainty", "slope", "prefactor")
 
 _CELLS = 120
 _ACROSS = 3
 _WIDTHS, _HEIGHTS = {1: 3.6, 2: 5.6, 3: PAGE}, {1: 3.2, 2: 2.5, 3: 2.15}  # inches of figures and rows with so many columns
 AXIS = "#111111"
-_LABELS = {
+#: What Fig. 6 shows of the axis, and what it is called.
+_QUANTITIES = {
     "prior_uncertainty": r"prior uncertainty $\sigma_1^2/\sigma_p^2$",
     "slope": r"slope of the axis $K$",
     "prefactor": r"prefactor of the intercept $p$",
 }
 
 
-def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band: float = 0.6) -> Axes:
-    """P('equal') of any pair in grey, the symmetry axis with its band, and the pairs that were presented. Source: Fig. 5.
+def plane_axes(counts: Subject, theta: Natural, ax: Axes) -> Axes:
+    """P('equal') of any pair in grey, the symmetry axis with its central 60 %, and the pairs that were presented. Source: Fig. 5.
 
     Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its levels 0.25, 0.5 and 0.75. Dashed: the diagonal, which
-    would be the axis without an order effect.
-
-    Parameters
-    ----------
-    counts : Subject
-        Its pairs are the open marks, in the colour of their order.
-    theta : Natural
-        Draws of any one shape; a few hundred are taken.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    band : float
-        Share of the draws of the axis within its dotted band, at each first stimulus.
+    would be the axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
-    ax = panel(ax, high=3.3)
+    refuse_intervals([counts], "plane of pairs")
     both = np.concatenate([counts.s1, counts.s2])
     pad = max(0.18 * float(np.ptp(both)), 0.1)
     low, high = float(both.min()) - pad, float(both.max()) + pad
@@ -77,11 +61,10 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
     ax.imshow(grid.q, origin="lower", extent=(*ends, *ends), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
     ax.contour(side, side, grid.q, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
-    line = axis_band(some, side, levels=(0.5 - band / 2.0, 0.5, 0.5 + band / 2.0))
+    line = axis_band(some, side, levels=(0.2, 0.5, 0.8))
     ax.plot(side, line.s2[1], color=AXIS, lw=1.5, label="symmetry axis")
     for edge in (line.s2[0], line.s2[2]):
         ax.plot(side, edge, ":", color=AXIS, lw=0.9)
-    refuse_intervals([counts], "plane of pairs")
     order, crowded = presentation_order(counts), counts.n_pairs > 60
     for kind, mark in ORDERS.items():
         at = order == kind
@@ -96,13 +79,7 @@ def plane_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, band:
 
 
 def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
-    """One :func:`plane_axes` a subject, at most three in a row, with the scale of grey.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject.
-    """
+    """One :func:`plane_axes` a subject, at most three in a row, with the scale of grey."""
     across = even_columns(len(subjects), _ACROSS)
     down = -(-len(subjects) // across)
     figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
@@ -118,45 +95,23 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     return figure
 
 
-def gamma_axes(quantity: Quantity, ax: Axes | None = None, *, subjects: Mapping[str, npt.ArrayLike] | None = None) -> Axes:
-    """Prior uncertainty, slope or intercept prefactor of the symmetry axis as a function of gamma. Source: Fig. 6, Eqs. axis1 and axis2.
-
-    Parameters
-    ----------
-    quantity : {"prior_uncertainty", "slope", "prefactor"}
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    subjects : mapping of str to array_like, optional
-        Draws of gamma by subject: their medians are marked on the curve.
-
-    Raises
-    ------
-    InputError
-        For another quantity.
-    """
-    if quantity not in QUANTITIES:
-        raise InputError(f"quantity {quantity!r}: allowed: {', '.join(QUANTITIES)}")
-    ax = panel(ax, wide=2.4, high=2.2)
-    x = np.linspace(0.0, 1.0, 300)
-    ax.plot(x, getattr(axis_properties(x), quantity), color=AXIS, lw=1.4)
-    if subjects:
-        medians = np.array([np.median(np.asarray(values, np.float64)) for values in subjects.values()])
-        at = getattr(axis_properties(medians), quantity)
-        ax.plot(medians, at, "o", ms=4.0, mfc="white", mec=STRONGER_FIRST, mew=1.0, label="subjects: median of $\\gamma$")
-    ax.set(xlabel=r"$\gamma = \sigma_\ell^2/\sigma_p^2$", ylabel=_LABELS[quantity], xlim=(-0.03, 1.03))
-    return dress(ax)
-
-
 def gamma_figure(draws: Draws | None = None) -> Figure:
-    """The three panels of Fig. 6; with draws, the medians of its subjects are marked."""
-    subjects = None if draws is None else {name: draws.values(name, "gamma") for name in draws.names}
-    figure = new_figure(PAGE, 2.4)
-    for ax, quantity in zip(figure.subplots(1, 3), QUANTITIES, strict=True):
-        gamma_axes(quantity, ax, subjects=subjects)
+    """Prior uncertainty, slope and intercept prefactor of the symmetry axis over gamma; with draws, at the medians of its subjects.
+
+    Source: Fig. 6, Eqs. axis1 and axis2.
+    """
+    figure, x = new_figure(PAGE, 2.4), np.linspace(0.0, 1.0, 300)
+    medians = None if draws is None else np.array([np.median(draws.values(name, "gamma")) for name in draws.names])
+    for ax, (quantity, label) in zip(figure.subplots(1, 3), _QUANTITIES.items(), strict=True):
+        ax.plot(x, getattr(axis_properties(x), quantity), color=AXIS, lw=1.4)
+        if medians is not None:
+            at, style = getattr(axis_properties(medians), quantity), {"ms": 4.0, "mfc": "white", "mec": STRONGER_FIRST, "mew": 1.0}
+            ax.plot(medians, at, "o", label="subjects: median of $\\gamma$", **style)
+        ax.set(xlabel=r"$\gamma = \sigma_\ell^2/\sigma_p^2$", ylabel=label, xlim=(-0.03, 1.03))
+        dress(ax)
     if draws is not None:
         legend_below(figure, size=SMALL)
-        if draws.synthetic:
-            figure.suptitle("synthetic data", fontsize=SMALL)
+        figure.suptitle("synthetic data" if draws.synthetic else "", fontsize=SMALL)
     return figure
 
 

@@ -98,59 +98,43 @@ def map_axes(
     known = {} if truth is None else {name: np.array(truth[name], np.float64) for name in clouds if name in truth}
     _set_limits(ax, [*centres.values(), *known.values()], found, None if stimuli is None else np.asarray(stimuli, np.float64))
     colours = _colours(ax, clouds, sigma_l)
-    weight = min(1.0, MOST_NAMED / len(clouds))
     for name in clouds:
-        _draw_subject(ax, found[name], centres[name], colours[name], weight)
+        _draw_subject(ax, found[name], centres[name], colours[name], min(1.0, MOST_NAMED / len(clouds)))
     ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
     for name, place in known.items():
         ax.plot(*zip(centres[name], place, strict=True), ":", color="black", lw=0.6, zorder=3)  # whose square it is
         ax.plot(*place, "s", ms=3.5, color=colours[name], mec="black", mew=0.7, zorder=4)
     said = [f"ellipses: {100.0 * mass:.3g} % of the draws each"] if any(one is not None for one in found.values()) else []
-    ax.set_title("; ".join([*said, *(["squares: true"] if known else [])]), fontsize=SMALL, loc="left")
-    labels = {name: plain(name, 12) for name in _named(centres)} if names is None else dict(names)
+    said += ["squares: true"] if known else []
+    ax.set_title("; ".join(said), fontsize=SMALL, loc="left")  # decides where the panel is, and so the names
+    if names is None:
+        some = [name for name, centre in centres.items() if np.isfinite(centre).all()]
+        if len(centres) > MOST_NAMED:
+            some = [some[i] for i in farthest([float(centres[name][0]) for name in some], MOST_INSETS)]
+        names = {name: plain(name, 12) for name in some}
     with any_characters():
-        unnamed = _write_names(ax, centres, labels)
+        unnamed = _write_names(ax, centres, names)
     if unnamed:
-        ax.set_title("; ".join([*filter(None, [ax.get_title(loc="left")]), f"no room for {unnamed} names"]), fontsize=SMALL, loc="left")
+        ax.set_title("; ".join([*said, f"no room for {unnamed} names"]), fontsize=SMALL, loc="left")
     return ax
-
-
-def _named(centres: Mapping[str, FloatArray]) -> list[str]:
-    """Who is named: everybody, or of very many subjects a few whose prior means lie farthest out."""
-    known = [name for name, centre in centres.items() if np.isfinite(centre).all()]
-    if len(centres) <= MOST_NAMED:
-        return known
-    return [known[i] for i in farthest([float(centres[name][0]) for name in known], MOST_INSETS)]
 
 
 def map_figure(
     draws: Draws, *, mass: float = MASS, clouds: Clouds | None = None, truth: Mapping[str, Mapping[str, float]] | None = None
 ) -> Figure:
-    """Map of all subjects of a study, and the answers of up to eight beside it: those whose prior means lie farthest out.
+    """:func:`study_map_axes`, and the answers of up to eight subjects beside it: those whose prior means lie farthest out.
 
     Letters go up with the prior mean, and are the same in map and panels.
-
-    Parameters
-    ----------
-    draws : Draws
-    mass : float
-        Share of the points in each ellipse.
-    clouds : mapping, optional
-        As in :func:`map_axes`, for example bootstrap replicates; by default the posterior draws.
-    truth : mapping, optional
-        True natural parameters by subject, of which the map shows mu1 and sigma_p.
     """
-    middle = {name: central(draws, name) for name in draws.names}
-    chosen = farthest([float(middle[name].mu1) for name in draws.names], MOST_INSETS)
-    some = range(len(draws.names)) if len(draws.names) <= MOST_NAMED else chosen
-    order = sorted(some, key=lambda i: float(middle[draws.names[i]].mu1))
-    every = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
-    letters = {draws.names[i]: every[draws.names[i]] for i in chosen}
-    names = {name: f"{every[name]}: {plain(name, 12)}" if name in every else plain(name, 12) for name in draws.names}
+    mu1 = [float(central(draws, name).mu1) for name in draws.names]
+    chosen = farthest(mu1, MOST_INSETS)
+    order = sorted(range(len(mu1)) if len(mu1) <= MOST_NAMED else chosen, key=lambda i: mu1[i])
+    letters = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
+    names = {name: (f"{letters[name]}: " if name in letters else "") + plain(name, 12) for name in draws.names}
     figure = new_figure(PAGE, 4.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
-    _draw_insets(figure, grid[1], draws, letters)
+    _draw_insets(figure, grid[1], draws, {draws.names[i]: letters[draws.names[i]] for i in chosen})
     study_map_axes(draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds, truth=truth)
     return figure
 
@@ -162,29 +146,15 @@ def _letter(rank: int) -> str:
 
 def study_map_axes(
     draws: Draws,
-    ax: Axes | None = None,
+    ax: Axes,
     *,
     names: Mapping[str, str] | None = None,
     mass: float = MASS,
     clouds: Clouds | None = None,
     truth: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Axes:
-    """The panel :func:`map_axes` of all subjects of a study: likelihood noise at the medians of the identified coordinates.
-
-    Parameters
-    ----------
-    draws : Draws
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    names, mass : optional
-        As in :func:`map_axes`.
-    clouds : mapping, optional
-        Replicates in the place of the posterior draws.
-    truth : mapping, optional
-        As in :func:`map_figure`.
-    """
+    """:func:`map_axes` of a study's draws, or of replicates in their place: likelihood noise at medians of the identified coordinates."""
     subjects = [draws.subject(name) for name in draws.names]
-    ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
     if draws.synthetic:
         ax.set_title("synthetic data", fontsize=SMALL, loc="right")  # before names are placed
     return map_axes(
@@ -208,11 +178,7 @@ def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
 
 def without_pointwise(draws: Draws) -> Draws:
     """Draws without the pointwise groups, which no figure needs and which are most of the size."""
-    tree = draws.tree.copy()
-    for group in ("log_likelihood", "posterior_predictive"):
-        if group in tree.children:
-            del tree[group]
-    return Draws(tree)
+    return Draws(draws.tree.filter(lambda group: group.name not in ("log_likelihood", "posterior_predictive")))
 
 
 def farthest(values: Sequence[float], count: int) -> list[int]:
@@ -225,7 +191,7 @@ def farthest(values: Sequence[float], count: int) -> list[int]:
     """
     order = sorted(range(len(values)), key=lambda i: values[i])
     low = -(-min(count, len(order)) // 2)
-    return order if count >= len(order) else order[:low] + order[len(order) - (count - low) :]
+    return order[:low] + order[max(low, len(order) - (count - low)) :]
 
 
 def _draw_insets(figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapping[str, str]) -> None:
@@ -243,21 +209,20 @@ def _draw_insets(figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapp
 
 
 def _set_limits(ax: Axes, places: Sequence[FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
-    outlines = [e.outline() for e in found.values() if e is not None] + [np.array([place]) for place in places]
-    points = np.concatenate(outlines)
+    """Room for all ellipses and places, but not too far from the stimuli, which are drawn behind them."""
+    points = np.concatenate([*(e.outline() for e in found.values() if e is not None), np.array(places)])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)
     if stimuli is not None:
-        first, last = float(stimuli.min()), float(stimuli.max())
+        first, last, different = float(stimuli.min()), float(stimuli.max()), np.unique(stimuli)
         reach = _FARTHEST * max(last - first, 0.5)
         low, high = min(max(low, first - reach), first), max(min(high, last + reach), last)
         ax.axvspan(first, last, color=BAND, lw=0, zorder=0)
-        for s in np.unique(stimuli) if len(np.unique(stimuli)) <= 12 else ():
+        for s in different if len(different) <= 12 else ():
             ax.axvline(s, color="#CFCFCF", lw=0.6, zorder=0)
     inside = points[(points[:, 0] >= low) & (points[:, 0] <= high), 1]
-    if not len(inside):
-        inside = points[:, 1] if len(points) else np.array([0.0, 1.0])
-    pad_x, bottom, top = 0.06 * (high - low) + 1e-9, float(inside.min()), float(inside.max())
+    up = inside if len(inside) else points[:, 1] if len(points) else np.array([0.0, 1.0])
+    pad_x, bottom, top = 0.06 * (high - low) + 1e-9, float(up.min()), float(up.max())
     pad_y = 0.09 * (top - bottom) + 1e-3 * abs(top) + 1e-12
     ax.set(xlim=(low - pad_x, high + pad_x), ylim=(max(0.0, bottom - pad_y), top + pad_y))
 

@@ -15,7 +15,7 @@ from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmet
 from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
@@ -58,24 +58,9 @@ def material_of(
     truth: Truth | None = None,
     workers: Workers = None,
 ) -> Material:
-    """What the figures need of an analysis, or of saved draws: Appendix C's evidence is then computed, and nothing sampled.
+    """What the figures need of an analysis, or of saved draws, with the errors of :func:`figures`.
 
-    Parameters
-    ----------
-    analysis : Analysis or Draws
-    subjects : sequence of str, optional
-        Shown in the figures of single subjects; by default those of :func:`representative`.
-
-    mass : float
-        Share of the draws in each ellipse of the map.
-    truth : mapping, optional
-        True natural parameters by subject, shown in the map.
-
-    Raises
-    ------
-    InputError
-        For an unknown or repeated subject, or none at all, or a share outside (0, 1); for a study with intervals (column isi); for draws of
-        another model.
+    Of saved draws Appendix C's evidence is then computed, and nothing sampled.
     """
     draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
     require_update(draws, "the paper's figures")
@@ -88,18 +73,7 @@ def material_of(
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The subjects asked for.
-
-    Raises
-    ------
-    InputError
-        If one is unknown or repeated, or there is none.
-
-    Examples
-    --------
-    >>> require_subjects(["b"], ["a", "b"])
-    ('b',)
-    """
+    """The subjects asked for, refused where one is unknown or repeated, or there is none."""
     unknown = [name for name in subjects if name not in known]
     if unknown:
         raise InputError(f"no subject {unknown[0]!r}; there are: {', '.join(map(repr, known))}")
@@ -122,34 +96,26 @@ def representative(table: AsymmetryTable) -> tuple[str, ...]:
 
 
 def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figure:
-    """Fig. 1C and its kin: the clearest comparison in both orders, and the asymmetries of all subjects and comparisons.
-
-    Raises
-    ------
-    InputError
-        If no pair of different stimuli was presented in both orders.
-    """
-    found = [one for row in table for one in row.comparisons]
-    if not found:
-        raise InputError("no pair of different stimuli was presented in both orders to one subject")
+    """Fig. 1C and its kin: the clearest comparison in both orders, and the asymmetries of all subjects and comparisons."""
     high = min(_HIGHEST, max(2.7, asymmetry_height(table) + 0.15))
     figure = new_figure(1.9 + COLUMN, high)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4)))
-    order_axes(min(found, key=lambda one: one.p_value), figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]))
+    clearest = min((one for row in table for one in row.comparisons), key=lambda one: one.p_value)
+    order_axes(clearest, figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]))
     asymmetry_axes(table, figure.add_subplot(grid[:, 1]))
-    if synthetic:
-        figure.suptitle("synthetic data", fontsize=SMALL)
+    figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
 
 
 def filter_figure(draws: Draws, subject: str) -> Figure:
     """Fig. 2 for one subject's central parameters: one pair in both of its orders, side by side.
 
-    The pair is the one with the widest asymmetry, or the widest where none was presented in both orders.
+    The pair is the one with the largest asymmetry, or the widest where none was presented in both orders.
     """
-    counts, theta = draws.subject(subject), central(draws, subject)
-    mu1, sigma_p, sigma_l, q0 = map(float, theta)
-    weak, strong = _pair_of(counts)
+    counts, (mu1, sigma_p, sigma_l, q0) = draws.subject(subject), map(float, central(draws, subject))
+    largest, widest = subject_asymmetry(counts).maximal, int(np.argmax(np.abs(counts.s1 - counts.s2)))
+    pair = (float(counts.s1[widest]), float(counts.s2[widest])) if largest is None else (largest.s_weak, largest.s_strong)
+    weak, strong = sorted(pair)
     orders = ((weak, strong), (strong, weak)) if weak < strong else ((weak, strong),)
     figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
     lows, highs = zip(*(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True)
@@ -166,18 +132,8 @@ def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Fi
     evidence_plane_axes(table, left)
     legend_above(dress(evidence_axes(right, table)))
     right.xaxis.label.set_fontsize(SMALL)
-    if synthetic:
-        figure.suptitle("synthetic data", fontsize=SMALL)
+    figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
-
-
-def _pair_of(counts: Subject) -> tuple[float, float]:
-    largest = subject_asymmetry(counts).maximal
-    if largest is not None:
-        return largest.s_weak, largest.s_strong
-    widest = int(np.argmax(np.abs(counts.s1 - counts.s2)))
-    pair = float(counts.s1[widest]), float(counts.s2[widest])
-    return min(pair), max(pair)
 
 
 # --- all figures --------------------------------------------------------------------------------------------------------------------
@@ -228,18 +184,7 @@ def figures(
 
 
 def products(formats: Sequence[str]) -> tuple[str, ...]:
-    """Every file that :func:`write_figures` may make.
-
-    Raises
-    ------
-    InputError
-        For an unknown format, or none.
-
-    Examples
-    --------
-    >>> products(["pdf"])[0]
-    'figure_1c_asymmetry.pdf'
-    """
+    """Every file that :func:`write_figures` may make in formats of which none is unknown."""
     return (*(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)), CAPTIONS)
 
 
@@ -307,36 +252,24 @@ def _draw(name: str, material: Material, formats: Sequence[str]) -> dict[str, by
 
 def captions(material: Material) -> str:
     """What each figure shows, with every level and band, as Markdown."""
-    missing = left_out(material)
-    draws = material.draws
-    lines = [f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}", "", *_preamble(material), ""]
-    for name in FIGURES:
-        text = f"Left out: {missing[name]}." if name in missing else _caption(name, material)
-        lines += [f"**{name}.** {text}", ""]
-    return "\n".join(lines)
-
-
-def _caption(name: str, material: Material) -> str:
-    chosen = ", ".join(material.subjects)
-    return _CAPTIONS[name].format(
-        subjects=chosen,
-        first=material.subjects[0],
-        mass=f"{100.0 * material.mass:.3g} %",
-        truth=" Squares: true values." if material.truth else "",
-    )
-
-
-def _preamble(material: Material) -> list[str]:
-    draws = material.draws
-    said = [
+    missing, draws = left_out(material), material.draws
+    lines = [
+        f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}",
         f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but q0 and gamma are "
         "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
-        "",
         material.asymmetry.population().describe().capitalize() + ".",
     ]
     if draws.not_converged:
-        said += ["", f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}."]
-    return said
+        lines.append(f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}.")
+    words = {
+        "subjects": ", ".join(material.subjects),
+        "first": material.subjects[0],
+        "mass": f"{100.0 * material.mass:.3g} %",
+        "truth": " Squares: true values." if material.truth else "",
+    }
+    for name, text in _CAPTIONS.items():
+        lines.append(f"**{name}.** " + (f"Left out: {missing[name]}." if name in missing else text.format(**words)))
+    return "\n\n".join(lines) + "\n"
 
 
 _CAPTIONS = {

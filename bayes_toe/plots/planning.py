@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, SECOND, OptimalDesign, paper_amid
 from bayes_toe.planning.power import NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, PopulationPower
@@ -25,7 +25,6 @@ from bayes_toe.plots.style import (
     dress_bar,
     legend_below,
     new_figure,
-    panel,
     plain,
 )
 
@@ -45,17 +44,25 @@ _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
 _MARKERS = "osD^v"
 #: Between lines next to each other, in natural logs; of the distance to the next number, how much all of them may take.
 _APART, _MOST = 0.025, 0.6
+#: Of one design: label, style, and what was counted by number.
+_Line = tuple[str, str, Sequence[Counted]]
 _MARGIN = 1.25  # factor from the outermost numbers to the ends of a panel
 
 
 def power_figure(table: PowerTable, populations: PopulationPower | None = None) -> Figure:
-    """How often each kind of observers is named, the expected 90 % intervals of the update's quantities, and what whole studies find."""
-    told = "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities)
-    rows = [
-        _row(table.kinds, partial(power_axes, table), "share of observers"),
-        *([_row(WIDTHS, partial(interval_width_axes, table))] if told else []),
-        *([] if populations is None else [_row(populations.kinds, partial(population_power_axes, populations), "share of studies")]),
-    ]
+    """How often each kind of observers is named, the expected 90 % intervals of the update's quantities, and what whole studies find.
+
+    Above: share of one kind of observers whose order effect is named (P > 0.95), and for whom another is. In the middle: expected width of
+    the 90 % interval of gain, mu1 and width of observers who update. Below: share of simulated studies of one kind of subjects whose
+    analysis as a group finds an order effect, by their number. Bars: 95 % of Monte Carlo error.
+    """
+    named = {NAMED: "named", WRONG: "another named"}
+    rows = [partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))]
+    if "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities):
+        rows.append(partial(_draw_widths, table))
+    if populations is not None:
+        [trials], effects = populations.trials, {one: f"order effect {one}" for one in (SOMEWHERE, ON_AVERAGE)}
+        rows.append(partial(_draw_shares, populations, "subjects", effects, ("share of studies", f"subjects of {trials:,} trials")))
     figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.designs) * (1 if populations is None else 2))  # of the legend
     for part, draw in zip(figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True):
         draw(part)
@@ -63,101 +70,71 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
     return figure
 
 
-def _row(keys: Sequence[str], draw: Callable[..., Axes], shared: str = "") -> Callable[[SubFigure], None]:
-    """Panels beside each other; with a word for it they share the axis upward."""
-
-    def made(part: SubFigure) -> None:
-        for column, (ax, key) in enumerate(zip(part.subplots(1, len(keys), sharey=bool(shared), squeeze=False).ravel(), keys, strict=True)):
-            draw(key, ax=ax)
-            if shared:
-                ax.set_ylabel(shared if column == 0 else "")
-                ax.label_outer()
-
-    return made
-
-
-def power_axes(table: PowerTable, kind: str = "update", *, ax: Axes | None = None) -> Axes:
-    """Share of one kind of observers whose order effect is named (P > 0.95), and for whom another is, with 95 % Monte Carlo intervals."""
-    ax = panel(ax)
-    beside = _beside(table.trials, table.designs)
-    for index, design in enumerate(table.designs):
-        for quantity, what, style in ((NAMED, "named", "-"), (WRONG, "another named", ":")):
-            found = [table[design, trials, kind, quantity] for trials in table.trials]
-            _line(ax, index, next(beside), found, f"{what}, {plain(design)}", style)
-    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of observers", xlabel="trials of a subject")
-    return _by(ax, table.trials)
+def _draw_shares(table: PowerTable | PopulationPower, by: str, what: Mapping[str, str], words: tuple[str, str], part: SubFigure) -> None:
+    """One panel a kind of observers with the shares of two quantities, solid and dotted, by the number of trials or of subjects."""
+    found = {(one.design, one.observers, getattr(one, by), one.quantity): one for one in table.counted.values()}
+    numbers = getattr(table, by)
+    for ax, kind in zip(part.subplots(1, len(table.kinds), sharey=True, squeeze=False)[0], table.kinds, strict=True):
+        lines = [
+            [
+                (f"{label}, {plain(design)}", style, [found[design, kind, number, quantity] for number in numbers])
+                for (quantity, label), style in zip(what.items(), "-:", strict=True)
+            ]
+            for design in table.designs
+        ]
+        _draw_lines(ax, numbers, lines)
+        ax.set(ylim=(-0.04, 1.04), ylabel=words[0], xlabel=words[1])
+        ax.set_title(_TITLES[kind], fontsize=LETTERS)
+        ax.label_outer()
 
 
-def population_power_axes(table: PopulationPower, kind: str = "update", *, ax: Axes | None = None) -> Axes:
-    """Share of simulated studies of one kind of subjects whose analysis as a group finds an order effect, by their number."""
-    ax, beside, [trials] = panel(ax), _beside(table.subjects, table.designs), table.trials
-    for index, design in enumerate(table.designs):
-        for quantity, style in ((SOMEWHERE, "-"), (ON_AVERAGE, ":")):
-            found = [table.counted[design, trials, kind, size, quantity] for size in table.subjects]
-            _line(ax, index, next(beside), found, f"order effect {quantity}, {plain(design)}", style)
-    ax.set(ylim=(-0.04, 1.04), title=_TITLES[kind], ylabel="share of studies", xlabel=f"subjects of {trials:,} trials")
-    return _by(ax, table.subjects)
-
-
-def interval_width_axes(table: PowerTable, quantity: str, *, ax: Axes | None = None) -> Axes:
-    """Expected width of the 90 % interval of gain, mu1 or width of observers who update."""
-    ax, beside = panel(ax), _beside(table.trials, table.designs, lines=1)
-    for index, design in enumerate(table.designs):
-        found = [table[design, trials, "update", f"90 % width of {quantity}"] for trials in table.trials]
-        _line(ax, index, next(beside), found, "")
-    ax.set_yscale("log")
-    ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject")
-    return _by(ax, table.trials)
-
-
-def _beside(numbers: Sequence[int], designs: Sequence[str], *, lines: int = 2) -> Iterator[FloatArray]:
-    """Where each line's points stand: beside each other about their numbers, within the panel and clear of the next number."""
-    count, at = lines * len(designs), np.array(numbers, np.float64)
-    nearest = float(np.diff(np.log(np.sort(at))).min(initial=2.0 * np.log(_MARGIN)))
-    step = min(_APART, _MOST * nearest / count)
-    return (at * np.exp(step * (place - 0.5 * (count - 1))) for place in range(count))
-
-
-def _line(ax: Axes, index: int, x: FloatArray, found: Sequence[Counted], label: str, style: str = "-") -> None:
-    """A line of a design with error bars; beyond five designs colours come again, with other markers."""
-    y = [one.value for one in found]
-    errors = [[one.value - one.low for one in found], [one.high - one.value for one in found]]
-    colour, marker = _COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)]
-    filled = colour if style == "-" else "white"
-    ax.errorbar(
-        x, y, errors, fmt=marker, linestyle=style, color=colour, markerfacecolor=filled, markersize=4.0, linewidth=1.1, elinewidth=0.8,
-        label=label,
-    )  # fmt: skip
-
-
-def _by(ax: Axes, numbers: Sequence[int]) -> Axes:
-    ax.set_xscale("log")
-    ax.set_xlim(min(numbers) / _MARGIN, max(numbers) * _MARGIN)
-    ax.xaxis.set_major_locator(FixedLocator(list(numbers)))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_xticklabels([f"{number:,}" for number in numbers])
-    if ax.get_yscale() == "log":
+def _draw_widths(table: PowerTable, part: SubFigure) -> None:
+    for ax, quantity in zip(part.subplots(1, len(WIDTHS)), WIDTHS, strict=True):
+        found = [[table[design, n, "update", f"90 % width of {quantity}"] for n in table.trials] for design in table.designs]
+        _draw_lines(ax, table.trials, [[("", "-", rows)] for rows in found])
+        ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject", yscale="log")
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
         ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         ax.yaxis.set_minor_locator(NullLocator())
-    return dress(ax)
+
+
+def _draw_lines(ax: Axes, numbers: Sequence[int], designs: Sequence[Sequence[_Line]]) -> None:
+    """The lines of each design, beside each other about their numbers: within the panel and clear of the next number.
+
+    Beyond five designs colours come again, with other markers.
+    """
+    count, at = sum(map(len, designs)), np.array(numbers, np.float64)
+    nearest = float(np.diff(np.log(np.sort(at))).min(initial=2.0 * np.log(_MARGIN)))
+    places = iter(min(_APART, _MOST * nearest / count) * (np.arange(count) - 0.5 * (count - 1)))
+    for index, lines in enumerate(designs):
+        colour, marker = _COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)]
+        for label, style, rows in lines:
+            y, errors = [one.value for one in rows], np.array([(one.value - one.low, one.high - one.value) for one in rows]).T
+            look: dict[str, Any] = {"fmt": marker, "ls": style, "color": colour, "mfc": colour if style == "-" else "white", "ms": 4.0}
+            ax.errorbar(at * np.exp(next(places)), y, errors, lw=1.1, elinewidth=0.8, label=label, **look)
+    ax.set(xscale="log", xlim=(min(numbers) / _MARGIN, max(numbers) * _MARGIN))
+    ax.set_xticks(list(numbers), [f"{number:,}" for number in numbers])
+    ax.xaxis.set_minor_locator(NullLocator())
+    dress(ax)
 
 
 # --- an optimised design ------------------------------------------------------------------------------------------------------------
 
 
 def design_figure(found: OptimalDesign) -> Figure:
-    """The design on the stimulus plane, and beside it how often it and others name each kind of observers."""
+    """The design on the stimulus plane, and beside it how often it and others name each kind of observers.
+
+    Left: its pairs, as large as they are frequent, over what one more trial of every pair would tell; the paper's as crosses. Right: share
+    of each kind of observers whom a design names, and misnames, with 95 % intervals of Monte Carlo error.
+    """
     figure = new_figure(PAGE, 3.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    design_axes(found, ax=left)
-    compared_axes(found, ax=right)
+    _draw_pairs(left, found)
+    _draw_compared(right, found)
     return figure
 
 
-def design_axes(found: OptimalDesign, *, ax: Axes | None = None) -> Axes:
-    """Pairs of the design, as large as they are frequent, over what one more trial of every pair would tell; the paper's as crosses."""
-    ax = panel(ax, wide=4.0, high=3.4)
+def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
     design, plane = found.design, found.plane
     first, second = np.unique(plane.s1), np.unique(plane.s2)
     values = np.full((len(second), len(first)), np.nan)
@@ -175,12 +152,10 @@ def design_axes(found: OptimalDesign, *, ax: Axes | None = None) -> Axes:
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=f"this design (largest: {design.n_trials.max()} trials)")
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)", aspect="equal")
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=SMALL, handletextpad=0.3, borderaxespad=0.1)
-    return dress(ax)
+    dress(ax)
 
 
-def compared_axes(found: OptimalDesign, *, ax: Axes | None = None) -> Axes:
-    """Share of each kind of observers whom a design names, and misnames, with 95 % intervals of Monte Carlo error."""
-    ax = panel(ax, high=3.0)
+def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
     names = [name for name in found.candidates if name != SECOND]
     table, trials = found.power, found.design.total
     for index, kind in enumerate(table.kinds):
@@ -189,13 +164,11 @@ def compared_axes(found: OptimalDesign, *, ax: Axes | None = None) -> Axes:
             rows = [table[name, trials, kind, quantity] for name in names]
             y = np.arange(len(names)) + 0.24 * (index - 0.5 * (len(table.kinds) - 1)) + (0.0 if filled else 0.09)
             x = np.array([row.value for row in rows])
-            errors = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T
-            ax.errorbar(
-                x, y, xerr=errors if filled else None, fmt=marker, color=colour, markerfacecolor=colour if filled else "white",
-                markersize=4.5 if filled else 3.0, elinewidth=0.8, label=label if filled else None,
-            )  # fmt: skip
+            errors = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T if filled else None
+            look: dict[str, Any] = {"mfc": colour, "ms": 4.5, "label": label} if filled else {"mfc": "white", "ms": 3.0}
+            ax.errorbar(x, y, xerr=errors, fmt=marker, color=colour, elinewidth=0.8, **look)
     ax.set_yticks(np.arange(len(names)), [plain("this design" if name == OPTIMISED else name) for name in names])
     ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="share named, P > 0.95 (hollow: misnamed)")
     ax.set_title(f"{trials:,} trials, observers with", fontsize=LETTERS)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False, fontsize=SMALL, handletextpad=0.2, columnspacing=1.0)
-    return dress(ax)
+    dress(ax)

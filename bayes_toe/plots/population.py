@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,16 +14,15 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
+from bayes_toe.groups.regressors import Regressor
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, main_weaker, order_panel, pairs_along, which_weaker
 from bayes_toe.plots.style import (
     BAD,
     BAND,
     BELIEF,
-    COLUMN,
     EQUAL,
     HIGH,
     LABELS,
@@ -37,7 +37,6 @@ from bayes_toe.plots.style import (
     first_panels,
     legend_above,
     new_figure,
-    panel,
     plain,
     rounded,
     said_interval,
@@ -46,7 +45,7 @@ from bayes_toe.seeds import generator
 
 #: Subjects beyond which they have no names, and no interval of their own beside that in the group.
 MOST_NAMED_IN_GROUP = 40
-#: The name under which :func:`effects_axes` knows the difference of both orders.
+#: What effects on the difference of both orders are called.
 ASYMMETRY = "asymmetry"
 _DRAWS = 1000  # of each subject, for quantiles
 _ALONE, _MEAN = "#8C8C8C", "#BDB3DD"
@@ -54,7 +53,11 @@ _ACROSS = 4
 
 
 def population_figure(found: Population, check: PredictiveCheck | None = None) -> Figure:
-    """Everybody's parameters alone and in the group, :func:`new_subject_axes`, :func:`predictive_check_axes`, :func:`effects_axes`.
+    """Everybody's parameters alone and in the group; a new subject's P(equal) and the predictive check; effects of covariates.
+
+    Above: 5, 50 and 95 % of every subject, alone (thin) and in the group (bold), before the population's mean and a new subject. In the
+    middle: P(equal) of a new subject, mean and central 50 and 90 %, among all answers; how subjects differ in what they did beside new
+    groups. Below: what covariates do to the mean of every parameter, and to the asymmetry.
 
     Parameters
     ----------
@@ -62,20 +65,18 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     check : PredictiveCheck, optional
         Made here where it is not given.
     """
-    values, quantities = _marked(found), _main_quantities(found)
-    effects = (*found.names, *(() if found.asymmetries is None else (ASYMMETRY,))) if found.regressors.columns else ()
-    forest_columns = even_columns(len(quantities), _ACROSS)
-    effect_columns = even_columns(len(effects), _ACROSS + 1) if effects else 1
-    forest_rows, effect_rows = -(-len(quantities) // forest_columns), -(-len(effects) // effect_columns)
-    heights = [0.3 + forest_rows * _forest_height(found), 2.9, 0.3 + effect_rows * (0.85 + 0.4 * len(found.regressors.columns))]
-    heights = heights if effects else heights[:2]
+    values, quantities, effects = marked(found), _main_quantities(found), effects_of(found)
+    across, effects_across = even_columns(len(quantities), _ACROSS), even_columns(max(len(effects), 1), _ACROSS + 1)
+    down, effects_down = -(-len(quantities) // across), -(-len(effects) // effects_across)
+    heights = [0.3 + down * _forest_height(found), 2.9]
+    heights += [0.3 + effects_down * (0.85 + 0.4 * len(found.regressors.columns))] if effects else []
     figure = new_figure(PAGE, 0.6 + sum(heights))
     figure.suptitle(_heading(found), fontsize=LETTERS + 1.0, color="black" if found.converged else BAD)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    forests = first_panels(parts[0].add_gridspec(forest_rows, forest_columns), len(quantities))
+    forests = first_panels(parts[0].add_gridspec(down, across), len(quantities))
     for i, (name, ax) in enumerate(zip(quantities, forests, strict=True)):
-        forest_axes(found, name, ax, values=values[name])
-        if i % forest_columns:
+        forest(ax, found, name, values[name])
+        if i % across:
             ax.tick_params(labelleft=False)
         elif len(found.study) > MOST_NAMED_IN_GROUP:
             ax.set_ylabel(f"{len(found.study):,} subjects, sorted in each panel", fontsize=LETTERS)
@@ -83,15 +84,15 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     style = {"ncols": 4, "frameon": False, "fontsize": SMALL, "handletextpad": 0.4, "columnspacing": 1.4}
     parts[0].legend(marks, words, loc="outside upper center", **style)
     left, right = parts[1].subplots(1, 2)
-    new_subject_axes(found, left)
-    predictive_check_axes(predictive_check(found) if check is None else check, right)
+    new_subject(left, found)
+    check_panel(right, predictive_check(found) if check is None else check)
     if effects:
-        parts[2].suptitle(
-            "effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter", fontsize=SMALL
-        )
-        panels = first_panels(parts[2].add_gridspec(effect_rows, effect_columns), len(effects))
-        for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
-            effects_axes(found, name, ax).tick_params(labelleft=i % effect_columns == 0)
+        said = "effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter"
+        parts[2].suptitle(said, fontsize=SMALL)
+        panels = first_panels(parts[2].add_gridspec(effects_down, effects_across), len(effects))
+        for i, ((name, draws), ax) in enumerate(zip(effects.items(), panels, strict=True)):
+            effects_panel(ax, draws, "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label, found.regressors.columns)
+            ax.tick_params(labelleft=i % effects_across == 0)
     return figure
 
 
@@ -131,7 +132,7 @@ class Marked(NamedTuple):
     new: FloatArray
 
 
-def _marked(found: Population) -> dict[str, Marked]:
+def marked(found: Population) -> dict[str, Marked]:
     """Quantiles of every quantity, by its name."""
     k = len(found.names)
     of_subjects = (found.unpooled, found.chains.eta.reshape(-1, len(found.study), k))
@@ -141,22 +142,8 @@ def _marked(found: Population) -> dict[str, Marked]:
     return {name: Marked(*(one[name] for one in quantiles)) for name in quantiles[0]}
 
 
-def forest_axes(found: Population, quantity: str, ax: Axes | None = None, *, values: Marked | None = None) -> Axes:
-    """One quantity of every subject, alone (thin) and in the group (bold), 5, 50 and 95 %, before the population's mean and a new subject.
-
-    More than :data:`MOST_NAMED_IN_GROUP` subjects are sorted by their median in the group, and drawn as they are in it alone.
-
-    Parameters
-    ----------
-    found : Population
-    quantity : str
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    values : Marked, optional
-        Made here where they are not given.
-    """
-    shown = _marked(found)[quantity] if values is None else values
-    ax = panel(ax, wide=2.4, high=_forest_height(found))
+def forest(ax: Axes, found: Population, quantity: str, shown: Marked) -> None:
+    """One quantity of every subject before the population's mean and a new subject; of very many subjects, sorted and in the group only."""
     at = " at reference" if found.regressors.columns else ""
     ax.axvspan(shown.new[0], shown.new[2], color=BAND, lw=0, label=f"new subject{at}")
     ax.axvspan(shown.mean[0], shown.mean[2], color=_MEAN, lw=0, label=f"typical subject (mean{at})")
@@ -173,7 +160,6 @@ def forest_axes(found: Population, quantity: str, ax: Axes | None = None, *, val
     ax.locator_params(axis="x", nbins=4)
     dress(ax).tick_params(axis="y", length=0)
     ax.set_title(said_interval(shown.mean), fontsize=SMALL, color=BELIEF)
-    return ax
 
 
 def _draw_named(ax: Axes, shown: Marked, names: list[str]) -> None:
@@ -205,19 +191,12 @@ def _forest_height(found: Population) -> float:
 # --- a new subject ------------------------------------------------------------------------------------------------------------------
 
 
-def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
+def new_subject(ax: Axes, found: Population) -> None:
     """P(equal) of a new subject in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
 
     With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
     met most often; of several weaker stimuli the one in most pairs, which the panel then names.
-
-    Parameters
-    ----------
-    found : Population
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
     """
-    ax = panel(ax, high=2.6)
     isi = _main_interval(found.study)
     study = found.study if isi is None else found.study.at_isi(isi)
     keys = ("s1", "s2", "n_equal", "n_trials")
@@ -238,7 +217,7 @@ def new_subject_axes(found: Population, ax: Axes | None = None) -> Axes:
     if about := which_weaker(everyone, low):
         ax.set_xlabel(f"stronger stimulus (ln), {about}")
     legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %, dotted 90 %; points: all answers{at}")
-    return dress(ax)
+    dress(ax)
 
 
 def _main_interval(study: Study) -> float | None:
@@ -270,18 +249,11 @@ def _curve(found: Population, isi: float | None) -> Curve:
 # --- the form of the population, and covariates -------------------------------------------------------------------------------------
 
 
-def predictive_check_axes(check: PredictiveCheck, ax: Axes | None = None) -> Axes:
+def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     """How subjects differ in what they did (points) beside new groups of the population, whose 5 to 95 % are one bar each.
 
     Every row has a scale of its own: the median of new groups is in the middle, their central 90 % are as wide as in any other row.
-
-    Parameters
-    ----------
-    check : PredictiveCheck
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
     """
-    ax = panel(ax, high=2.6)
     for i, one in enumerate(check.statistics):
         colour = BAD if one.p_value < CONTRADICTED else "black"
         side = one.q95 - one.q50 if one.observed > one.q50 else one.q50 - one.q05
@@ -300,50 +272,33 @@ def predictive_check_axes(check: PredictiveCheck, ax: Axes | None = None) -> Axe
     legend_above(ax, columns=2, title=f"does a {check.scatter} population fit?")
     dress(ax).tick_params(axis="y", length=0)
     ax.spines[:].set_visible(False)
-    return ax
 
 
-def effects_axes(found: Population, parameter: str, ax: Axes | None = None) -> Axes:
-    """What covariates do to one parameter, on the scale on which subjects scatter: 5, 50 and 95 %, and the probability of the direction.
-
-    Parameters
-    ----------
-    found : Population
-    parameter : str
-        One of `found.names`, or :data:`ASYMMETRY`.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-
-    Raises
-    ------
-    InputError
-        If there is none of this name.
-    """
-    known, columns = _effects(found), found.regressors.columns
-    if parameter not in known:
-        raise InputError(f"effects of covariates: found {parameter!r}, allowed: {', '.join(known)}")
-    ax = panel(ax, wide=COLUMN, high=1.0 + 0.4 * len(columns))
-    draws, y = known[parameter], np.arange(len(columns))
+def effects_panel(ax: Axes, draws: FloatArray, label: str, columns: Sequence[Regressor]) -> None:
+    """Effects of covariates on one thing, shape (draws, columns): 5, 50 and 95 %, and the probability of the direction."""
+    y = np.arange(len(columns))
     low, middle, high = np.quantile(draws, MARKED, axis=0)
     ax.axvline(0.0, color="black", lw=0.8)
     ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
     ax.plot(middle, y, "o", ms=3.4, color=POSTERIOR)
-    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    words: dict[str, Any] = {
+        "ha": "center",
+        "va": "bottom",
+        "fontsize": SMALL,
+        "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+    }
     for i, above in enumerate((draws > 0.0).mean(axis=0).tolist()):
-        where = ax.get_yaxis_transform()
-        ax.text(0.5, i - 0.18, _direction(above), transform=where, ha="center", va="bottom", fontsize=SMALL, bbox=behind)
+        ax.text(0.5, i - 0.18, _direction(above), transform=ax.get_yaxis_transform(), **words)
     reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
-    ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.6, -0.7))
+    ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.6, -0.7), xlabel=label)
     ax.locator_params(axis="x", nbins=4)
     ax.set_yticks(y, [plain(fill(column.about, 22), 70) for column in columns])
-    ax.set_xlabel("asymmetry" if parameter == ASYMMETRY else GROUP_PARAMETERS[parameter].label)
     dress(ax).tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    return ax
 
 
-def _effects(found: Population) -> dict[str, FloatArray]:
-    """Draws of the effects on everything, shape (draws, r): parameters, and the asymmetry where it can be seen."""
+def effects_of(found: Population) -> dict[str, FloatArray]:
+    """Draws of the effects on everything, shape (draws, columns): parameters, and the asymmetry where it can be seen."""
     columns = found.regressors.columns
     if not columns:
         return {}

@@ -12,20 +12,20 @@ from bayes_toe.data.study import Study
 from bayes_toe.experiments.prior_predictive import RARELY, PriorPrediction, prior_predictive
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, Record
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import LETTERS, ORDERS, PAGE, dress, legend_above, new_figure, panel
+from bayes_toe.plots.style import LETTERS, ORDERS, PAGE, dress, legend_above, new_figure
 
 _OUTER, _INNER = "#E3E3E3", "#BDBDBD"
 _BANDS = ((0.05, 0.95, _OUTER, "prior, 5 to 95 %"), (0.25, 0.75, _INNER, "prior, 25 to 75 %"))
-_HIGH = 3.3
 
 
-def prior_predictive_axes(
-    study: Study, prior: Prior | str | None = None, model: str | Record = PREDICTIVE_UPDATE.name, ax: Axes | None = None, *, seed: int = 0
-) -> Axes:
-    """P(equal) of every pair over observers drawn from the prior, median and central 50 and 90 %; points: each subject's frequency.
+def prior_predictive_figure(
+    study: Study, prior: Prior | str | None = None, model: str | Record = PREDICTIVE_UPDATE.name, *, seed: int = 0
+) -> Figure:
+    """P(equal) of every pair over observers drawn from the prior, beside what the subjects did.
 
-    Pairs from left to right by s2 - s1, so the stronger stimulus first on the left, the weaker first on the right. In designs of more than
-    40 pairs those of one order with similar distances are taken together.
+    Left: median and central 50 and 90 %; points: each subject's frequency; pairs from left to right by s2 - s1, so the stronger stimulus
+    first on the left. In designs of more than 40 pairs those of one order with similar distances are taken together. Right: each observer's
+    largest P(equal) against the subjects' largest shares; its words count who calls every pair equal in less than 5 %.
 
     Parameters
     ----------
@@ -34,8 +34,6 @@ def prior_predictive_axes(
         As :func:`bayes_toe.prior_for` takes it; the paper's by default.
     model : str
         A model's name or composition.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
     seed : int
         Of the draws from the prior.
 
@@ -44,18 +42,8 @@ def prior_predictive_axes(
     InputError
         If there is no such prior or model.
     """
-    return _bands(prior_predictive(study, prior, model, seed=seed), panel(ax, wide=PAGE, high=_HIGH))
-
-
-def prior_predictive_figure(
-    study: Study, prior: Prior | str | None = None, model: str | Record = PREDICTIVE_UPDATE.name, *, seed: int = 0
-) -> Figure:
-    """The panel of :func:`prior_predictive_axes` and, beside it, each observer's largest P(equal) against the subjects' largest shares.
-
-    Its words count who calls every pair equal in less than 5 %. Arguments and errors are those of :func:`prior_predictive_axes`.
-    """
     found = prior_predictive(study, prior, model, seed=seed)
-    figure = new_figure(PAGE, _HIGH)
+    figure = new_figure(PAGE, 3.3)
     left, right = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
     _bands(found, left)
     _largest(found, right)
@@ -64,17 +52,7 @@ def prior_predictive_figure(
     return figure
 
 
-def _said(found: PriorPrediction) -> str:
-    """Who calls every pair equal in less than 5 %, in words and two digits: what draws of a few thousand observers tell."""
-    observed = found.largest_observed
-    share = float(f"{100 * np.mean(found.largest < RARELY):.2g}")
-    return (
-        f"all pairs 'equal' in < {100 * RARELY:g} %:\n{share:g} % of the prior's observers,\n"
-        f"{np.sum(observed < RARELY)} of {len(observed)} subject{'' if len(observed) == 1 else 's'}"
-    )
-
-
-def _bands(found: PriorPrediction, ax: Axes) -> Axes:
+def _bands(found: PriorPrediction, ax: Axes) -> None:
     x = np.arange(found.equal.shape[1])
     for low, high, colour, label in _BANDS:
         bottom, top = np.quantile(found.equal, [low, high], axis=0)
@@ -95,7 +73,7 @@ def _bands(found: PriorPrediction, ax: Axes) -> Axes:
     ax.set_xticks(x, _names(found), rotation=90 if len(x) > 6 else 0)
     ax.set_xlabel("mean $s_2 - s_1$ of pairs taken together" if found.grouped else "pair, $s_1$ then $s_2$, ordered by $s_2 - s_1$")
     legend_above(ax, columns=3)
-    return dress(ax)
+    dress(ax)
 
 
 def _names(found: PriorPrediction) -> list[str]:
@@ -107,12 +85,15 @@ def _names(found: PriorPrediction) -> list[str]:
     return [f"{pairs.s1[i]:.3g}, {pairs.s2[i]:.3g}{seconds[i]}".replace("-", "−") for i in first]
 
 
-def _largest(found: PriorPrediction, ax: Axes) -> Axes:
+def _largest(found: PriorPrediction, ax: Axes) -> None:
     edges = np.linspace(0.0, 1.0, 21)  # the first bar is those below 5 %
     share = 100.0 * np.histogram(found.largest, edges)[0] / len(found.largest)
     observed, top = found.largest_observed, share.max()
     ax.bar(edges[:-1], share, np.diff(edges), align="edge", color=_INNER, edgecolor="white", lw=0.4, label="prior")
     ax.plot(observed, np.full(len(observed), 1.08 * top), "|", ms=7.0, mew=0.9, color="black", label="subjects")
     ax.set(xlim=(-0.02, 1.02), ylim=(0.0, 1.15 * top), xlabel="largest P('equal') over pairs", ylabel="prior's observers (%)")
-    legend_above(ax, columns=2, title=_said(found))
-    return dress(ax)
+    silent = float(f"{100 * np.mean(found.largest < RARELY):.2g}")  # two digits: what draws of a few thousand observers tell
+    subjects = f"{np.sum(observed < RARELY)} of {len(observed)} subject{'' if len(observed) == 1 else 's'}"
+    said = f"all pairs 'equal' in < {100 * RARELY:g} %:\n{silent:g} % of the prior's observers,\n{subjects}"
+    legend_above(ax, columns=2, title=said)
+    dress(ax)

@@ -148,9 +148,8 @@ def dress(ax: Axes) -> Axes:
     ax.tick_params(labelsize=SMALL, width=0.6, length=2.5, pad=2.0)
     for text in (ax.xaxis.label, ax.yaxis.label, ax.title):
         text.set_fontsize(LETTERS)
-    for side, spine in ax.spines.items():
-        spine.set_linewidth(0.6)
-        spine.set_visible(side in ("left", "bottom"))
+    ax.spines[:].set_linewidth(0.6)
+    ax.spines[["top", "right"]].set_visible(False)
     return ax
 
 
@@ -173,22 +172,10 @@ def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> Non
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
     """One legend for a panel, above it, in small letters, perhaps with words over it; estimates with error bars come first."""
-    pairs = _main_first(ax)
-    ax.legend(
-        [handle for handle, _ in pairs],
-        [label for _, label in pairs],
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=columns,
-        frameon=False,
-        fontsize=SMALL,
-        title=title,
-        title_fontsize=SMALL,
-        handletextpad=0.3,
-        columnspacing=1.0,
-        borderaxespad=0.2,
-        labelspacing=0.25,
-    )
+    handles, labels = zip(*_main_first(ax), strict=True)
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    space: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.0, "labelspacing": 0.25}
+    ax.legend(handles, labels, ncols=columns, frameon=False, fontsize=SMALL, title=title, title_fontsize=SMALL, **place, **space)
 
 
 def _main_first(ax: Axes) -> list[tuple[Any, str]]:

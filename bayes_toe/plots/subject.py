@@ -29,7 +29,6 @@ from bayes_toe.plots.style import (
     even_columns,
     legend_below,
     new_figure,
-    panel,
 )
 
 _ACROSS = 3  # columns of one block of rows
@@ -46,56 +45,29 @@ def central(draws: Draws, subject: str) -> Natural:
     return posterior.natural(np.median(x, axis=0))
 
 
-def answers_axes(
-    counts: Subject, theta: Natural, ax: Axes | None = None, *, weaker: float | None = None, level: float = LEVEL, size: float = 4.0
-) -> Axes:
+def answers_axes(counts: Subject, theta: Natural, ax: Axes, *, size: float = 4.0) -> Axes:
     """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 60 % and 95 % bands.
 
-    Points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the subject's
-    comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
-
-    Parameters
-    ----------
-    counts : Subject
-    theta : Natural
-        Draws of any one shape; a few hundred are taken.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    weaker : float, optional
-        The weaker stimulus of the pairs shown, natural-log intensity; by default the one that most pairs share.
-    level : float
-        Level of significance.
-    size : float
-        Of the marks, points.
+    Points, of so many points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the
+    subject's comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
     """
-    ax = panel(ax, high=2.4)
-    reference = main_weaker(counts) if weaker is None else weaker
+    reference = main_weaker(counts)
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
     order_panel(ax, counts, natural_curve(theta), low, size=size)
     left, right = shown_range(counts, low)
     pad = max(0.06 * (right - left), 0.05)
     ax.set(xlim=(left - pad, right + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
     for one in subject_asymmetry(counts).comparisons:
-        if one.s_weak == reference and one.p_adjusted < level:
+        if one.s_weak == reference and one.p_adjusted < LEVEL:
             ax.text(one.s_strong, 1.09, "*", ha="center", va="center_baseline", fontsize=2.5 * size)
     return dress(ax)
 
 
-def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes | None = None) -> Axes:
+def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes) -> Axes:
     """Fitted prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli. Source: Fig. 3, middle row.
 
-    Parameters
-    ----------
-    counts : Subject
-        Its stimuli are the triangles; the bar is the likelihood noise, 2 sigma_l wide.
-    theta : Natural
-        Draws of any one shape; the priors of some of them are drawn thin.
-    middle : Natural
-        The prior drawn thick, see :func:`central`.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
+    Thick at `middle`, see :func:`central`, thin at some of the draws; triangles: stimuli; bar: likelihood noise, 2 sigma_l wide.
     """
-    ax = panel(ax, high=1.4)
     refuse_intervals([counts], "panel of the prior")
     stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
     prior = steady_prior(middle.mu1, middle.sigma_p, middle.sigma_l)
@@ -130,69 +102,47 @@ def _reach(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
     return max(min(first - 0.15 * span, low), first - 4.0 * span), min(max(last + 0.15 * span, high), last + 4.0 * span)
 
 
-def collapse_axes(counts: Subject, theta: Natural, ax: Axes | None = None, *, mass: float = 0.6, size: float = 4.0) -> Axes:
+def collapse_axes(counts: Subject, theta: Natural, ax: Axes) -> Axes:
     """Both orders over the normalised distance (s2 - mu_2)/w, where they fall on one curve q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
 
-    Parameters
-    ----------
-    counts : Subject
-    theta : Natural
-        Draws of any one shape.
-    ax : matplotlib Axes, optional
-        Drawn into, where given.
-    mass : float
-        Horizontal bars hold this share of the draws; vertical ones are the standard deviation of the Laplace estimator over q0.
-    size : float
-        Of the marks, points.
+    Horizontal bars hold 60 % of the draws; vertical ones are the standard deviation of the Laplace estimator over q0.
     """
-    ax = panel(ax, high=2.2)
     refuse_intervals([counts], "collapse of both orders")
     posterior = posterior_of(counts)
-    found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=mass)
+    found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=0.6)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
     ax.plot(x, universal_curve(x), color="#333333", lw=1.2)
-    crowded = counts.n_pairs > 60
+    crowded, style = counts.n_pairs > 60, dict[str, Any]()
     for order, mark in ORDERS.items():
         at = found.order == order
         if at.any():
             across = np.stack([found.z - found.z_low, found.z_high - found.z])[:, at]
-            style: dict[str, Any] = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": size, "elinewidth": size / 5.0}
-            ax.errorbar(
-                found.z[at], found.ratio[at], found.error[at], across, fmt=mark.marker, color=mark.colour, mec="white", mew=0.4, **style
-            )
+            style = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": 4.0, "elinewidth": 0.8}
+            style |= {"fmt": mark.marker, "color": mark.colour, "mec": "white", "mew": 0.4}
+            ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, **style)
     top = max(1.14, 1.04 * float((found.ratio + found.error).max()))
     ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=r"P('equal')$/q_0$")
     return dress(ax)
 
 
 def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
-    """Three rows for each subject: :func:`answers_axes`, :func:`prior_axes`, :func:`collapse_axes`; three columns before it starts anew.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject.
-    """
+    """Three rows for each subject: :func:`answers_axes`, :func:`prior_axes`, :func:`collapse_axes`; three columns before it starts anew."""
     across = even_columns(len(subjects), _ACROSS)
     blocks = -(-len(subjects) // across)
     figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * blocks + 0.3)
     grid = figure.subplots(3 * blocks, across, squeeze=False, gridspec_kw={"height_ratios": (1.25, 0.85, 1.1) * blocks})
-    for place in range(blocks * across):
-        block, column = divmod(place, across)
-        axes = grid[3 * block : 3 * block + 3, column]
-        if place >= len(subjects):
-            for ax in axes:
-                ax.remove()
-            continue
-        subject = subjects[place]
+    columns = [grid[3 * block : 3 * block + 3, column] for block in range(blocks) for column in range(across)]
+    for ax in (ax for axes in columns[len(subjects) :] for ax in axes):
+        ax.remove()
+    for place, (subject, (top, middle, bottom)) in enumerate(zip(subjects, columns, strict=False)):
         counts, theta = draws.subject(subject), draws.natural(subject)
-        answers_axes(counts, theta, axes[0])
-        prior_axes(counts, theta, central(draws, subject), axes[1])
-        collapse_axes(counts, theta, axes[2])
+        answers_axes(counts, theta, top)
+        prior_axes(counts, theta, central(draws, subject), middle)
+        collapse_axes(counts, theta, bottom)
         about = which_weaker(counts, main_weaker(counts))
-        axes[0].set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
-        for ax in axes if column else ():
+        top.set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
+        for ax in (top, middle, bottom) if place % across else ():
             ax.set_ylabel("")
     legend_below(figure, size=SMALL)
     return figure

@@ -211,7 +211,7 @@ def test_ranges_that_cannot_be_walked(small_study, bad):
 def test_figures_show_every_value_and_mark_the_turns(table):
     rows = [*made([2.0, 1.0, -1.0, -3.5]), *made([1.0, None, -1.0], "sigma_p_scale"), *made([-1.0, 3.0], "mu1_mean")]
     turning = SensitivityTable(tuple(rows), bt.Prior(mu1_sd=1.0), 1)
-    ax = bt.plots.sensitivity_axes(turning, "S")
+    ax = bt.plots.sensitivity_figure(turning).axes[0]
     crosses = [line for line in ax.lines if line.get_marker() == "x"]
     # Across are factors; the mean, from 1 to 2 about 0, stands as far to the right as it is shifted, with 8 at the end.
     assert [np.ravel(line.get_xdata())[0] for line in crosses if np.size(line.get_xdata())] == pytest.approx([2**1.5, 8 ** (1.25 / 2)])

@@ -9,7 +9,6 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model import closed_form as model
 from bayes_toe.model.beliefs import Gaussian, evolve, sequence_view, steady_prior, trial_view, update
-from bayes_toe.model.coordinates import Natural
 
 EPS = np.finfo(float).eps
 
@@ -151,19 +150,3 @@ def test_noticed_refuses_what_it_cannot_use():
         bt.noticed([0.0, 0.1, 0.2], 0.0, 0.3, 0.1, 0.9, intervals=[1.0])
     with pytest.raises(NumericalError, match="q0"):
         bt.noticed([0.0, 0.1], 0.0, 0.3, 0.1, 1.1)
-
-
-def test_the_panel_of_a_sequence_shows_medians_and_bands():
-    rng = np.random.default_rng(6)
-    theta = Natural(rng.normal(size=(2, 40)), np.full((2, 40), 0.3), np.full((2, 40), 0.2), rng.uniform(0.8, 1, (2, 40)))
-    s, pauses = [0.0, 0.3, 0.3], [1.0, 2.5]
-    ax = bt.plots.noticed_axes(s, theta, intervals=pauses, share=0.8)
-    low, middle, high = np.quantile(bt.noticed(s, *(v.ravel() for v in theta), intervals=pauses), [0.1, 0.5, 0.9], axis=0)
-    [drawn] = ax.containers
-    assert drawn.lines[0].get_xydata() == pytest.approx(np.column_stack([[1.0, 3.5], middle]))
-    [bars] = drawn.lines[2]
-    assert np.array([bar[:, 1] for bar in bars.get_segments()]) == pytest.approx(np.column_stack([low, high]))
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["0\n0.00", "1\n0.30", "3.5\n0.30"]
-    assert bt.plots.noticed_axes(s, Natural(*np.array([0.0, 0.3, 0.2, 0.9])), ax=ax) is ax
-    many = bt.plots.noticed_axes(np.zeros(200), Natural(*np.array([0.0, 0.3, 0.2, 0.9])))
-    assert 5 < len(many.get_xticks()) < 11

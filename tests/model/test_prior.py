@@ -171,7 +171,7 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
         estimate = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
         value, error = estimate.value, estimate.se
         assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
-    ax = bt.plots.sensitivity_axes(table, "B")
+    ax = bt.plots.sensitivity_figure(table).axes[table.names.index("B")]
     assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
 
 

@@ -9,7 +9,7 @@ from legible import require_legible, texts_of
 from matplotlib.colors import to_rgb
 
 import bayes_toe as bt
-from bayes_toe.plots.evidence import _OF_KINDS, evidence_plane_axes, sorted_by_kind, stacked_shares
+from bayes_toe.plots.evidence import _OF_KINDS, evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
 
 
@@ -37,7 +37,7 @@ def test_misfits_and_missing_estimates_are_marked(analysis):
 def test_long_names_leave_room_for_all_words(analysis):
     table = bt.EvidenceTable(tuple(replace(row, subject=f"participant of the study number {i}") for i, row in enumerate(analysis.evidence)))
     require_legible(bt.plots.evidence_figure(table))
-    require_legible(bt.plots.order_effect_axes(table).figure)
+    require_legible(order_effect_axes(table).figure)
 
 
 def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):

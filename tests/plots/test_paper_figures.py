@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from legible import require_legible
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -21,13 +20,15 @@ from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.asymmetry import asymmetry_height
+from bayes_toe.plots.asymmetry import asymmetry_height, order_axes
+from bayes_toe.plots.beliefs import filter_axes
 from bayes_toe.plots.curves import main_weaker, order_panel
 from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.geometry import gamma_figure, plane_axes
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
 from bayes_toe.plots.paper_figures import CAPTIONS, FIGURES, _draw, captions, filter_figure, left_out, material_of, products, representative
 from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, new_figure
-from bayes_toe.plots.subject import central
+from bayes_toe.plots.subject import answers_axes, central, collapse_axes, prior_axes
 
 NAMES = tuple(FIGURES)
 
@@ -38,6 +39,10 @@ NAMES = tuple(FIGURES)
 @pytest.fixture(scope="module")
 def table(small_study):
     return bt.asymmetry(small_study)
+
+
+def one_panel():
+    return new_figure(3.4, 2.6).subplots()
 
 
 def points_of(ax):
@@ -65,7 +70,7 @@ def test_asymmetries_are_where_the_table_has_them(table):
 
 def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(table):
     one = table["A"].maximal
-    drawn = points_of(bt.plots.order_axes(one))
+    drawn = points_of(order_axes(one))
     assert [(y, edge) for _, y, edge, _ in drawn] == [
         (pytest.approx(one.q_weak_first), WEAKER_FIRST),
         (pytest.approx(one.q_strong_first), STRONGER_FIRST),
@@ -73,7 +78,7 @@ def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(tabl
 
 
 def test_a_hyphen_in_a_name_stays_one(table):
-    title = bt.plots.order_axes(replace(table["A"].maximal, subject="P-01", s_weak=-0.5)).get_title()
+    title = order_axes(replace(table["A"].maximal, subject="P-01", s_weak=-0.5)).get_title()
     assert title.startswith("P-01\n")
     assert "−0.5" in title
 
@@ -88,7 +93,7 @@ def test_the_key_of_asymmetries_is_on_the_page_beside_any_names(small_study, nam
 def test_the_filter_view_shows_the_four_beliefs(pair):
     theta = (-0.7, 0.25, 0.17)
     view = trial_view(*pair, *theta)
-    ax = bt.plots.filter_axes(*pair, *theta, 0.9)
+    ax = filter_axes(*pair, *theta, 0.9)
     vertical = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1]]
     assert vertical == pytest.approx([float(b.mean) for b in (view.prior, view.after_first, view.evolved, view.after_second)])
     assert f"{abs(float(view.distance)):.2f}" in ax.get_title()
@@ -98,7 +103,7 @@ def test_the_filter_view_shows_the_four_beliefs(pair):
 
 
 def test_stars_stand_where_the_orders_differ(analysis, table):
-    ax = bt.plots.answers_axes(analysis.study["A"], analysis.draws.natural("A"))
+    ax = answers_axes(analysis.study["A"], analysis.draws.natural("A"), one_panel())
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
     assert stars == pytest.approx([one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05])
     assert stars
@@ -106,7 +111,7 @@ def test_stars_stand_where_the_orders_differ(analysis, table):
 
 def test_the_prior_is_drawn_at_its_mean_with_the_stimuli(analysis):
     counts, middle = analysis.study["A"], central(analysis.draws, "A")
-    ax = bt.plots.prior_axes(counts, analysis.draws.natural("A"), middle)
+    ax = prior_axes(counts, analysis.draws.natural("A"), middle, one_panel())
     [thick] = [line for line in ax.lines if line.get_linewidth() == 1.4]
     x, density = thick.get_data()
     assert x[np.argmax(density)] == pytest.approx(float(middle.mu1), abs=0.02)
@@ -122,7 +127,7 @@ def test_the_central_point_lies_among_the_draws(analysis):
 
 
 def test_both_orders_collapse_on_one_curve(analysis):
-    ax = bt.plots.collapse_axes(analysis.study["A"], analysis.draws.natural("A"))
+    ax = collapse_axes(analysis.study["A"], analysis.draws.natural("A"), one_panel())
     curve = next(line for line in ax.lines if len(line.get_xdata()) == 300)
     posterior = posterior_of(analysis.study["A"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
@@ -170,7 +175,7 @@ def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(ana
 
 def test_marks_of_both_orders_stand_beside_each_other():
     counts = bt.Subject("x", [0.0, 0.3, 0.3], [0.3, 0.0, 0.3], [5, 5, 5], [10, 10, 10])
-    ax = order_panel(Figure().subplots(), counts, None, 0.0)
+    ax = order_panel(one_panel(), counts, None, 0.0)
     x = {one.get_label(): one.lines[0].get_transform().transform([0.3, 0.5])[0] for one in ax.containers}
     step = ax.get_figure().dpi / 72 * 0.7 * 5.5
     assert [x[one] - x["equal stimuli"] for one in ("weaker first", "stronger first")] == pytest.approx([-step, step])
@@ -204,7 +209,7 @@ def test_names_on_the_map_are_not_written_over_each_other():
 
 def test_the_plane_shows_axis_and_tested_pairs(analysis):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
-    ax = bt.plots.plane_axes(counts, theta)
+    ax = plane_axes(counts, theta, one_panel())
     axis = next(line for line in ax.lines if line.get_label() == "symmetry axis")
     x, y = axis.get_data()
     assert (y[-1] - y[0]) / (x[-1] - x[0]) == pytest.approx(float(np.median(gain(theta.gamma))), abs=0.05)
@@ -218,30 +223,8 @@ def test_the_plane_shows_axis_and_tested_pairs(analysis):
 
 def test_functions_of_gamma_end_at_the_golden_ratio():
     golden = (1.0 + 5.0**0.5) / 2.0
-    for quantity, start, end in (("prior_uncertainty", 1.0, golden), ("slope", 1.0, 1.0 / golden), ("prefactor", 0.0, 1.0 - 1.0 / golden)):
-        y = bt.plots.gamma_axes(quantity).lines[0].get_ydata()
-        assert (y[0], y[-1]) == pytest.approx((start, end))
-    with pytest.raises(InputError, match="allowed: prior_uncertainty, slope, prefactor"):
-        bt.plots.gamma_axes("G")
-
-
-def test_panels_are_drawn_on_axes_that_are_given(analysis, table):
-    counts, theta = analysis.study["A"], analysis.draws.natural("A")
-    draw = (
-        lambda ax: bt.plots.asymmetry_axes(table, ax),
-        lambda ax: bt.plots.order_axes(table["A"].maximal, ax),
-        lambda ax: bt.plots.filter_axes(0.0, 0.3, -0.7, 0.25, 0.17, ax=ax),
-        lambda ax: bt.plots.answers_axes(counts, theta, ax),
-        lambda ax: bt.plots.prior_axes(counts, theta, central(analysis.draws, "A"), ax),
-        lambda ax: bt.plots.collapse_axes(counts, theta, ax),
-        lambda ax: bt.plots.map_axes(posterior_clouds(analysis.draws), ax),
-        lambda ax: bt.plots.plane_axes(counts, theta, ax),
-        lambda ax: bt.plots.gamma_axes("slope", ax),
-        lambda ax: bt.plots.gamma_axes("prefactor", ax),
-    )
-    for one in draw:
-        ax = Figure().subplots()
-        assert one(ax) is ax
+    ends = [(ax.lines[0].get_ydata()[0], ax.lines[0].get_ydata()[-1]) for ax in gamma_figure().axes]
+    assert np.array(ends) == pytest.approx(np.array([(1.0, golden), (1.0, 1.0 / golden), (0.0, 1.0 - 1.0 / golden)]))
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():

@@ -1,5 +1,7 @@
 """The figure of a population, by what is drawn in it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from populations import made_population, ordinary
@@ -8,8 +10,8 @@ import bayes_toe as bt
 from bayes_toe.classical.frequencies import laplace_estimate
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
-from bayes_toe.plots.population import MOST_NAMED_IN_GROUP
-from bayes_toe.plots.style import ORDERS, said_interval
+from bayes_toe.plots.population import MOST_NAMED_IN_GROUP, forest, marked
+from bayes_toe.plots.style import ORDERS, new_figure, said_interval
 
 COLUMNS = (
     Regressor("group", "patient", "group patient against control", reference="control"),
@@ -22,49 +24,55 @@ def few():
     return made_population(ordinary(3))
 
 
-def words(figure):
-    return " ".join(text.get_text() for ax in figure.axes for text in ax.texts)
+@pytest.fixture(scope="module")
+def drawn(few):
+    """Panels of its figure by what they are about: the label below, or the words above."""
+    axes = bt.plots.population_figure(few).axes
+    return {ax.get_xlabel(): ax for ax in axes[:4]} | {"new subject": axes[4], "check": axes[5]}
 
 
-def test_a_forest_has_everybody_alone_and_in_the_group_before_the_population(few):
-    ax = bt.plots.forest_axes(few, "width")
+def alone_in(found, quantity):
+    """The panel of one quantity on its own."""
+    ax = new_figure(3.0, 3.0).subplots()
+    forest(ax, found, quantity, marked(found)[quantity])
+    return ax
+
+
+def test_a_forest_has_everybody_alone_and_in_the_group_before_the_population(few, drawn):
+    ax = drawn["width $w$"]
     width = [np.exp(eta.reshape(-1, *eta.shape[2:])[..., 2]) for eta in (few.chains.mean, few.chains.eta)]
     lines = {line.get_label(): np.asarray(line.get_xdata()) for line in ax.lines}
     assert lines["in the group"] == pytest.approx(np.median(width[1], axis=0))
     assert lines["subject alone (5-50-95 %)"] == pytest.approx(np.median(np.exp(few.unpooled[..., 2]), axis=0))
-    assert [label.get_text() for label in ax.get_yticklabels()] == list(few.study.names)
     low, high = np.quantile(width[0], (0.05, 0.95))
     bands = {band.get_label(): (band.get_x(), band.get_x() + band.get_width()) for band in ax.patches}
     assert bands["typical subject (mean)"] == pytest.approx((low, high))
     new = np.quantile(np.exp(few.new_subject()[..., 2]), (0.05, 0.95))
     assert bands["new subject"] == pytest.approx(tuple(new))
     assert ax.get_title() == said_interval(np.quantile(width[0], (0.05, 0.5, 0.95)))
+    assert [label.get_text() for label in next(iter(drawn.values())).get_yticklabels()] == list(few.study.names)
 
 
 def test_a_subject_alone_who_says_nothing_does_not_squeeze_the_others(few):
     alone = few.unpooled.copy()
     alone[:, 1, 0] *= 1e4
-    one = made_population(ordinary(3))
-    object.__setattr__(one, "unpooled", alone)
-    limits = [np.ptp(bt.plots.forest_axes(found, "mu1").get_xlim()) for found in (few, one)]
+    one = replace(few, unpooled=alone)
+    limits = [np.ptp(alone_in(found, "mu1").get_xlim()) for found in (few, one)]
     assert limits[1] < 1.6 * limits[0]
-    beyond = [line.get_ydata() for line in bt.plots.forest_axes(one, "mu1").lines if line.get_marker() in ("<", ">")]
+    beyond = [line.get_ydata() for line in alone_in(one, "mu1").lines if line.get_marker() in ("<", ">")]
     assert 1 in np.rint(np.concatenate(beyond))
 
 
 def test_many_subjects_are_sorted_without_names():
-    many = made_population(ordinary(MOST_NAMED_IN_GROUP + 1), draws=30)
-    ax = bt.plots.forest_axes(many, "q0")
+    ax = bt.plots.population_figure(made_population(ordinary(MOST_NAMED_IN_GROUP + 1), draws=30)).axes[0]
     assert not len(ax.get_yticks())
     middle = next(np.asarray(line.get_xdata()) for line in ax.lines if "in the group" in str(line.get_label()))
     assert (len(middle), np.diff(middle).min() >= 0.0) == (MOST_NAMED_IN_GROUP + 1, True)
-    figure = bt.plots.population_figure(many)
-    assert figure.axes[0].get_ylabel() == "41 subjects, sorted in each panel"
+    assert ax.get_ylabel() == "41 subjects, sorted in each panel"
 
 
-def test_curves_are_of_a_new_subject_and_points_of_all_answers(few):
-    ax = bt.plots.new_subject_axes(few)
-    study = few.study
+def test_curves_are_of_a_new_subject_and_points_of_all_answers(few, drawn):
+    ax, study = drawn["new subject"], few.study
     k, n = (np.sum([getattr(one, key) for one in study], axis=0) for key in ("n_equal", "n_trials"))
     at = study.subjects[0].s1 < study.subjects[0].s2
     points = next(bars[0] for bars in ax.containers if bars.get_label() == ORDERS[-1].label)
@@ -90,33 +98,31 @@ def test_effects_say_their_direction():
     x = np.column_stack([np.arange(6) % 2, np.linspace(-1.0, 1.0, 6)])
     found = made_population(ordinary(6), columns=COLUMNS, x=x)
     found.chains.effects[:, :, 0, 3] = -0.7
-    ax = bt.plots.effects_axes(found, "q0")
-    above = np.mean(found.chains.effects[:, :, 1, 3] > 0)
-    assert [text.get_text() for text in ax.texts] == ["P(< 0) > 0.99", f"P(> 0) = {above:.2f}"]
-    assert [label.get_text().replace("\n", " ") for label in ax.get_yticklabels()] == [column.about for column in COLUMNS]
     figure = bt.plots.population_figure(found)
     assert len(figure.axes) == 4 + 2 + 5
-    ax, every = bt.plots.effects_axes(found, "asymmetry"), found.asymmetries
+    of_q0, of_asymmetry = figure.axes[-2:]
+    above = np.mean(found.chains.effects[:, :, 1, 3] > 0)
+    assert [text.get_text() for text in of_q0.texts] == ["P(< 0) > 0.99", f"P(> 0) = {above:.2f}"]
+    assert [label.get_text().replace("\n", " ") for label in figure.axes[6].get_yticklabels()] == [column.about for column in COLUMNS]
+    every = found.asymmetries
     asked = [every.levels.index(level) for level in ("group patient - control", "age +1 sd - mean")]
-    assert np.asarray(ax.lines[-1].get_xdata()) == pytest.approx(np.median(every.draws[:, :, asked, 0], axis=(0, 1)))
-    with pytest.raises(bt.InputError, match="found 'gain', allowed: mu1, gamma, width, q0, asymmetry"):
-        bt.plots.effects_axes(found, "gain")
+    assert np.asarray(of_asymmetry.lines[-1].get_xdata()) == pytest.approx(np.median(every.draws[:, :, asked, 0], axis=(0, 1)))
     assert "with covariates of the study" in figure.axes[4].get_legend().get_title().get_text()
 
 
-def test_the_predictive_check_shows_what_is_wrong_and_where_it_lies():
+def test_the_predictive_check_shows_what_is_wrong_and_where_it_lies(few):
     rows = (
         Statistic("spread", "accuracy", 0.2, 0.1, 0.15, 0.2, 0.1, True),
         Statistic("farthest", "accuracy", 9.0, 1.0, 2.0, 3.0, 0.004, True),
     )
-    ax = bt.plots.predictive_check_axes(PredictiveCheck(rows, "normal", 500))
+    ax = bt.plots.population_figure(few, PredictiveCheck(rows, "normal", 500)).axes[5]
     marks = [(float(line.get_xdata()[0]), line.get_marker(), line.get_color()) for line in ax.lines if line.get_marker() != "None"]
     assert marks == [(1.0, "D", "black"), (2.0, ">", "#C00000")]
     assert [text.get_text() for text in ax.texts] == ["0.20, expected 0.10 to 0.20, p = 0.1", "9.0, expected 1.0 to 3.0, p = 0.004"]
 
 
-def test_the_title_says_who_and_whether_to_believe_it(few):
-    title = bt.plots.population_figure(few).get_suptitle()
+def test_the_title_says_who_and_whether_to_believe_it(drawn):
+    title = drawn["check"].get_figure(root=True).get_suptitle()
     assert title.startswith("Population of 3 subjects: predictive update\nasymmetry ")
     assert "pull 0." in title
     unfinished = bt.plots.population_figure(made_population(ordinary(3), reason="few draws"))

@@ -26,30 +26,23 @@ def table():
     return made_up(("a$b", "two"), (100, 400))
 
 
-def test_lines_are_the_shares(table):
-    ax = bt.plots.power_axes(table, "update")
-    first = ax.containers[0].lines[0]
-    assert first.get_ydata().tolist() == [table["a$b", n, "update", NAMED].value for n in (100, 400)]
-    assert len(ax.containers) == 4
-    widths = bt.plots.interval_width_axes(table, "mu1")
-    assert widths.get_ylabel() == "90 % interval of mu1"
+def test_a_panel_a_kind_and_a_quantity_with_the_shares_as_lines(table):
+    figure = bt.plots.power_figure(table)
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "who update"]
+    assert [ax.get_ylabel() for ax in figure.axes[3:]] == [f"90 % interval of {name}" for name in ("gain", "mu1", "width")]
+    lines = [bars.lines[0] for bars in figure.axes[2].containers]
+    assert lines[0].get_ydata().tolist() == [table["a$b", n, "update", NAMED].value for n in (100, 400)]
+    assert len(lines) == 4
 
 
 def test_many_designs_are_told_apart_and_stand_at_their_numbers():
-    many = made_up([f"design {i}" for i in range(8)], (300, 325, 350))
-    ax = bt.plots.power_axes(many, "update")
+    ax = bt.plots.power_figure(made_up([f"design {i}" for i in range(8)], (300, 325, 350))).axes[2]
     lines = [one.lines[0] for one in ax.containers]
     assert len({(one.get_color(), one.get_marker(), one.get_linestyle()) for one in lines}) == 16
     at = np.array([one.get_xdata() for one in lines])
     assert (np.abs(np.log(at[:, :, None] / [300, 325, 350])).argmin(axis=2) == [0, 1, 2]).all()
     assert ax.get_xlim()[0] < at.min() < at.max() < ax.get_xlim()[1]
     assert (np.diff(at, axis=0) > 0.0).all()
-
-
-def test_the_figure_has_a_panel_a_kind_and_a_quantity(table):
-    figure = bt.plots.power_figure(table)
-    assert len(figure.axes) == 6
-    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "who update"]
 
 
 def test_whole_studies_by_the_number_of_their_subjects(table):

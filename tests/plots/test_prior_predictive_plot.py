@@ -10,7 +10,7 @@ from bayes_toe.plots.style import ORDERS
 
 
 def test_bands_are_the_prior_s_and_points_the_subjects(small_study):
-    ax = bt.plots.prior_predictive_axes(small_study, "stimuli", "symmetric", seed=4)
+    ax = bt.plots.prior_predictive_figure(small_study, "stimuli", "symmetric", seed=4).axes[0]
     found = bt.prior_predictive(small_study, "stimuli", "symmetric", seed=4)
     outer, inner = ax.containers
     for bars, low, high in ((outer, 0.05, 0.95), (inner, 0.25, 0.75)):
@@ -34,11 +34,11 @@ def test_the_figure_says_who_calls_everything_different(small_study):
 
 def test_names_of_pairs_have_their_interval_and_hundreds_of_pairs_have_none():
     pair = bt.Study([bt.Subject("a", [0.0, 0.0], [0.4, 0.4], [3, 2], [5, 5], isi=[0.5, 2.0])])
-    ax = bt.plots.prior_predictive_axes(pair)
+    ax = bt.plots.prior_predictive_figure(pair).axes[0]
     assert [label.get_text() for label in ax.get_xticklabels()] == ["0, 0.4 (0.5 s)", "0, 0.4 (2 s)"]
     s = np.linspace(-1.0, 1.0, 20)
     s1, s2 = map(np.ravel, np.meshgrid(s, s))
     many = bt.Study([bt.Subject("a", s1, s2, np.ones(400, int), np.full(400, 2))])
-    labels = [label.get_text() for label in bt.plots.prior_predictive_axes(many).get_xticklabels()]
+    labels = [label.get_text() for label in bt.plots.prior_predictive_figure(many).axes[0].get_xticklabels()]
     assert labels[len(labels) // 2] == "0"
     assert len(labels) <= 25
