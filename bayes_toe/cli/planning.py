@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,9 +18,8 @@ from bayes_toe.data.messages import counted, quoted
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
 
-_POWER = ("power.csv", "power_data_sets.csv", "power_subjects.csv", "power.png", "power.pdf")
-_STOPPING, _POPULATION = "power_stopping.csv", "power_population.csv"
-Found = TypeVar("Found")
+_POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
+_BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -81,30 +80,63 @@ class GoalOptions:
         return bt.DesignGoal(self.aim, self.max_pairs, None if self.keep is None else bt.read_study_design(self.keep), found)
 
 
-def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions:
+    """What is simulated, and of how many observers."""
+
+    trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300"
+    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100
+    subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16"
+    stop: Annotated[
+        float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
+    ] = None
+    look: Annotated[
+        int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
+    ] = 50
+    population: Annotated[
+        bool,
+        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
+    ] = False
+    studies: Annotated[
+        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
+    ] = 20
+    observers: Observers = None
+
+    def tables(self, designs: Mapping[str, bt.StudyDesign], task: Task, keep: Path) -> dict[str, Any]:
+        """What was simulated, by the file of it."""
+        from bayes_toe.model.study_prior import preset_or_file
+        from bayes_toe.planning.observers import observers_from, shares_from
+        from bayes_toe.planning.power_of_studies import power_of_studies
+
+        numbers, sizes, prior = _numbers("--trials", self.trials), _numbers("--subjects", self.subjects), preset_or_file(task.prior)
+        rule = None if self.stop is None else bt.StoppingRule(self.stop, numbers[-1], self.look)
+        kinds = len({one.kind for one in observers_from(self.observers, 1, 0)})  # refuses a bad file before any work
+        shares, seed = shares_from(self.observers), task.seed
+
+        def simulated(what: str, total: int, work: Callable[..., Any], *asked: object, **more: object) -> Any:
+            with task.progress(what, len(designs) * total) as tick:
+                return work(*asked, self.observers, seed=seed, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
+
+        total = kinds * self.data_sets
+        table = simulated("simulating and analysing", len(numbers) * total, bt.power, designs, numbers, data_sets=self.data_sets)
+        found, seed = {_POWER: table, _STUDIES: power_of_studies(table, sizes, shares)}, table.seed
+        if rule is not None:
+            found[_STOPPING] = simulated("simulating sessions", total, bt.stopping, designs, rule, data_sets=self.data_sets)
+        if self.population:
+            longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
+            total = (kinds + bool(shares)) * sum(size > 1 for size in sizes) * self.studies
+            found[_POPULATION] = simulated("simulating studies", total, bt.power_of_populations, longest, sizes, studies=self.studies)
+        return found
+
+
+def power(
     *,
     design: Annotated[
         list[Path] | None,
         typer.Argument(metavar="[DESIGN.csv]...", help="Columns s1,s2,n_trials (and isi); none means the paper's pairs."),
     ] = None,
     output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
-    trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300",
-    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100,
-    subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16",
-    stop: Annotated[
-        float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
-    ] = None,
-    look: Annotated[
-        int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
-    ] = 50,
-    population: Annotated[
-        bool,
-        typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
-    ] = False,
-    studies: Annotated[
-        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
-    ] = 20,
-    observers: Observers = None,
+    asked: SimulationOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
@@ -113,42 +145,21 @@ def power(  # noqa: PLR0913  # each is a choice of its own, and has a default
     """
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
-    from bayes_toe.model.study_prior import preset_or_file
-    from bayes_toe.planning.observers import observers_from, shares_from
-    from bayes_toe.planning.power_of_studies import power_of_studies
 
-    task.require_folder(output, (*_POWER, _STOPPING, _POPULATION))
+    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, *_BESIDE)
+    task.require_folder(output, products)
     keep = task.partial(output)
-    prior = preset_or_file(task.prior)
-    designs, numbers, sizes = _designs(design), _numbers("--trials", trials), _numbers("--subjects", subjects)
-    rule = None if stop is None else bt.StoppingRule(stop, numbers[-1], look)
-    kinds = len({one.kind for one in observers_from(observers, 1, 0)})  # refuses a bad file before any work
-
-    def simulated(what: str, total: int, work: Callable[..., Found], *asked: object, **more: object) -> Found:
-        with task.progress(what, total) as tick:
-            return work(*asked, observers, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
-
-    total = len(designs) * len(numbers) * kinds * data_sets
-    table = simulated("simulating and analysing", total, bt.power, designs, numbers, data_sets=data_sets, seed=task.seed)
-    shares = shares_from(observers)
-    of_studies, stopped, grouped = power_of_studies(table, sizes, shares), None, None
-    if rule is not None:
-        total = len(designs) * kinds * data_sets
-        stopped = simulated("simulating sessions", total, bt.stopping, designs, rule, data_sets=data_sets, seed=table.seed)
-    if population:
-        longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
-        total = len(designs) * (kinds + bool(shares)) * sum(size > 1 for size in sizes) * studies
-        grouped = simulated("simulating studies", total, bt.power_of_populations, longest, sizes, studies=studies, seed=table.seed)
-    asked = {name: one for name, one in ((_STOPPING, stopped), (_POPULATION, grouped)) if one is not None}
-    with whole_folder(output, (*_POWER, _STOPPING, _POPULATION), required=(*_POWER, *asked), overwrite=task.overwrite) as target:
-        write_table(table.data_sets_frame(), target / _POWER[1], spreadsheet_safe=task.spreadsheet_safe)
-        for name, one in {_POWER[0]: table, _POWER[2]: of_studies, **asked}.items():
+    tables = asked.tables(_designs(design), task, keep)
+    table = tables[_POWER]
+    with whole_folder(output, products, required=(*tables, *_BESIDE), overwrite=task.overwrite) as target:
+        write_table(table.data_sets_frame(), target / _BESIDE[0], spreadsheet_safe=task.spreadsheet_safe)
+        for name, one in tables.items():
             one.save(target / name, spreadsheet_safe=task.spreadsheet_safe)
-        for name in _POWER[3:]:
-            bt.plots.save_figure(bt.plots.power_figure(table, grouped), target / name)
-    failed = {name: reason for one in (table, *asked.values()) for name, reason in one.failed.items()}
+        for name in _BESIDE[1:]:
+            bt.plots.save_figure(bt.plots.power_figure(table, tables.get(_POPULATION)), target / name)
+    failed = {name: reason for one in tables.values() for name, reason in one.failed.items()}
     task.finish(keep, failed)
-    for line in (line for one in (table, of_studies, *asked.values()) for line in one.sentences()):
+    for line in (line for one in tables.values() for line in one.sentences()):
         say(task.console, safe(line))
     task.say_written("tables and figure in", output, seed=table.seed)
     task.leave_unless_whole(failed, {})
@@ -188,7 +199,9 @@ def design(
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
     wanted: GoalOptions,
-    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge the finalists.")] = 20,
+    data_sets: Annotated[
+        int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge it and its rivals.")
+    ] = 20,
     observers: Observers = None,
     lists: ListOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
@@ -211,7 +224,7 @@ def design(
     files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(*files, *listed)
     prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal()
-    with task.progress("simulating finalists", 5 * 3 * data_sets) as tick:
+    with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
         found = bt.optimal_design(
             levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
         )

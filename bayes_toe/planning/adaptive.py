@@ -21,7 +21,7 @@ from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import prior_of
-from bayes_toe.planning.stopping import ENOUGH, Particles
+from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator, root_seed
 

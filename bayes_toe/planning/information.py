@@ -254,15 +254,6 @@ def built(task: Task) -> IntArray:
     return counts
 
 
-def scattered(task: Task, rng: np.random.Generator) -> IntArray:
-    """Portions on pairs at random, of those among which the information is large more often."""
-    worth = task.information.worth(task.information.total(np.full(len(task.fixed), task.trials / len(task.fixed))))
-    size = min(task.most - int((task.fixed > 0).sum()), len(worth))
-    some = worth - worth.min() + np.ptp(worth) / len(worth) + 1e-12  # no pair is excluded
-    places = rng.choice(len(worth), size, replace=False, p=some / some.sum())
-    return np.bincount(np.resize(places, task.portions), minlength=len(worth))
-
-
 def exchanged(task: Task, counts: IntArray) -> IntArray:
     """Portions by pair after moves that each raise the score, until none does; never worse than before."""
     found = counts.copy()

@@ -1,33 +1,31 @@
-"""The design that tells most of what is asked: exchange by closed-form information, finalists by simulation, rivals beside it."""
+"""The design that tells most of what is asked, by exchange with closed-form information; it and rivals are judged by simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.special import log_softmax
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.kept import Kept
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, scattered, trials_of
-from bayes_toe.planning.observers import MIDDLE, PLAIN, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
-from bayes_toe.planning.power import WIDTHS, DataSet, PowerTable, jobs_of, simulated, worked
+from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, trials_of
+from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
+from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
 from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
 #: Names of the designs that are compared; the paper's pairs are moved to a range that does not lie about them.
-OPTIMISED, SECOND, PAPER, FULL, RANDOM = "optimised", "second best", "the paper's pairs", "full factorial", "random pairs"
+OPTIMISED, PAPER, FULL, RANDOM = "optimised", "the paper's pairs", "full factorial", "random pairs"
 MOVED = "the paper's pairs, moved"
-#: Observers of each kind for whom a design is made, and data sets of each kind by which finalists are judged.
+#: Observers of each kind for whom a design is made, and data sets of each kind by which it is judged.
 ASSUMED, JUDGED = 20, 20
-_STARTS = 4  # at random, beside those that are built
 _MOST_PAIRS = 20_000  # admissible ones
 _FEWEST = 4  # trials, and pairs, without which four parameters cannot be told
 _PILOT = 10  # simulated observers who update, of whom a design has to name one
@@ -74,7 +72,7 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
         yield f"{MOVED}: as far apart as the paper's, from {there.s1.min():.3g} to {there.s1.max():.3g}, amid what can be shown"
     others = "; ".join(f"{name} {one.utility:.2f}" for name, one in candidates.items() if name != OPTIMISED)
     yield f"utility ({UTILITIES[aim]}), lapses and sloped noise being unknown: {best.utility:.2f}; {others}"
-    more = [name for name, one in candidates.items() if one.utility > best.utility and name not in (OPTIMISED, SECOND)]
+    more = [name for name, one in candidates.items() if one.utility > best.utility]
     if more:
         yield f"{more[0]}: tell more, but are not among the admissible pairs"
 
@@ -137,8 +135,7 @@ class OptimalDesign:
 
     def said(self) -> list[str]:
         """Why these pairs, and what they and others would name, a line each."""
-        shown = replace(self.power, rows=tuple(row for row in self.power if row.design != SECOND))
-        return [*self.reasons, *shown.sentences()]
+        return [*self.reasons, *self.power.sentences()]
 
     def text(self) -> str:
         """The design, why it is so, and what it and others would name, as a file of Markdown."""
@@ -212,7 +209,7 @@ def optimal_design(
     observers
         As :func:`bayes_toe.planning.power.power` takes them.
     data_sets : int
-        Simulated observers of each kind by whom the finalists are judged.
+        Simulated observers of each kind who judge it and its rivals.
     seed, prior, workers, progress
         As there.
 
@@ -229,15 +226,9 @@ def optimal_design(
     found = search.candidates()
     designs = [(name, one.design) for name, one in found.items()]
     rows, failed = worked(Kept(), jobs_of(simulated, designs, judges, root, prior), workers, progress)
-    table = PowerTable(rows, root, failed)
-    if SECOND in found and _clearly_better(table, asked.aim):
-        names = {OPTIMISED: SECOND, SECOND: OPTIMISED}
-        found = {name: found[names.get(name, name)] for name in found}
-        rows = tuple(replace(row, design=names.get(row.design, row.design)) for row in rows)
-        table = replace(table, rows=tuple(sorted(rows, key=lambda row: list(found).index(row.design))))
     design, reasons = found[OPTIMISED].design, tuple(reasons_for(found, people, asked.aim))
     worth = search.information.worth(search.information.total(search.counts(design)))
-    return OptimalDesign(design, asked, found, table, search.pairs, worth, reasons, root)
+    return OptimalDesign(design, asked, found, PowerTable(rows, root, failed), search.pairs, worth, reasons, root)
 
 
 def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
@@ -316,32 +307,15 @@ class _Search:
         return np.array([trials.get(pair, 0) for pair in self.pairs], np.float64)
 
     def candidates(self) -> dict[str, Candidate]:
-        """Designs to compare: the best two, then the paper's, a full factorial, random pairs."""
-        optima = dict(zip((OPTIMISED, SECOND), self._optima(), strict=False))
-        found = {name: self._candidate(design) for name, design in optima.items()}
-        self._require_hope(found[OPTIMISED])
-        return found | {name: self._candidate(design) for name, design in self._rivals()}
+        """Designs to compare: the best, then the paper's, a full factorial, random pairs.
 
-    def _optima(self) -> list[StudyDesign]:
-        """What exchange made of several beginnings, best first, each different from those before."""
-        task, begun = self.task, [built(self.task), *self._like_the_papers()]
-        begun += [scattered(task, generator(self.seed, "design", number)) for number in range(_STARTS)]
-        ended = [trials_of(task, exchanged(task, counts)) for counts in begun]
-        found: list[IntArray] = []
-        for n in sorted(ended, key=lambda n: -self.information.score(self.information.total(n.astype(np.float64)))):
-            if all(np.abs(n - other).sum() > 0.2 * self.trials for other in found):
-                found.append(n)
-        columns = [[column[n > 0] for column in self.pairs.columns] for n in found]
-        return [StudyDesign(s1, s2, n[n > 0], *isi) for (s1, s2, *isi), n in zip(columns, found, strict=True)]
-
-    def _like_the_papers(self) -> Iterator[IntArray]:
-        """The paper's pairs at the nearest levels, where these reach as far."""
-        paper, levels = self.paper, self.levels
-        if self.goal.isi or self.fixed.any() or paper.s1.min() < levels[0] - 1e-9 or paper.s1.max() > levels[-1] + 1e-9:
-            return
-        nearest = [levels[np.abs(values[:, None] - levels).argmin(axis=1)] for values in (paper.s1, paper.s2)]
-        at = dict.fromkeys(int(np.flatnonzero((self.pairs.s1 == a) & (self.pairs.s2 == b))[0]) for a, b in zip(*nearest, strict=True))
-        yield np.bincount(np.resize(list(at)[: self.task.most], self.task.portions), minlength=len(self.pairs))
+        Exchange from pairs at random, or from the paper's, ends within 0.002 of the same score.
+        """
+        n = trials_of(self.task, exchanged(self.task, built(self.task)))
+        s1, s2, *isi = (column[n > 0] for column in self.pairs.columns)
+        best = self._candidate(StudyDesign(s1, s2, n[n > 0], *isi))
+        self._require_hope(best)
+        return {OPTIMISED: best} | {name: self._candidate(design) for name, design in self._rivals()}
 
     def _candidate(self, design: StudyDesign) -> Candidate:
         own = information(design.pairs, self.people, self.goal.aim, self.prior)
@@ -386,24 +360,3 @@ class _Search:
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
         if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
             raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
-
-
-# --- Judged by simulation -------------------------------------------------------------------------
-
-
-def _clearly_better(table: PowerTable, aim: str) -> bool:
-    """Whether the second best is better by simulation: by more than two standard errors, the same observers having answered both."""
-    first, second = ({row.observer: _utility(row, aim) for row in table if row.design == name} for name in (OPTIMISED, SECOND))
-    difference = np.array([second[name] - first[name] for name in first if name in second])
-    difference = difference[np.isfinite(difference)]
-    return len(difference) > 1 and difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(len(difference))
-
-
-def _utility(row: DataSet, aim: str) -> float:
-    """Log probability of the true kind, or minus the log width of the intervals that are to be narrow; NaN where there is none."""
-    logs, widths = row.judgement.log_evidence, row.judgement.widths
-    if aim == "update":
-        return float("nan") if logs is None else float(log_softmax(logs)[list(PLAIN).index(row.kind)])
-    if row.kind != UPDATE or widths is None:
-        return float("nan")
-    return -float(np.log(widths[WIDTHS.index(aim)] if aim in WIDTHS else widths).sum())

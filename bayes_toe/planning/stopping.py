@@ -1,30 +1,25 @@
-"""Answers that come one by one: the posterior of a model meanwhile, and rules when a session stops.
+"""Rules when a session stops: after so many trials a rule looks, and ends the session when a kind of order effect is sure enough.
 
-A rule looks after so many trials, and stops when a kind of order effect is sure enough; how often that is right, simulation says.
+How often that is right, simulation says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import logsumexp
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
-from bayes_toe.inference.adaptation import fitting, refreshed
-from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.kept import keeping
-from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import PLAIN, Observer, assumed
-from bayes_toe.planning.power import CERTAIN, DATA_SETS, WORDS, Judgement, jobs_of, named_designs, share, worked
+from bayes_toe.planning.power import CERTAIN, DATA_SETS, WORDS, Judgement, jobs_of, judged, named_designs, share, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -32,108 +27,8 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Share of the draws that counted when they were made, below which they are made anew.
-ENOUGH = 0.5
-#: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
-_POOR = 0.25
 #: Columns of power_stopping.csv.
 STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "named", "p_none", "p_constant_error", "p_update")
-_DRAWS = 4000
-_INTERVAL = 1.0
-
-
-@dataclass(eq=False)
-class Particles:
-    """Draws of one model with their weights.
-
-    The first ones are of the prior. When an answer comes their weights change; when fewer than half of those count that did, the mixture
-    that they came from is refitted to them and all are drawn from it again, each with its weight: the program's global move without
-    rejections, so that no error is handed on from one generation to the next.
-
-    `centre` is that of offsets (natural-log intensity), `interval` that of pull and width (seconds). `log_posterior` is the joint density
-    of draws and answers, `log_weight` the same over the density that draws came from, both -inf outside of the support, shape (draws,);
-    `generation` counts how often they were made anew.
-    """
-
-    model: Model
-    prior: Prior
-    centre: float
-    interval: float
-    x: FloatArray
-    log_posterior: FloatArray
-    log_weight: FloatArray
-    fitted: FittedProposal | None = None
-    generation: int = 0
-    _meanwhile: list[Subject] = field(default_factory=list)  # answers since they were last begun to be made anew
-
-    @classmethod
-    def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
-        """Before any answer."""
-        nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64))
-        target = Posterior(nobody, model, prior, centre, interval)
-        x = target.sample_prior(rng, draws)
-        return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))
-
-    def target(self, pairs: Subject) -> Posterior:
-        """The posterior of these answers, or the rule by which these pairs are answered."""
-        return Posterior(pairs, self.model, self.prior, self.centre, self.interval)
-
-    @property
-    def shares(self) -> FloatArray:
-        """Weights that sum to 1, shape (draws,)."""
-        return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
-
-    @property
-    def log_evidence(self) -> float:
-        """Of all answers, nats."""
-        return float(logsumexp(self.log_weight) - np.log(len(self.x)))
-
-    @property
-    def possible(self) -> bool:
-        """Whether the model can have given all answers; one without lapses never calls identical stimuli different."""
-        return bool(self.log_weight.max() > -np.inf)
-
-    @property
-    def effective(self) -> float:
-        """How many draws count; none where the answers are impossible."""
-        return efficiency(self.log_weight) * len(self.x) if self.possible else 0.0
-
-    def allows(self, more: Subject) -> bool:
-        """Whether the model can have given these answers too."""
-        return bool((self.log_weight + self.target(more).log_likelihood(self.x)).max() > -np.inf)
-
-    def answered(self, more: Subject) -> None:
-        """Take in further answers."""
-        self._meanwhile.append(more)
-        gained = self.target(more).log_likelihood(self.x)
-        self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
-
-    @property
-    def left(self) -> float:
-        """Share of the draws that counted when they were made, that count still."""
-        return self.effective / (len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency))
-
-    def renewing(self, subject: Subject, rng: np.random.Generator) -> Iterator[int]:
-        """Make the draws anew, for all answers so far, in portions, told by about how many draws they took.
-
-        Answers may come in between, and old draws serve meanwhile. Where the old proposal can be brought up to date it is one portion, else
-        there are a few.
-        """
-        self._meanwhile = []
-        target = self.target(subject)
-        fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
-        if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
-            if fitted is not None:
-                yield len(self.x)
-            fitted = yield from fitting(target, rng, draws=len(self.x))
-        draws, later, self._meanwhile = fitted.draws, self._meanwhile, []
-        self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
-        self.generation += 1
-        for more in later:
-            self.answered(more)
-
-
-# --- Rules ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -163,14 +58,14 @@ class StoppingRule:
 
 @dataclass(frozen=True)
 class Session:
-    """One simulated session: how many trials it took, which kind it named, if any, and all probabilities at its end."""
+    """One simulated session: its trials, the kind it named, if any, and probabilities at its end, None if one is withheld."""
 
     design: str
     observer: str
     kind: str
     trials: int
     named: str | None
-    probability: tuple[float, ...]
+    probability: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +80,7 @@ class StoppingTable(Table[Session]):
         """Every session, with the columns of power_stopping.csv."""
         import pandas as pd
 
-        cells = [[row.design, row.observer, row.kind, row.trials, row.named, *row.probability] for row in self.rows]
+        cells = [[row.design, row.observer, row.kind, row.trials, row.named, *(row.probability or (None,) * 3)] for row in self.rows]
         return pd.DataFrame(cells, columns=list(STOPPING_COLUMNS))
 
     def sentences(self) -> list[str]:
@@ -239,26 +134,14 @@ def stopping(
 
 
 def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> Session:
-    """One observer's session."""
-    rng = generator(seed, observer.name, "session")
+    """One observer's session: at every look all answers so far are judged."""
+    rng, trials = generator(seed, observer.name, "session"), 0
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
     equal = rng.uniform(size=len(order)) < observer.equal(design)[order]
     s1, s2, *isi = (column[order] for column in design.pairs.columns)
-    centre = float(np.average(design.s1, weights=design.n_trials))
-    interval = _INTERVAL if prior.reference_interval is None else prior.reference_interval
-    clouds = [
-        Particles.of_prior(model, prior, centre, interval, _DRAWS, generator(seed, observer.name, kind, "prior"))
-        for kind, model in PLAIN.items()
-    ]
-    judgement, trials = Judgement((0.0,) * len(PLAIN)), 0
+    judgement = Judgement((0.0,) * len(PLAIN))
     while judgement.named(rule.certain) is None and trials < rule.most:
-        end = min(trials + rule.every, rule.most)
-        new, every = (
-            Subject.from_trials("session", s1[at], s2[at], equal[at], *(one[at] for one in isi)) for at in (slice(trials, end), slice(end))
-        )
-        for kind, cloud in zip(PLAIN, clouds, strict=True):
-            cloud.answered(new)
-            if cloud.left < ENOUGH:
-                list(cloud.renewing(every, generator(seed, observer.name, kind, "particles", end)))
-        judgement, trials = Judgement(tuple(cloud.log_evidence for cloud in clouds)), end
-    return Session(name, observer.name, observer.kind, trials, judgement.named(rule.certain), judgement.probability or ())
+        trials = min(trials + rule.every, rule.most)
+        so_far = (column[:trials] for column in (s1, s2, equal, *isi))
+        judgement = judged(Subject.from_trials(observer.name, *so_far), seed, prior)
+    return Session(name, observer.name, observer.kind, trials, judgement.named(rule.certain), judgement.probability)

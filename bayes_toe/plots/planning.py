@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
-from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, SECOND, OptimalDesign, paper_amid
+from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, OptimalDesign, paper_amid
 from bayes_toe.planning.power import NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, PopulationPower
 from bayes_toe.plots.style import (
@@ -156,7 +156,7 @@ def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
 
 
 def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
-    names = [name for name in found.candidates if name != SECOND]
+    names = list(found.candidates)
     table, trials = found.power, found.design.total
     for index, kind in enumerate(table.kinds):
         label, colour, marker = _KINDS[kind]

@@ -14,7 +14,7 @@ from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SYMMETRIC
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.adaptive import Adaptive
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.stopping import Particles
+from bayes_toe.planning.particles import Particles
 from bayes_toe.planning.study_design import StudyDesign
 
 LEVELS = np.linspace(-0.75, 1.25, 9)

@@ -8,7 +8,7 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, scattered, trials_of
+from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, trials_of
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, DesignGoal, grid, optimal_design, proposed, read_levels
 from bayes_toe.planning.power import NAMED
@@ -26,9 +26,7 @@ def test_an_optimised_design_names_updates_and_the_papers_pairs_do_not(found):
     assert found.design.total == 650
     assert found.design.n_pairs <= 25
     assert np.isin(np.round([found.design.s1, found.design.s2], 9), np.round(WIDE, 9)).all()
-    assert found.candidates[OPTIMISED].utility > max(
-        one.utility for name, one in found.candidates.items() if "best" not in name and name != OPTIMISED
-    )
+    assert found.candidates[OPTIMISED].utility > max(one.utility for name, one in found.candidates.items() if name != OPTIMISED)
     assert found.power[OPTIMISED, 650, "update", NAMED].value == 1.0
     wrong = [row.judgement.named() for row in found.power if row.design == OPTIMISED and row.kind != "update"]
     assert "update" not in wrong
@@ -44,14 +42,15 @@ def test_exchange_never_loses_and_brute_force_finds_nothing_better(aim):
     known = information(pairs, observers_from(None, 4, seed=1), aim, Prior())
     task = Task(known, 50, 5, np.zeros(5, np.int64))
     assert (task.portion, task.portions) == (5, 10)
-    begun = [built(task), *(scattered(task, np.random.default_rng(i)) for i in range(3))]
+    rng = np.random.default_rng(1)
+    begun = [built(task), *(np.bincount(rng.integers(0, 5, 10), minlength=5) for _ in range(3))]
     score = [known.score(known.total((counts * 5).astype(float))) for counts in begun]
     ended = [exchanged(task, counts) for counts in begun]
     after = [known.score(known.total(trials_of(task, counts).astype(float))) for counts in ended]
     assert all(one >= other for one, other in zip(after, score, strict=True))
     ways = (np.bincount(way, minlength=5) for way in combinations_with_replacement(range(5), 10))
     best = max(known.score(known.total((way * 5).astype(float))) for way in ways)
-    assert max(after) == pytest.approx(best, abs=0.02)
+    assert after == pytest.approx([best] * 4, abs=0.02)  # wherever it began
 
 
 def best(levels, trials, goal):

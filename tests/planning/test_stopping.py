@@ -1,4 +1,4 @@
-"""Sessions that stop: their probabilities are those of the evidences, they stop when the rule says so, and errors are counted."""
+"""Sessions that stop: they do when all answers so far are judged sure enough, and errors are counted."""
 
 import numpy as np
 import pytest
@@ -14,23 +14,19 @@ from bayes_toe.seeds import generator
 NARROW = narrow_study_design(np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 200)
 
 
-def test_a_session_that_goes_on_to_the_end_says_what_the_analysis_of_all_its_answers_says():
-    observer, rule = observers_from(None, 1, seed=1)[1], StoppingRule(0.9999999, 200, 50)
+@pytest.mark.parametrize(("certain", "most"), [(0.95, 200), (0.9999999, 60)])
+def test_a_session_ends_at_the_first_look_that_is_sure_enough_or_at_its_end(certain, most):
+    observer, rule = observers_from(None, 1, seed=1)[-1], StoppingRule(certain, most, 20)
     found = session("d", NARROW, observer, rule, 1, bt.Prior())
     rng = generator(1, observer.name, "session")
     order = rng.permutation(np.repeat(np.arange(NARROW.n_pairs), NARROW.n_trials))
     equal = rng.uniform(size=200) < observer.equal(NARROW)[order]
-    subject = bt.Subject.from_trials("s", NARROW.s1[order], NARROW.s2[order], equal)
-    evidence = judged(subject, 1, bt.Prior()).log_evidence
-    assert (found.trials, found.named) == (200, None)
-    assert np.diff(np.log(found.probability)) == pytest.approx(np.diff(evidence), abs=0.15)
-
-
-def test_an_update_is_named_before_the_last_trial():
-    found = session("d", NARROW, observers_from(None, 1, seed=1)[-1], StoppingRule(0.95, 200, 20), 1, bt.Prior())
-    assert found.named == "update"
-    assert found.trials < 200
-    assert found.trials % 20 == 0
+    for trials in range(20, found.trials + 1, 20):
+        subject = bt.Subject.from_trials(observer.name, NARROW.s1[order[:trials]], NARROW.s2[order[:trials]], equal[:trials])
+        judgement = judged(subject, 1, bt.Prior())
+        assert judgement.named(certain) == (found.named if trials == found.trials else None)
+    assert found.probability == judgement.probability
+    assert (found.named, found.trials < 200) == (("update", True) if most == 200 else (None, True))
 
 
 def test_errors_are_counted():
