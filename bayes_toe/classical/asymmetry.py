@@ -11,7 +11,7 @@ lies below the blue one there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -162,7 +162,14 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the design does not show: pairs presented in one order only."""
-        return tuple(note for row in self.rows for note in _notes(row))
+        found = []
+        for row in self.rows:
+            if row.pooled and not row.comparisons:
+                found.append(f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed")
+            elif row.pooled and row.n_one_order:
+                what = "pair was" if row.n_one_order == 1 else "pairs were"
+                found.append(f"{row.subject}: {row.n_one_order} {what} presented in one order only and left out")
+        return tuple(found)
 
     def frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv."""
@@ -171,7 +178,15 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     def subjects(self) -> pd.DataFrame:
         """One row per subject: accuracy, mean and mean absolute asymmetry, and the comparison where it is largest."""
-        return pd.DataFrame([_subject_row(row) for row in self.rows])
+        keys = ("s_weak", "s_strong", "asymmetry", "asymmetry_se", "p_value", "p_adjusted", "probability_of_direction")
+        names = [f"maximal_{key}" if key.startswith("asymmetry") else key for key in keys]
+        means = ("mean_asymmetry", "mean_absolute_asymmetry")
+        rows = [
+            (row.subject, row.accuracy, len(row.comparisons), *(getattr(row, key) for key in means),
+             *(getattr(row.maximal, key, None) for key in keys))
+            for row in self.rows
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=["subject", "accuracy", "n_comparisons", *means, *names])
 
     def population(self, level: float = LEVEL) -> Population:
         """Signs of the maximal asymmetries over the subjects that have a comparison."""
@@ -260,26 +275,3 @@ def _orders(subject: Subject) -> tuple[IndexArray, int]:
     unequal = {(min(pair), max(pair)) for pair in at if pair[0] != pair[1]}
     both = sorted(pair for pair in unequal if pair in at and pair[::-1] in at)
     return np.array([(at[pair], at[pair[::-1]]) for pair in both], np.intp).reshape(-1, 2), len(unequal) - len(both)
-
-
-def _notes(row: SubjectAsymmetry) -> Iterator[str]:
-    if not row.pooled:
-        return
-    if not row.comparisons:
-        yield f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed"
-    elif row.n_one_order:
-        what = "pair was" if row.n_one_order == 1 else "pairs were"
-        yield f"{row.subject}: {row.n_one_order} {what} presented in one order only and left out"
-
-
-def _subject_row(row: SubjectAsymmetry) -> dict[str, str | int | float | None]:
-    largest = row.maximal
-    keys = ("s_weak", "s_strong", "asymmetry", "asymmetry_se", "p_value", "p_adjusted", "probability_of_direction")
-    return {
-        "subject": row.subject,
-        "accuracy": row.accuracy,
-        "n_comparisons": len(row.comparisons),
-        "mean_asymmetry": row.mean_asymmetry,
-        "mean_absolute_asymmetry": row.mean_absolute_asymmetry,
-        **{f"maximal_{key}" if key.startswith("asymmetry") else key: None if largest is None else getattr(largest, key) for key in keys},
-    }

@@ -83,15 +83,15 @@ def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, 
     """
     known = {name for column in covariates.values.values() for name in column}
     studied = {name for column in outcomes.values() for name in column}
+
+    def said(names: set[str]) -> str:
+        return listed([quoted(name) for name in sorted(names)])
+
     if not known & studied:
-        raise InputError(f"no subject of the study has a covariate; the study has {_listed(studied)}, the covariates {_listed(known)}")
+        raise InputError(f"no subject of the study has a covariate; the study has {said(studied)}, the covariates {said(known)}")
     rows = [_row(key, column, outcome, values) for key, column in covariates.values.items() for outcome, values in outcomes.items()]
     gaps = (("covariates of subjects that are not in the study ignored", known - studied), ("subjects without covariates", studied - known))
-    return CovariateTable(tuple(rows), tuple(f"{said}: {_listed(names)}" for said, names in gaps if names))
-
-
-def _listed(names: set[str]) -> str:
-    return listed([quoted(name) for name in sorted(names)])
+    return CovariateTable(tuple(rows), tuple(f"{about}: {said(names)}" for about, names in gaps if names))
 
 
 def _row(covariate: str, column: Mapping[str, str | float], outcome: str, values: Mapping[str, float]) -> CovariateTest:
@@ -101,19 +101,21 @@ def _row(covariate: str, column: Mapping[str, str | float], outcome: str, values
     if len(kinds) > 2 and isinstance(kinds[-1], str):
         return CovariateTest(covariate, outcome, "t", "", str(len(x)), note=f"{len(kinds)} groups: Welch's t-test compares two")
     if len(kinds) > 2:
-        return _pearson_row(covariate, outcome, np.array(x, np.float64), y)
+        return _pearson_row((covariate, outcome, "pearson", "", str(len(x))), np.array(x, np.float64), y)
     groups = [y[[value == kind for value in x]] if len(y) else y for kind in kinds]
-    return _welch_row(covariate, outcome, level_words(kinds), groups)
+    sizes = " + ".join(str(len(some)) for some in groups)
+    return _welch_row((covariate, outcome, "t", " - ".join(level_words(kinds)), sizes), groups)
 
 
-def _welch_row(covariate: str, outcome: str, kinds: Sequence[str], groups: Sequence[FloatArray]) -> CovariateTest:
-    about = (covariate, outcome, "t", " - ".join(kinds), " + ".join(str(len(values)) for values in groups))
-    if len(groups) < 2:
-        return CovariateTest(*about, note="one value only: nothing to compare")
-    if min(map(len, groups)) < 2:
-        return CovariateTest(*about, note="a group of fewer than two subjects has no variance")
-    if all(np.ptp(values) == 0 for values in groups):
-        return CovariateTest(*about, note="the outcome does not vary within the groups")
+def _welch_row(about: tuple[str, str, str, str, str], groups: Sequence[FloatArray]) -> CovariateTest:
+    lacks = {
+        "one value only: nothing to compare": len(groups) < 2,
+        "a group of fewer than two subjects has no variance": min(map(len, groups)) < 2,
+        "the outcome does not vary within the groups": all(len(values) == 0 or np.ptp(values) == 0 for values in groups),
+    }
+    for note, lacking in lacks.items():
+        if lacking:
+            return CovariateTest(*about, note=note)
     with warnings.catch_warnings():
         # One group whose values are all alike is no loss of precision.
         warnings.filterwarnings("ignore", message="Precision loss", category=RuntimeWarning)
@@ -122,8 +124,7 @@ def _welch_row(covariate: str, outcome: str, kinds: Sequence[str], groups: Seque
     return CovariateTest(*about, difference, float(found.statistic), float(found.df), float(found.pvalue))
 
 
-def _pearson_row(covariate: str, outcome: str, x: FloatArray, y: FloatArray) -> CovariateTest:
-    about = (covariate, outcome, "pearson", "", str(len(x)))
+def _pearson_row(about: tuple[str, str, str, str, str], x: FloatArray, y: FloatArray) -> CovariateTest:
     if len(x) < 3:
         return CovariateTest(*about, note="fewer than three subjects: no correlation")
     if np.ptp(x) == 0 or np.ptp(y) == 0:

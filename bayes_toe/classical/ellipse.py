@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 
 #: Share of the points in an ellipse of the paper's map.
@@ -68,13 +68,30 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
     >>> round(float(found.half_axes[0]))  # sqrt(-2 ln 0.8) = 0.67 standard deviations
     6
     """
-    points = np.stack([np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1)
+    every = np.stack([np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1)
     require_mass(mass)
-    inside = int(np.ceil(mass * len(points)))
-    finite = points[np.isfinite(points).all(axis=1)]
-    if inside < _FEWEST or len(finite) < inside:
+    inside, points = int(np.ceil(mass * len(every))), every[np.isfinite(every).all(axis=1)]
+    if inside < _FEWEST or len(points) < inside:
         return None
-    return _concentrated(finite, inside)
+    middle, spread = np.median(points, axis=0), np.diff(np.quantile(points, [0.25, 0.75], axis=0), axis=0)[0]
+    if not np.all(spread > 0):
+        return None
+    scaled = (points - middle) / spread  # both coordinates of one size: the determinants below keep their digits
+    core = min(len(points), max(inside, int(_CORE * len(points)), _FEWEST))
+    distance, nearest = np.square(scaled).sum(axis=1), np.empty(0, np.intp)
+    for _ in range(_STEPS):
+        again = np.sort(np.argpartition(distance, core - 1)[:core])
+        if np.array_equal(again, nearest):
+            break
+        nearest = again
+        centre, shape = scaled[nearest].mean(axis=0), np.cov(scaled[nearest].T)
+        if np.linalg.det(shape) <= 1e-12 * np.prod(np.diag(shape)):
+            return None
+        away = scaled - centre
+        distance = np.einsum("ij,ij->i", away @ np.linalg.inv(shape), away)
+    scale, radius = np.diag(spread), np.partition(distance, inside - 1)[inside - 1]
+    variances, axes = np.linalg.eigh(scale @ shape @ scale * radius)
+    return Ellipse(middle + spread * centre, np.sqrt(variances[::-1]), float(np.arctan2(axes[1, 1], axes[0, 1])))
 
 
 def require_mass(mass: float) -> None:
@@ -87,31 +104,3 @@ def require_mass(mass: float) -> None:
     """
     if not 0.0 < mass < 1.0:
         raise InputError(f"mass={mass!r}: allowed is a number between 0 and 1")
-
-
-def _concentrated(points: FloatArray, inside: int) -> Ellipse | None:
-    middle = np.median(points, axis=0)
-    spread = np.diff(np.quantile(points, [0.25, 0.75], axis=0), axis=0)[0]
-    if not np.all(spread > 0):
-        return None
-    scaled = (points - middle) / spread  # both coordinates of one size: the determinants below keep their digits
-    core = min(len(points), max(inside, int(_CORE * len(points)), _FEWEST))
-    nearest = _nearest(np.square(scaled).sum(axis=1), core)
-    for _ in range(_STEPS):
-        centre, shape = scaled[nearest].mean(axis=0), np.cov(scaled[nearest].T)
-        if np.linalg.det(shape) <= 1e-12 * np.prod(np.diag(shape)):
-            return None
-        away = scaled - centre
-        distance = np.einsum("ij,ij->i", away @ np.linalg.inv(shape), away)
-        again = _nearest(distance, core)
-        if np.array_equal(again, nearest):
-            break
-        nearest = again
-    radius = np.partition(distance, inside - 1)[inside - 1]
-    scale = np.diag(spread)
-    variances, axes = np.linalg.eigh(scale @ shape @ scale * radius)
-    return Ellipse(middle + spread * centre, np.sqrt(variances[::-1]), float(np.arctan2(axes[1, 1], axes[0, 1])))
-
-
-def _nearest(distance: FloatArray, count: int) -> IndexArray:
-    return np.asarray(np.sort(np.argpartition(distance, count - 1)[:count]))

@@ -103,13 +103,11 @@ def _tables(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.Arr
     return tables
 
 
-def _boschloo(k1: int, n1: int, k2: int, n2: int) -> float:
-    """Of a table and of the three with orders, or answers, swapped: all have the same p-value."""
-    return _boschloo_once(*min((k1, n1, k2, n2), (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2), (n2 - k2, n2, n1 - k1, n1)))
-
-
 @lru_cache(maxsize=1 << 16)
-def _boschloo_once(k1: int, n1: int, k2: int, n2: int) -> float:
-    """Twice the p-value of the side on which the frequencies differ, the smaller one."""
+def _boschloo(k1: int, n1: int, k2: int, n2: int) -> float:
+    """Twice the p-value of the side on which the frequencies differ, the smaller one; the same for orders, or answers, swapped."""
+    first = min((k1, n1, k2, n2), (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2), (n2 - k2, n2, n1 - k1, n1))
+    if first != (k1, n1, k2, n2):
+        return _boschloo(*first)
     side, table = "less" if k1 * n2 < k2 * n1 else "greater", [[k1, k2], [n1 - k1, n2 - k2]]
     return min(1.0, 2.0 * float(boschloo_exact(table, alternative=side, n=64).pvalue))  # of 32 points, rarely, none leads to the supremum

@@ -191,18 +191,14 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tup
         return None, f"{_LABEL} does not exist: the maximum {lies}"
     if covariance is None:
         return None, f"{_LABEL} does not exist: some replicates leave a parameter infinite or open"
-    if _singular(covariance) or np.any(np.ptp(replicates.fits.parameters, axis=0) == 0.0):
+    sd = np.sqrt(np.diagonal(covariance))
+    still = np.any(sd == 0.0) or np.any(np.ptp(replicates.fits.parameters, axis=0) == 0.0)
+    if still or np.linalg.eigvalsh(covariance / sd[:, None] / sd[None, :])[0] < _SINGULAR:
         return None, f"{_LABEL} does not exist: the covariance of the replicates is singular"
     half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
     density = (Prior() if prior is None else prior).log_density_variances(Natural(*theta))
     value = float(fitted.log_likelihood[0] + density + half_log_det)
     return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
-
-
-def _singular(covariance: FloatArray) -> bool:
-    """Whether a covariance matrix cannot be told from a singular one, whatever the units."""
-    sd = np.sqrt(np.diagonal(covariance))
-    return bool(np.any(sd == 0.0) or np.linalg.eigvalsh(covariance / sd[:, None] / sd[None, :])[0] < _SINGULAR)
 
 
 def require_level(level: float) -> None:

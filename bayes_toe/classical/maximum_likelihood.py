@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import xlogy
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.penalised_likelihood import Counts, Design, PenalisedLikelihood, first_starts
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.maxima import Ascent, ascend
+from bayes_toe.inference.maxima import ascend
 from bayes_toe.model.closed_form import LN2, MAX_PULL
 from bayes_toe.model.prior import Prior
 
@@ -100,11 +100,14 @@ def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
 
 def fit_counts(design: Design, counts: Counts, starts: FloatArray) -> Fits:
     """Fit every row from its starts (offset, log(p/p_max), log w, log q0), shape (4, rows, starts), all in one batch of Newton ascents."""
-    narrow = _only_identical(design, counts)
-    used = _without_other_pairs(design, counts, narrow)
+    # Where identical stimuli alone were called 'equal' and others were shown, the width falls to 0: the other pairs have P(equal) = 0 and
+    # are out of play; identical ones still differ by p (mu1 - s1) / w.
+    apart = design.s1 != design.s2
+    asked, called = (counts.different[:, apart] > 0).any(axis=1), (counts.equal[:, apart] > 0).any(axis=1)
+    narrow = np.asarray(asked & ~called & (counts.equal > 0).any(axis=1))
+    used = Counts(*(np.where(narrow[:, None] & apart, 0.0, part) for part in counts))
     best = _best_ascents(design, used, starts, narrow)
-    flat, flat_value = _flat_maximum(design, used, best, narrow)
-    return _describe(design, counts, _Found(best, narrow, flat, flat_value))
+    return _describe(design, counts, used, _Found(best, narrow, *_flat_maximum(design, used, best, narrow)))
 
 
 class _Best(NamedTuple):
@@ -119,31 +122,12 @@ class _Best(NamedTuple):
 
 
 class _Found(NamedTuple):
+    """The best ascents, which rows have no width, or an infinite one, and the value at that."""
+
     best: _Best
     narrow: BoolArray
     flat: BoolArray
     flat_value: FloatArray
-
-
-# --- the smaller problems -----------------------------------------------------------------------------------------------------------
-
-
-def _only_identical(design: Design, counts: Counts) -> BoolArray:
-    """Rows in which identical stimuli alone were called 'equal' and others were shown: the width falls to 0, (rows,)."""
-    apart = design.s1 != design.s2
-    asked = (counts.different[:, apart] > 0).any(axis=1)
-    return np.asarray(asked & ~(counts.equal[:, apart] > 0).any(axis=1) & (counts.equal > 0).any(axis=1))
-
-
-def _without_other_pairs(design: Design, counts: Counts, narrow: BoolArray) -> Counts:
-    """Where the width falls to 0 the other pairs have P(equal) = 0 and are out of play; identical ones still differ by p (mu1 - s1) / w."""
-    kept = ~narrow[:, None] | (design.s1 == design.s2)
-    return Counts(np.where(kept, counts.equal, 0.0), np.where(kept, counts.different, 0.0))
-
-
-def _pooled(counts: Counts) -> tuple[FloatArray, FloatArray]:
-    """All answers 'equal' and 'different' of every row, each of shape (rows,)."""
-    return counts.equal.sum(axis=1), counts.different.sum(axis=1)
 
 
 def _flat_maximum(design: Design, counts: Counts, best: _Best, narrow: BoolArray) -> tuple[BoolArray, FloatArray]:
@@ -152,7 +136,7 @@ def _flat_maximum(design: Design, counts: Counts, best: _Best, narrow: BoolArray
     With v = 1/w^2 the objective is smooth at v = 0 (mu1 then rests at the penalty's mean). The edge is a maximum where the slope in v is
     negative for every pull, or 0 with a negative curvature; where both are 0 the width does not matter at all.
     """
-    k, d = _pooled(counts)
+    k, d = (part.sum(axis=1) for part in counts)
     value = np.asarray(xlogy(k, k / (k + d)) + xlogy(d, d / (k + d)))
     with np.errstate(divide="ignore", invalid="ignore"):  # d = 0: every answer is 'equal', and no term below is used
         odds = np.where(d > 0, k / d, 0.0)[:, None]
@@ -182,11 +166,11 @@ def _largest_quadratic(coefficients: FloatArray, lowest: FloatArray) -> FloatArr
     return np.asarray(np.max([a + b * p + c * p**2 for p in (lowest, vertex, np.full_like(a, MAX_PULL))], axis=0))
 
 
-# --- the ascent ---------------------------------------------------------------------------------------------------------------------
-
-
 def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: BoolArray) -> _Best:
-    """Newton from every start of every row, and on the edge gamma = 0, in one batch; the best of each row."""
+    """Newton from every start of every row, and on the edge gamma = 0, in one batch; the best of each row, led to the end.
+
+    Of equals one that arrived, and rather inside than on gamma = 0 than on its way there.
+    """
     x, rows = starts.copy(), len(counts.equal)
     fixed = np.zeros(x.shape, bool)
     fixed[:2] = np.isneginf(x[1])
@@ -198,28 +182,16 @@ def _best_ascents(design: Design, counts: Counts, starts: FloatArray, narrow: Bo
     equal, different = (np.ascontiguousarray(part.T) for part in counts)
     objective = PenalisedLikelihood(design, equal, different, row)
     found = ascend(objective, x.reshape(4, -1), upper=upper, fixed=held, most=3.0, iterations=_ITERATIONS, rivals=row)
-    return _finish(objective, found, _highest(found, rows), upper, held)
-
-
-def _highest(found: Ascent, rows: int) -> IndexArray:
-    """The start that led highest for every row; of equals one that arrived, and rather inside than on gamma = 0 than on its way there."""
     value, pull = found.value.reshape(rows, -1), found.x[1].reshape(rows, -1)
     most = value.max(axis=1, keepdims=True)
     near = (value - most) / _same(most)
     rank = np.where(pull > np.log(_NO_PULL), 2.0, np.isneginf(pull)) + 0.5 * near
     rank = np.where((near >= -1.0) & found.arrived.reshape(rows, -1), rank, near - 9.0)
-    return np.asarray(rank.argmax(axis=1) + np.arange(rows) * value.shape[1])
-
-
-def _finish(objective: PenalisedLikelihood, found: Ascent, chosen: IndexArray, upper: FloatArray, held: BoolArray) -> _Best:
-    """The chosen ascents, those that were still on their way led to the end."""
+    chosen = rank.argmax(axis=1) + np.arange(rows) * value.shape[1]
     best, held = found.take(chosen), held[:, chosen]
     late = np.flatnonzero(~best.arrived)
-    if len(late):
-        rest = replace(objective, row=objective.row[chosen[late]])
-        last = ascend(rest, best.x[:, late], upper=upper, fixed=held[:, late], most=3.0, iterations=10 * _ITERATIONS)
-        for part, new in zip(best, last, strict=True):
-            part[..., late] = new
+    rest = replace(objective, row=row[chosen[late]])
+    best.put(late, ascend(rest, best.x[:, late], upper=upper, fixed=held[:, late], most=3.0, iterations=10 * _ITERATIONS))
     free = ~held & ~((best.x >= np.array([np.inf, 0.0, np.inf, 0.0])[:, None]) & (best.gradient > _FLAT))
     return _Best(best.x.T, best.value, np.moveaxis(best.hessian, -1, 0), free.T, best.arrived, objective.penalty(best.x))
 
@@ -229,21 +201,26 @@ def _same(value: FloatArray) -> FloatArray:
     return np.asarray(1e-9 + 4e-15 * np.abs(value))
 
 
-# --- what was found -----------------------------------------------------------------------------------------------------------------
-
-
-def _describe(design: Design, counts: Counts, found: _Found) -> Fits:
+def _describe(design: Design, counts: Counts, used: Counts, found: _Found) -> Fits:
     """Natural parameters, edges and what stays open, all rows at once."""
     best, narrow, flat = found.best, found.narrow, found.flat
     never = np.asarray(~(counts.equal > 0).any(axis=1))  # q0 = 0: nothing else matters
-    where = _identified(design, _without_other_pairs(design, counts, narrow), found, never)
+    where = _identified(design, used, found, never)
+    c, p, w, q0 = where.T
     open_ = _left_open(best, narrow) & ~(flat | never)[:, None]
     open_[never, 1:3] = True
+    # Without a pull mu1 is at the penalty's mean; sigma_p and sigma_l are 0 or infinite as the width is.
+    mu1 = np.where(p > 0.0, design.sbar + np.divide(c, p, out=np.zeros_like(c), where=p > 0.0), design.penalty.mean)
+    wide = np.where(np.isinf(w), 1.0, w)
+    sigmas = (np.where(narrow, 0.0, np.where(np.isinf(w), w, wide * part)) for part in ((1.0 - p) ** 1.5, np.sqrt((1.0 - p) * p)))
+    plain = ~(flat | narrow | never)
+    no_pull, whole_pull = (plain & (p == 0.0)) | narrow, plain & (best.y[:, 1] == 0.0) & ~open_[:, 2]
+    edges = (no_pull, whole_pull, never, (q0 == 1.0) & ~open_[:, 3], narrow, flat & ~narrow, open_.any(axis=1))
     return Fits(
-        parameters=np.where(open_, np.nan, _natural(design, where, found)),
+        parameters=np.where(open_, np.nan, np.stack([mu1, *sigmas, q0], axis=-1)),
         log_likelihood=np.where(never, 0.0, np.where(flat, found.flat_value, best.value + best.penalty)),
         objective=np.where(never, 0.0, np.where(flat, found.flat_value, best.value)),
-        edges=_edges(where, found, never, open_),
+        edges=np.stack(edges, axis=-1),
         arrived=best.arrived | flat | never,
         identified=where,
         sbar=design.sbar,
@@ -254,41 +231,13 @@ def _identified(design: Design, used: Counts, found: _Found, never: BoolArray) -
     """Offset, pull, width and q0, (rows, 4); a width that vanishes is stood for by one so small that only p / w still shows."""
     where = np.exp(found.best.y)
     where[:, 0], where[:, 1] = found.best.y[:, 0], MAX_PULL * where[:, 1]
-    steps = np.abs(design.s2 - design.s1)
+    steps, (k, d) = np.abs(design.s2 - design.s1), (part.sum(axis=1)[found.flat] for part in used)
     least = 1e-3 * float(np.min(steps, where=steps > 0, initial=1.0))
     where[found.narrow, :3] *= least / where[found.narrow, 1:3].sum(axis=1, keepdims=True)
-    k, d = _pooled(used)
-    where[found.flat, :2] = 0.0
-    where[found.flat, 2] = np.where(found.narrow, least, np.inf)[found.flat]
-    where[found.flat, 3] = (k / (k + d))[found.flat]
+    width = np.where(found.narrow, least, np.inf)[found.flat]
+    where[found.flat] = np.stack([0.0 * k, 0.0 * k, width, k / (k + d)], axis=-1)
     where[never] = 0.0, 0.0, 1.0, 0.0
     return where
-
-
-def _natural(design: Design, where: FloatArray, found: _Found) -> FloatArray:
-    """Natural parameters, (rows, 4): without a pull mu1 is at the penalty's mean; sigma_p and sigma_l are 0 or infinite as the width is."""
-    c, p, w, q0 = where.T
-    mu1 = np.where(p > 0.0, design.sbar + np.divide(c, p, out=np.zeros_like(c), where=p > 0.0), design.penalty.mean)
-    wide = np.where(np.isinf(w), 1.0, w)
-    sigmas = (np.where(found.narrow, 0.0, np.where(np.isinf(w), w, wide * part)) for part in ((1.0 - p) ** 1.5, np.sqrt((1.0 - p) * p)))
-    return np.stack([mu1, *sigmas, q0], axis=-1)
-
-
-def _edges(where: FloatArray, found: _Found, never: BoolArray, open_: BoolArray) -> BoolArray:
-    """On which of EDGES every row lies, (rows, len(EDGES))."""
-    plain = ~(found.flat | found.narrow | never)
-    return np.stack(
-        [
-            (plain & (where[:, 1] == 0.0)) | found.narrow,
-            plain & (found.best.y[:, 1] == 0.0) & ~open_[:, 2],
-            never,
-            (where[:, 3] == 1.0) & ~open_[:, 3],
-            found.narrow,
-            found.flat & ~found.narrow,
-            open_.any(axis=1),
-        ],
-        axis=-1,
-    )
 
 
 def _left_open(best: _Best, narrow: BoolArray) -> BoolArray:
@@ -300,17 +249,12 @@ def _left_open(best: _Best, narrow: BoolArray) -> BoolArray:
     unit = np.stack([w, np.ones_like(w), np.ones_like(w), np.ones_like(w)], axis=-1)
     free = best.free[:, :, None] & best.free[:, None, :]
     values, vectors = np.linalg.eigh(np.where(free, -best.hessian * unit[:, :, None] * unit[:, None, :], np.eye(4)))
-    along = _natural_slopes(best.y, p, w) @ vectors  # (rows, parameters, directions)
-    along[narrow, 1:3] = 0.0
-    return np.asarray((np.where(values[:, None, :] < _FLAT, np.abs(along), 0.0) > _STILL).any(axis=2))
-
-
-def _natural_slopes(y: FloatArray, p: FloatArray, w: FloatArray) -> FloatArray:
-    """Derivatives of (mu1, log sigma_p, log sigma_l, q0) in (c / w, log p, log w, log q0), (rows, 4, 4); zero in p where p = 0."""
-    slopes = np.zeros((len(p), 4, 4))
-    inverse = np.divide(1.0, p, out=np.zeros_like(p), where=p > 0.0)
-    slopes[:, 0, 0], slopes[:, 0, 1] = w * inverse, -y[:, 0] * inverse
+    # Slopes of (mu1, log sigma_p, log sigma_l, q0) in (c / w, log p, log w, log q0); none in p where p = 0.
+    slopes, inverse = np.zeros((len(p), 4, 4)), np.divide(1.0, p, out=np.zeros_like(p), where=p > 0.0)
+    slopes[:, 0, 0], slopes[:, 0, 1] = w * inverse, -best.y[:, 0] * inverse
     slopes[:, 1, 1], slopes[:, 1, 2] = -1.5 * p / (1.0 - p), 1.0
     slopes[:, 2, 1], slopes[:, 2, 2] = 0.5 - 0.5 * p / (1.0 - p), 1.0
-    slopes[:, 3, 3] = np.exp(y[:, 3])
-    return slopes
+    slopes[:, 3, 3] = np.exp(best.y[:, 3])
+    along = slopes @ vectors  # (rows, parameters, directions)
+    along[narrow, 1:3] = 0.0
+    return np.asarray((np.where(values[:, None, :] < _FLAT, np.abs(along), 0.0) > _STILL).any(axis=2))

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.population_table import PopulationRow
+    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
@@ -84,7 +85,6 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
     """
-    from bayes_toe.groups.population_table import pooled_subjects
     from bayes_toe.groups.predictive_check import predictive_check
 
     files = _beside(output)
@@ -110,12 +110,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
             progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
-    with task.together(*files) as folder:
-        draws, table, subjects, figure = (folder / path.name for path in files)
-        found.save(draws, overwrite=task.overwrite)
-        found.table.save(table, **task.saving)
-        pooled_subjects(found).save(subjects, **task.saving)
-        bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
+    _save(task, found, check, files)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     if keep is not None:
         task.finish(keep, failed)
@@ -129,6 +124,17 @@ def _beside(output: Path) -> tuple[Path, ...]:
     if output.suffix != ".nc":
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
     return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv"), output.with_suffix(".png")
+
+
+def _save(task: Task, found: Population, check: PredictiveCheck, files: Sequence[Path]) -> None:
+    from bayes_toe.groups.population_table import pooled_subjects
+
+    with task.together(*files) as folder:
+        draws, table, subjects, figure = (folder / path.name for path in files)
+        found.save(draws, overwrite=task.overwrite)
+        found.table.save(table, **task.saving)
+        pooled_subjects(found).save(subjects, **task.saving)
+        bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
 
 
 def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
