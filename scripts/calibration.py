@@ -9,6 +9,7 @@ import platform
 import sys
 from pathlib import Path
 
+from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import bayes_toe as bt
@@ -18,7 +19,6 @@ from bayes_toe.data.whole_files import require_folder, whole_folder
 from bayes_toe.experiments.calibration import DESIGNS, DRAWS
 from bayes_toe.experiments.calibration_statistics import MARGIN
 from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM, CalibrationTable, EvidenceRow
-from bayes_toe.plots.calibration import differences_figure, ranks_figure, reliability_figure
 from bayes_toe.version import library_versions
 
 _OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
