@@ -10,7 +10,6 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -24,10 +23,9 @@ from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.posterior import PRIOR_DRAWS, Model, Posterior, prior_draws
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import DOMINATED, contraction
-from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, spans_of
+from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, prior_values, spans_of
 from bayes_toe.plots.style import MARKED
 
 #: Quantities of one entry; only free frequencies of a large design are more.
@@ -57,7 +55,6 @@ class Entry:
         Known values, as given; those that the model does not have are those of another model.
     prior : bool
         Whether the target's prior is that of these draws; not so in a group.
-    synthetic : bool
     """
 
     label: str
@@ -76,19 +73,20 @@ class Entry:
 
     def values_a_draw(self, most_slices: int) -> int:
         """Numbers that :meth:`packed` keeps of every draw."""
-        curves = (
-            0 if isinstance(self.target, FrequencyPosterior) else sum(len(one.orders) for one in slices(self.target.subject, most_slices))
-        )
+        free = isinstance(self.target, FrequencyPosterior)
+        curves = 0 if free else sum(len(one.orders) for one in slices(self.target.subject, most_slices))
         return len(self.names) + 2 + POINTS * curves
 
     def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
         """What the page holds of it: about so many draws, and curves of so many weaker stimuli at most."""
         x = self.x.reshape(-1, self.x.shape[-1])
-        kept = thinned(len(x), rows)  # by the rule that explorer.js goes back by
+        kept = np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
         samples = np.column_stack([quantities[name] for name in self.names])
         marked = np.quantile(samples, MARKED, axis=0)
         some = {name: values[kept] for name, values in quantities.items()}
+        given = {name: value for name, value in (self.truth or {}).items() if name in self.target.names.all}
+        known = known_from(given, self.target) if given else {}
         return {
             "subject": self.target.subject.name,
             "label": self.label,
@@ -105,7 +103,7 @@ class Entry:
             "identified": [name for name in self.names if name in self.target.names.identified],
             "values": floats(samples[kept].T),
             "marked": marked.T.tolist(),
-            "truth": self._truth(),
+            "truth": {name: float(known[name]) for name in self.names if name in known},
             **outlined(samples, spans_of(samples, self.names, self.target)),
             **self._answers(x[kept], some, most_slices),
         }
@@ -115,11 +113,6 @@ class Entry:
         ends = zip(self.names, marked[0].tolist(), marked[2].tolist(), strict=True)
         return [("dominated", name) for name, low, high in ends if self.prior and contraction(self.target, name, low, high) < DOMINATED]
 
-    def _truth(self) -> dict[str, float]:
-        given = {} if self.truth is None else {name: value for name, value in self.truth.items() if name in self.target.names.all}
-        known = known_from(given, self.target) if given else {}
-        return {name: float(value) for name, value in known.items() if name in self.names}
-
     def _answers(self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int) -> dict[str, Any]:
         """Counts, and curves over them where the model has any."""
         counts = self.target.subject
@@ -128,18 +121,15 @@ class Entry:
         ends = [low - pad, high + pad]
         fitted = None if isinstance(self.target, FrequencyPosterior) else Predictor(self.target, x)
         shown = slices(counts, most_slices)
-        higher = np.maximum(counts.s1, counts.s2)
         return {
             "pairs": {
-                "s1": counts.s1.tolist(),
-                "s2": counts.s2.tolist(),
-                **({} if counts.isi is None else {"isi": counts.isi.tolist()}),
+                **{key: getattr(counts, key).tolist() for key in ("s1", "s2", "isi") if getattr(counts, key) is not None},
                 "k": counts.n_equal.tolist(),
                 "n": counts.n_trials.tolist(),
                 "order": presentation_order(counts).tolist(),
                 "estimate": laplace_estimate(counts.n_equal, counts.n_trials).tolist(),
                 "error": laplace_error(counts.n_equal, counts.n_trials).tolist(),
-                "higher": higher.tolist(),
+                "higher": np.maximum(counts.s1, counts.s2).tolist(),
             },
             "slices": [
                 {
@@ -157,18 +147,6 @@ class Entry:
             "ends": ends,
             "axis": floats(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,
         }
-
-
-def thinned(size: int, rows: int) -> IndexArray:
-    """Evenly spaced places of at most so many draws.
-
-    Examples
-    --------
-    >>> thinned(10, 4).tolist()
-    [0, 2, 5, 7]
-    """
-    most = min(size, rows)
-    return np.asarray(np.arange(most) * size // most)
 
 
 def outlined(samples: FloatArray, spans: list[Span]) -> dict[str, Any]:
@@ -200,18 +178,8 @@ def prior_of(entry: Entry) -> dict[str, Any] | None:
     """Quantiles of the prior of every quantity, evenly spaced in probability, and their names."""
     if not entry.prior:
         return None
-    target = entry.target
-    if isinstance(target, Posterior):
-        return _prior_of_design(target.model, target.prior, target.sbar, entry.names)
-    drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
+    drawn = prior_values(entry.target)
     return quantiles({name: drawn[name] for name in entry.names})
-
-
-@lru_cache(maxsize=1)
-def _prior_of_design(model: Model, prior: Prior, sbar: float, names: tuple[str, ...]) -> dict[str, Any]:
-    """The same for all subjects of a design, one after the other."""
-    drawn = prior_draws(model, prior, sbar)
-    return quantiles({name: drawn[name] for name in names})
 
 
 def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
@@ -221,20 +189,12 @@ def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
 
 def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
     """Subjects of a posterior file."""
-    missed = draws.not_converged
+    missed, made = draws.not_converged, []
     about = f"{label}: {draws.attrs.get('source', '')}, seed {draws.seed}, prior {draws.described_prior()}."
-    return [
-        Entry(
-            label,
-            draws.posterior(name),
-            draws.points(name),
-            badges(draws, name, missed),
-            truths.get(name),
-            synthetic=draws.synthetic,
-            about=about,
-        )
-        for name in subjects
-    ]
+    for name in subjects:
+        told, true = badges(draws, name, missed), truths.get(name)
+        made.append(Entry(label, draws.posterior(name), draws.points(name), told, true, synthetic=draws.synthetic, about=about))
+    return made
 
 
 def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
@@ -245,12 +205,9 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
         return (sampled,)
     if fit.describes is None:
         return sampled, ("untold", f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}")
-    described = (
-        ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")
-        if fit.misfit
-        else ("fine", f"no misfit seen, predictive p {_said(fit.p_overall)}")
-    )
-    return sampled, described
+    if fit.misfit:
+        return sampled, ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")
+    return sampled, ("fine", f"no misfit seen, predictive p {_said(fit.p_overall)}")
 
 
 def _said(p: float) -> str:
@@ -274,20 +231,10 @@ def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, 
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """Pairs with one weaker stimulus, at one interval: what one panel of curves shows.
+    """Pairs with one weaker stimulus (ln), at one interval (seconds): what one panel of curves shows.
 
-    Attributes
-    ----------
-    weaker : float
-        Natural-log intensity.
-    isi : float or None
-        Seconds.
-    pairs : array of int
-        Which of the subject's pairs these are.
-    x : array, shape (POINTS,)
-        The stronger stimulus.
-    orders : tuple of int
-        Orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several intensities.
+    Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,); and the orders that have a curve: -1
+    weaker first, 1 stronger first, 0 equal stimuli of several intensities.
     """
 
     weaker: float

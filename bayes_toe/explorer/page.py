@@ -19,6 +19,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import Entry, entries_of, in_group, island, outlined, prior_of, quantiles
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.corner import spans_of
+from bayes_toe.version import __version__
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
@@ -131,40 +132,35 @@ def entries(
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
     named = _named(draws)
-    chosen = _chosen(named, subjects)
-    require_few(sum(map(len, chosen.values())), "subjects" if len(chosen) == 1 else "posteriors of subjects")
-    made: list[Entry] = []
-    for label, one in named.items():
-        made += entries_of(one, label, chosen[label], _truths(one, truths))
-    _require_known(made, {} if truths is None else truths)
-    if population is not None:
-        everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
-        _require_group(population, named, everyone)
-        made += in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
-    return made
+    known = list(dict.fromkeys(name for one in named.values() for name in one.names))
+    chosen = known if subjects is None else list(dict.fromkeys(subjects))
+    for name in chosen:
+        if name not in known:
+            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}")
+    shown = {label: tuple(name for name in chosen if name in one.names) for label, one in named.items()}
+    require_few(sum(map(len, shown.values())), "subjects" if len(shown) == 1 else "posteriors of subjects")
+    bundled = [one.attrs.get("source") == "bundled example (synthetic)" for one in named.values()]
+    true = [example_truth() if truths is None and own else truths or {} for own in bundled]
+    made = [entry for (label, one), of in zip(named.items(), true, strict=True) for entry in entries_of(one, label, shown[label], of)]
+    allowed = list(dict.fromkeys(name for entry in made for name in entry.target.names.all))
+    for subject, name in ((subject, name) for subject, values in (truths or {}).items() for name in values):
+        if name not in allowed:
+            raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
+    return made if population is None else made + _grouped(population, made, {one.model: one for one in named.values()})
 
 
-def page(found: Sequence[Entry], population: Population | None = None, progress: Callable[[str], None] | None = None) -> Explorer:
-    """The page of these entries; progress is told the name of every subject that is done."""
-    rows, most_slices = _affordable(found)
-    islands, priors, told = [], _Priors(), []
-    for place, entry in enumerate(found):
-        islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
-        told.append(_told(entry, priors, population))
-        if progress is not None:
-            progress(entry.target.subject.name)
-    return Explorer(_page([("index", island(_index(found, told, priors, population))), *islands]))
-
-
-def require_bokeh() -> None:
-    """Refuse where Bokeh is not installed."""
-    from importlib.util import find_spec
-
-    if find_spec("bokeh") is None:
-        raise InputError("explore needs Bokeh: pip install 'bayes_toe[explore]'")
+def _grouped(population: Population, made: Sequence[Entry], models: Mapping[str, Draws]) -> list[Entry]:
+    """The same subjects in a group; one of another model or of others is refused."""
+    everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
+    if population.settings.model not in models:
+        raise InputError(f"the population is of model {population.settings.model!r}, the draws are of {', '.join(map(repr, models))}")
+    if not set(everyone) & set(population.study.names):
+        raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, population.study.names)], 20)}")
+    return in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
 
 
 def _named(draws: Draws | Sequence[Draws] | Mapping[str, Draws]) -> dict[str, Draws]:
+    """Draws by what they are called."""
     if isinstance(draws, Draws):
         return {draws.model: draws}
     if isinstance(draws, Mapping):
@@ -178,15 +174,47 @@ def _named(draws: Draws | Sequence[Draws] | Mapping[str, Draws]) -> dict[str, Dr
     return found
 
 
-def _chosen(named: Mapping[str, Draws], subjects: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
-    """Which subjects of which draws."""
-    if subjects is None:
-        return {label: draws.names for label, draws in named.items()}
-    known = list(dict.fromkeys(name for draws in named.values() for name in draws.names))
-    for name in subjects:
-        if name not in known:
-            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}")
-    return {label: tuple(name for name in dict.fromkeys(subjects) if name in draws.names) for label, draws in named.items()}
+def page(found: Sequence[Entry], population: Population | None = None, progress: Callable[[str], None] | None = None) -> Explorer:
+    """The page of these entries; progress is told the name of every subject that is done."""
+    from bayes_toe.explorer.panels import SLOTS
+
+    rows, most_slices = _affordable(found)
+    islands, told = [], []
+    priors: dict[str, tuple[int, dict[str, Any]]] = {}  # each once, by what the page says of it
+    for place, entry in enumerate(found):
+        name, prior = entry.target.subject.name, prior_of(entry)
+        islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
+        same = population is not None and entry.target.model.name == population.settings.model and name in population.study.names
+        where = None if prior is None else priors.setdefault(island(prior), (len(priors), prior))[0]
+        told.append({"subject": name, "label": entry.label, "prior": where, "grouped": same})
+        if progress is not None:
+            progress(name)
+    names = list(dict.fromkeys(name for entry in found for name in entry.names))
+    others = sorted(range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place))
+    index = {
+        "entries": told,
+        "labels": list(dict.fromkeys(entry.label for entry in found)),
+        "first": (0, others[0] if others else None),  # the first subject, and itself in another posterior, or the next subject
+        "priors": [prior for _, prior in priors.values()],
+        "group": None if population is None else _group(population),
+        "symbols": {name: symbol(name) for name in names},
+        "meanings": {name: meaning(name) for name in names},
+        "slots": SLOTS,
+        "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
+    }
+    before, after = _frame().split(_ISLANDS)
+    scripts = (
+        f'<script type="application/json" id="{name}">{content}</script>\n' for name, content in [("index", island(index)), *islands]
+    )
+    return Explorer("".join([before, *scripts, after]))
+
+
+def require_bokeh() -> None:
+    """Refuse where Bokeh is not installed."""
+    from importlib.util import find_spec
+
+    if find_spec("bokeh") is None:
+        raise InputError("explore needs Bokeh: pip install 'bayes_toe[explore]'")
 
 
 def require_few(found: int, what: str) -> None:
@@ -197,30 +225,6 @@ def require_few(found: int, what: str) -> None:
         raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
 
 
-def _require_known(found: Sequence[Entry], truths: Truth) -> None:
-    """Refuse true values of what no model has."""
-    allowed = list(dict.fromkeys(name for entry in found for name in entry.target.names.all))
-    for subject, known in truths.items():
-        for name in known:
-            if name not in allowed:
-                raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
-
-
-def _require_group(group: Population, named: Mapping[str, Draws], subjects: tuple[str, ...]) -> None:
-    """Refuse a population of another model or of others."""
-    models = list(dict.fromkeys(draws.model for draws in named.values()))
-    if group.settings.model not in models:
-        raise InputError(f"the population is of model {group.settings.model!r}, the draws are of {', '.join(map(repr, models))}")
-    if not set(subjects) & set(group.study.names):
-        raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, group.study.names)], 20)}")
-
-
-def _truths(draws: Draws, given: Truth | None) -> Truth:
-    if given is not None:
-        return given
-    return example_truth() if draws.attrs.get("source") == "bundled example (synthetic)" else {}
-
-
 def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
     """Draws of every entry and weaker stimuli of its curves, so that the page stays one that a browser opens."""
     room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
@@ -229,48 +233,6 @@ def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
         if rows >= _FEWEST:
             break
     return min(rows, _ROWS), most_slices
-
-
-class _Priors:
-    """Priors of all entries, each once."""
-
-    def __init__(self) -> None:
-        self.found: list[dict[str, Any]] = []
-        self._places: dict[str, int] = {}
-
-    def place(self, entry: Entry) -> int | None:
-        """Where the prior of an entry stands."""
-        prior = prior_of(entry)
-        if prior is None:
-            return None
-        place = self._places.setdefault(island(prior), len(self.found))
-        if place == len(self.found):
-            self.found.append(prior)
-        return place
-
-
-def _told(entry: Entry, priors: _Priors, group: Population | None) -> dict[str, Any]:
-    name = entry.target.subject.name
-    same = group is not None and entry.target.model.name == group.settings.model and name in group.study.names
-    return {"subject": name, "label": entry.label, "prior": priors.place(entry), "grouped": same}
-
-
-def _index(found: Sequence[Entry], told: list[dict[str, Any]], priors: _Priors, group: Population | None) -> dict[str, Any]:
-    from bayes_toe.explorer.panels import SLOTS
-    from bayes_toe.version import __version__
-
-    names = list(dict.fromkeys(name for entry in found for name in entry.names))
-    return {
-        "entries": told,
-        "labels": list(dict.fromkeys(entry.label for entry in found)),
-        "first": _first(told),
-        "priors": priors.found,
-        "group": None if group is None else _group(group),
-        "symbols": {name: symbol(name) for name in names},
-        "meanings": {name: meaning(name) for name in names},
-        "slots": SLOTS,
-        "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
-    }
 
 
 def symbol(name: str) -> str:
@@ -291,12 +253,6 @@ def meaning(name: str) -> str:
     return _QUANTITIES.get(name, (name, ""))[1]
 
 
-def _first(told: Sequence[Mapping[str, Any]]) -> tuple[int, int | None]:
-    """What is shown first: the first subject, and itself in another posterior, or the next subject."""
-    others = sorted(range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place))
-    return 0, others[0] if others else None
-
-
 def _group(group: Population) -> dict[str, Any]:
     """A further subject of the group: draws as contours and quantiles."""
     target = group.posterior(group.study.names[0])
@@ -305,13 +261,6 @@ def _group(group: Population) -> dict[str, Any]:
     found = {name: drawn[name].ravel() for name in names}
     samples = np.column_stack(list(found.values()))
     return {**quantiles(found), **outlined(samples, spans_of(samples, names, target))}
-
-
-def _page(islands: Sequence[tuple[str, str]]) -> str:
-    """The frame with what it is about."""
-    before, after = _frame().split(_ISLANDS)
-    scripts = (f'<script type="application/json" id="{name}">{content}</script>\n' for name, content in islands)
-    return "".join([before, *scripts, after])
 
 
 @cache

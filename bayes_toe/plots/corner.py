@@ -152,13 +152,16 @@ class _Shown:
 
     def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
         """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
-        target = posterior_of(self.target.subject, prior, model=self.model)
-        if isinstance(target, Posterior):
-            drawn = _of_design(target.model, target.prior, target.sbar)
-        else:
-            drawn = target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
+        drawn = prior_values(posterior_of(self.target.subject, prior, model=self.model))
         counted = [np.histogram(drawn[name], BINS, span)[0] for name, span in zip(self.names, spans, strict=True)]
         return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
+
+
+def prior_values(target: Answering) -> Mapping[str, FloatArray]:
+    """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
+    if isinstance(target, Posterior):
+        return _of_design(target.model, target.prior, target.sbar)
+    return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 
 
 #: Draws from the prior are the same for all subjects of a design, one after the other.
