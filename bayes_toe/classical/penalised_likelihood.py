@@ -12,6 +12,7 @@ product.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +111,9 @@ class PenalisedLikelihood:
         # Where q = 1 and 'different' was answered the value is -inf, which is the truth.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for part in self._parts(x.shape[1]):
-                log_q0, (equal, different) = x[3, part], self._counts(row[part])
-                t, _, rest = self._answers(self._distances(x[:, part]), log_q0, different)
-                of_equal = np.einsum("pn,pn->n", equal, np.subtract(log_q0, t, out=t))
-                value[part] = of_equal + np.einsum("pn,pn->n", different, np.log(rest, out=rest))
+                log_q0, equal, different = x[3, part], *(counts.take(row[part], axis=1) for counts in (self.equal, self.different))
+                t, rest = self._answers(self._distances(x[:, part]), log_q0, different)
+                value[part] = (equal * (log_q0 - t) + different * np.log(rest)).sum(axis=0)
         return value - self.penalty(x)
 
     def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -126,7 +126,12 @@ class PenalisedLikelihood:
         hessian[1] *= p
         hessian[:, 1] *= p
         hessian[1, 1] += gradient[1]
-        self._penalise(x, gradient, hessian)
+        # The penalty: mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p.
+        (inverse, far, reach), weight = self._far(x), 1.0 / self.design.penalty.sd**2
+        gradient[0] -= weight * far * inverse
+        gradient[1] += weight * far * reach
+        cross = weight * inverse * (reach + far)
+        hessian[:2, :2] += np.array([[-weight * np.square(inverse), cross], [cross, -weight * reach * (reach + far)]])
         return gradient, hessian
 
     def penalty(self, x: FloatArray) -> FloatArray:
@@ -143,60 +148,32 @@ class PenalisedLikelihood:
         With L = log q = log q0 - ln2 z^2 and the odds r = q/(1 - q), an answer 'equal' has slope 1 and curvature 0 in L, an answer
         'different' -r and -r (1 + r). What is left are sums over pairs of powers of z and of the lever s1 - sbar.
         """
-        k = _TWO_LN2 * np.exp(-x[2])
+        lever, z, k = self.design.s1 - self.design.sbar, self._distances(x), _TWO_LN2 * np.exp(-x[2])
+        equal, different = (counts.take(row, axis=1) for counts in (self.equal, self.different))
+        t, rest = self._answers(z, x[3], different)
+        odds = different * np.exp(x[3] - t) / rest
+        slope, curve, powers = equal - odds, odds / rest, np.stack([np.ones_like(lever), lever, np.square(lever)])
+        e, ez, ezz = powers @ slope, powers[:2] @ (slope * z), (slope * z * z).sum(axis=0)
+        h, hz, hzz, hz3, hz4 = (powers @ part for part in accumulate(repeat(z, 4), np.multiply, initial=curve))
         bend = k * np.exp(-x[2])
-        e, h, ez, ezz, hz, hzz, hz3, hz4 = self._sums(x, row)
         cc, cp, pp = (bend * sign * (e[i] + _TWO_LN2 * hzz[i]) for i, sign in enumerate((-1.0, 1.0, -1.0)))
         cb, pb = (k * sign * (2.0 * ez[i] + _TWO_LN2 * hz3[i]) for i, sign in enumerate((-1.0, 1.0)))
-        bb, bu = -_TWO_LN2 * (2.0 * ezz + _TWO_LN2 * hz4), -_TWO_LN2 * hzz[0]
+        bb, bu = -_TWO_LN2 * (2.0 * ezz + _TWO_LN2 * hz4[0]), -_TWO_LN2 * hzz[0]
         cu, pu = -k * hz[0], k * hz[1]
         gradient = np.stack([k * ez[0], -k * ez[1], _TWO_LN2 * ezz, e[0]])
-        return gradient, np.array([[cc, cp, cb, cu], [cp, pp, pb, pu], [cb, pb, bb, bu], [cu, pu, bu, -h]])
-
-    def _sums(self, x: FloatArray, row: IndexArray) -> list[FloatArray]:
-        """Sums over pairs of slopes and curvatures in log q times powers of z and of the lever."""
-        lever, z = self.design.s1 - self.design.sbar, self._distances(x)
-        powers = np.stack([np.ones_like(lever), lever, np.square(lever)])
-        slope, different = self._counts(row)
-        _, curve, rest = self._answers(z, x[3], different)
-        curve += 1.0
-        curve *= np.exp(x[3])
-        curve *= different
-        curve /= rest  # now the odds
-        slope -= curve
-        curve /= rest
-        e, h = powers @ slope, curve.sum(axis=0)
-        slope *= z
-        ez, ezz = powers[:2] @ slope, np.einsum("pn,pn->n", slope, z)
-        curve *= z
-        hz = powers[:2] @ curve
-        curve *= z
-        hzz = powers @ curve
-        curve *= z
-        return [e, h, ez, ezz, hz, hzz, powers[:2] @ curve, np.einsum("pn,pn->n", curve, z)]
-
-    def _counts(self, row: IndexArray) -> tuple[FloatArray, FloatArray]:
-        return self.equal.take(row, axis=1), self.different.take(row, axis=1)
+        return gradient, np.array([[cc, cp, cb, cu], [cp, pp, pb, pu], [cb, pb, bb, bu], [cu, pu, bu, -h[0]]])
 
     def _distances(self, x: FloatArray) -> FloatArray:
-        """Normalised distances z, (pairs, points); in place, here and below: few arrays stay in the processor's cache."""
-        s1, s2 = self.design.s1, self.design.s2
-        z: FloatArray = (s1 - self.design.sbar)[:, None] * (MAX_PULL * np.exp(x[1]))
-        z += (s2 - s1)[:, None]
-        z -= x[0]
-        z *= np.exp(-x[2])
-        return z
+        """Normalised distances z, (pairs, points)."""
+        s1, s2 = self.design.s1[:, None], self.design.s2[:, None]
+        return np.asarray(((s2 - s1) + MAX_PULL * np.exp(x[1]) * (s1 - self.design.sbar) - x[0]) * np.exp(-x[2]))
 
     @staticmethod
-    def _answers(z: FloatArray, log_q0: FloatArray, different: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """With t = ln2 z^2: t, exp(-t) - 1 and 1 - q, (pairs, points) each."""
-        t = np.square(z)
-        t *= LN2
-        shape = np.expm1(np.negative(t))
-        rest = np.exp(log_q0) * shape
-        np.subtract(-np.expm1(log_q0), rest, out=rest)  # positive terms only
-        rest[different == 0.0] = 1.0  # an answer never given contributes nothing, also where it is impossible
-        return t, shape, rest
+    def _answers(z: FloatArray, log_q0: FloatArray, different: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """t = ln2 z^2 and 1 - q, (pairs, points) each; 1 where nobody answered 'different', which contributes nothing then."""
+        t = LN2 * np.square(z)
+        rest = -np.expm1(log_q0) - np.exp(log_q0) * np.expm1(-t)  # positive terms only
+        return t, np.where(different == 0.0, 1.0, rest)
 
     def _far(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """1/p, mu1 - mean and mu1 - sbar = c/p; at p = 0 the first and the last are given as 0 and mu1 rests at the mean."""
@@ -205,15 +182,6 @@ class PenalisedLikelihood:
             inverse = np.where(some, np.exp(-x[1]) / MAX_PULL, 0.0)
         reach = x[0] * inverse
         return inverse, np.where(some, self.design.sbar - self.design.penalty.mean + reach, 0.0), reach
-
-    def _penalise(self, x: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
-        """The penalty's derivatives as a gain, in place; mu1 = sbar + c/p and d(1/p)/d(log p) = -1/p."""
-        inverse, far, reach = self._far(x)
-        weight = 1.0 / self.design.penalty.sd**2
-        gradient[0] -= weight * far * inverse
-        gradient[1] += weight * far * reach
-        cross = weight * inverse * (reach + far)
-        hessian[:2, :2] += np.array([[-weight * np.square(inverse), cross], [cross, -weight * reach * (reach + far)]])
 
 
 # --- Where to start -------------------------------------------------------------------------------
