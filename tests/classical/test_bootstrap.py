@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
-from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 import bayes_toe as bt
@@ -12,8 +11,6 @@ from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_sub
 from bayes_toe.classical.maximum_likelihood import EDGES, Fits
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 
 CASES = hard_cases()
@@ -100,16 +97,6 @@ def test_evidence_by_appendix_c_is_the_formula():
     of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
     expected = -5.0 + norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l) + 0.5 * np.linalg.slogdet(2 * np.pi * np.cov(squares.T))[1]
     assert (value, note) == (pytest.approx(expected, abs=1e-6), "")
-
-
-def test_the_transformed_prior_is_normalised():
-    prior = Prior(sigma_p_scale=0.7)
-    sigma = np.linspace(1e-6, 7.0, 20_001)
-    theta = Natural(np.zeros(1), sigma, np.sqrt(0.5) * sigma, np.full(1, 0.5))
-    density = np.exp(prior.log_density_variances(theta) - norm.logpdf(0, 0, 10))
-    # Constant in sigma_l^2 over 0..sigma_p^2, so that integral is a product; d sigma_p^2 = 2 sigma_p d sigma_p.
-    assert trapezoid(density * sigma**2 * 2 * sigma, sigma) == pytest.approx(1.0, abs=1e-5)
-    assert prior.log_density_variances(Natural(*map(np.asarray, (0.0, 0.3, 0.31, 0.5)))) == -np.inf
 
 
 def test_evidence_says_what_is_wrong_with_it():

@@ -79,8 +79,5 @@ def test_what_cannot_be_tested_is_said(column, values, said):
     row = one_test(list(column), values)
     assert row.p_value is None
     assert said in row.note
-
-
-def test_covariates_of_other_people_are_refused():
     with pytest.raises(InputError, match="no subject of the study"):
         covariate_tests(Covariates({"age": {"x": 1.0}}), {"y": {"a": 1.0}})

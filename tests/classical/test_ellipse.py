@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_toe.classical.ellipse import Ellipse, mass_ellipse
+from bayes_toe.classical.ellipse import mass_ellipse
 from bayes_toe.errors import InputError
 
 
@@ -53,9 +53,3 @@ def test_what_fixes_no_ellipse_gives_none(x, y):
     assert mass_ellipse(x, y) is None
     with pytest.raises(InputError, match=r"mass=1\.0"):
         mass_ellipse(x, y, 1.0)
-
-
-def test_the_outline_is_closed_and_on_the_ellipse():
-    outline = Ellipse(np.array([1.0, 2.0]), np.array([3.0, 1.0]), 0.0).outline(41)
-    assert outline[0] == pytest.approx(outline[-1])
-    assert np.square((outline - [1.0, 2.0]) / [3.0, 1.0]).sum(axis=1) == pytest.approx(1.0)

@@ -87,18 +87,6 @@ def test_direction_in_exact_fractions(table):
     assert float(probability_greater(*table)) == pytest.approx(float(exact), rel=1e-12)
 
 
-def test_direction_by_integration_of_the_two_densities():
-    with mpmath.workdps(30):
-        for k1, n1, k2, n2 in [(12, 50, 25, 50), (49, 50, 20, 45), (0, 30, 30, 30)]:
-            b1 = mpmath.beta(k1 + 1, n1 - k1 + 1)
-
-            def mass(q, k1=k1, n1=n1, k2=k2, n2=n2, b1=b1):
-                return q**k1 * (1 - q) ** (n1 - k1) / b1 * mpmath.betainc(k2 + 1, n2 - k2 + 1, 0, q, regularized=True)
-
-            expected = mpmath.quad(mass, mpmath.linspace(0, 1, 9))
-            assert float(probability_greater(k1, n1, k2, n2)) == pytest.approx(float(expected), rel=1e-10)
-
-
 def test_tails_far_out_and_for_a_thousand_million_trials():
     assert float(probability_greater(0, 500, 500, 500)) == pytest.approx(float(1 / mpmath.binomial(1002, 501)), rel=1e-10)
     n, k1, k2 = 10**9, 400_000_000, 400_030_000

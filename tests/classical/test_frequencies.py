@@ -17,7 +17,6 @@ from bayes_toe.classical.frequencies import (
     presentation_order,
     universal_curve,
 )
-from bayes_toe.comparison.evidence_table import frequency_evidence_laplace
 from bayes_toe.errors import InputError
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.coordinates import Natural, unconstrained
@@ -32,13 +31,6 @@ def test_the_papers_formula_in_exact_fractions(count):
     variance = q * (Fraction(k + 2, n + 3) - q)  # Eq. e:2b as printed; this difference is what floats would lose
     assert float(laplace_estimate(k, n)) == pytest.approx(float(q), rel=1e-15)
     assert float(laplace_error(k, n)) ** 2 == pytest.approx(float(variance), rel=1e-14)
-
-
-def test_the_evidence_of_h0_uses_the_same_estimates(small_study):
-    s = small_study["A"]
-    q, error = laplace_estimate(s.n_equal, s.n_trials), laplace_error(s.n_equal, s.n_trials)
-    by_hand = s.n_equal * np.log(q) + (s.n_trials - s.n_equal) * np.log1p(-q) + np.log(error) + 0.5 * np.log(2 * np.pi)
-    assert frequency_evidence_laplace(s) == pytest.approx(by_hand.sum(), rel=1e-12)
 
 
 def test_one_subject():

@@ -13,18 +13,10 @@ from bayes_toe.model.target import hessian as hessian_of
 CASES = hard_cases()
 
 
-def objective(subject, row=None, equal=None, mean=0.0, sd=10.0):
-    """Of one subject, or of many count vectors in its design."""
+def objective(subject, mean=0.0, sd=10.0):
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
-    counts = np.asarray(subject.n_equal if equal is None else equal, float).reshape(-1, subject.n_pairs).T.copy()
-    row = np.zeros(1000, int) if row is None else row
-    return PenalisedLikelihood(Design(subject.s1, subject.s2, sbar, Normal(mean, sd)), counts, subject.n_trials[:, None] - counts, row)
-
-
-def expanded(of, y):
-    """Value, gradient and Hessian."""
-    at = np.arange(y.shape[1])
-    return of.value(y, at), *of.derivatives(y, at)
+    equal, different = subject.n_equal[:, None] + 0.0, (subject.n_trials - subject.n_equal)[:, None] + 0.0
+    return PenalisedLikelihood(Design(subject.s1, subject.s2, sbar, Normal(mean, sd)), equal, different, np.zeros(1000, int))
 
 
 def points(n=30, seed=3):
@@ -83,18 +75,6 @@ def test_derivatives_on_the_edges_agree_with_finite_differences(edge):
         assert gradient[i] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
         column = sign * (target.derivatives(high, at)[0] - target.derivatives(low, at)[0]) / width
         assert hessian[:, i] == pytest.approx(column, rel=1e-3, abs=1e-3 * np.abs(hessian).max())
-
-
-def test_rows_are_independent_and_blocks_do_not_matter():
-    subject = CASES["400 pairs with 3 trials"]
-    rng = np.random.default_rng(5)
-    equal = rng.binomial(subject.n_trials, 0.6, size=(7, subject.n_pairs))
-    _, y = points(40)
-    row = rng.integers(0, 7, 40)
-    together = expanded(objective(subject, row, equal), y)
-    one_by_one = [expanded(objective(subject, row[i : i + 1], equal), y[:, i : i + 1]) for i in range(40)]
-    for k, part in enumerate(together):
-        assert part == pytest.approx(np.concatenate([one[k] for one in one_by_one], axis=-1), rel=1e-9, abs=1e-9)
 
 
 def test_an_impossible_answer_has_no_likelihood():

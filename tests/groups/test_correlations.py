@@ -9,7 +9,7 @@ import bayes_toe as bt
 from bayes_toe.cli.population import correlations
 from bayes_toe.groups.no_difference import no_difference
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.groups.scatter import Root, log_lkj
+from bayes_toe.groups.scatter import Root
 from bayes_toe.records import packed
 
 #: Strong ones: of mu1 and probit gamma, and of log width and probit q0.
@@ -20,16 +20,6 @@ R = np.array([[1.0, 0.8, 0.0, 0.0], [0.8, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -0.6],
 def known(study, **more):
     """A population with these correlations in every draw."""
     return made_up(study, z=np.broadcast_to(Z, (*SIZE, 6)), **more)
-
-
-def test_far_out_and_without_coordinates():
-    far = Root.at(np.full((1, 6), 300.0), 4)
-    assert far.log_diagonal[0] == pytest.approx(np.arange(4) * (np.log(2.0) - 300.0))
-    assert np.isfinite(far.slopes(np.ones((1, 4, 4)))).all()
-    none = Root.at(np.empty((2, 0)), 4)
-    assert (none.factor == np.eye(4)).all()
-    assert [part.tolist() for part in log_lkj(np.empty((2, 0)), 4, 2.0)] == [[0.0, 0.0], [[], []]]
-    assert Root.at(np.empty((2, 0)), 1).slopes(np.ones((2, 1, 1))).shape == (2, 0)
 
 
 def test_under_the_prior_each_correlation_has_its_marginal():

@@ -43,18 +43,14 @@ def test_a_normal_from_a_poor_start():
     """Means, variances and a correlation: 13 z scores from about independent draws; false alarms once in 10,000 runs."""
     chains = sampler(normal, np.random.default_rng(1).normal(0.0, 3.0, (16, 4)), 2, together=2)
     chains.warm_up()
-    x = chains.advance(400).x.reshape(-1, 4) - MEAN
+    assert chains.step > 0.4  # in coordinates of one size; the narrowest has an sd of 0.1 beside one of 30
+    trace = chains.advance(400)
+    assert trace.accepted.mean() == pytest.approx(0.8, abs=0.12)
+    x = trace.x.reshape(-1, 4) - MEAN
     products = x[:, :, None] * x[:, None, :]
     errors = np.sqrt((np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE)) + COVARIANCE**2) / (0.3 * len(x)))
     assert np.abs((products.mean(axis=0) - COVARIANCE) / errors).max() < 4.5
     assert np.abs(x.mean(axis=0) / np.sqrt(np.diag(COVARIANCE) / (0.3 * len(x)))).max() < 4.5
-
-
-def test_scales_are_learnt_with_correlations_among_the_first():
-    chains = sampler(normal, np.zeros((16, 4)) + MEAN, 3, together=2)
-    chains.warm_up()
-    assert chains.step > 0.4  # in coordinates of one size; the narrowest has an sd of 0.1 beside one of 30
-    assert chains.advance(100).accepted.mean() == pytest.approx(0.8, abs=0.12)
 
 
 @pytest.mark.parametrize("step", [0.15, 0.6, 1.1])
@@ -68,15 +64,14 @@ def test_a_density_is_left_as_it_is(step):
     for u in uniforms(trace.x[-1]).T:
         assert stats.kstest(u, "uniform").pvalue > 1e-4
 
-
-def test_and_a_wrong_acceptance_would_be_seen():
     def twisted(x):
         value, slope = skewed(x)
         return 1.5 * value, slope
 
-    chains = sampler(twisted, skewed_draws(np.random.default_rng(4), 2000), 5)
-    chains.step = 0.6
-    assert min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T) < 1e-4
+    if step == 0.6:  # a wrong acceptance would be seen
+        chains = sampler(twisted, skewed_draws(np.random.default_rng(4), 2000), 5)
+        chains.step = step
+        assert min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T) < 1e-4
 
 
 def test_trajectories_over_a_cliff_are_refused_and_counted():
@@ -107,26 +102,6 @@ def test_a_density_that_is_nothing_somewhere_is_not_entered():
     assert stats.kstest(trace.x[40::40].ravel(), "expon").pvalue > 1e-4
 
 
-def test_the_same_seed_the_same_numbers():
-    first, second, other = (sampler(normal, np.zeros((16, 4)) + MEAN, seed).advance(5).x for seed in (12, 12, 13))
-    assert (first == second).all()
-    assert (first != other).any()
-
-
-def test_gradients_are_counted():
-    calls = []
-
-    def density(x):
-        calls.append(len(x))
-        return normal(x)
-
-    chains = sampler(density, np.zeros((16, 4)) + MEAN, 14)
-    chains.warm_up((5, 5))
-    chains.advance(7)
-    assert chains.gradients == sum(calls)
-    assert chains.draws == 7
-
-
 def test_trajectories_are_longer_where_draws_are_alike():
     """A coordinate that twenty others follow closely, each alone: no scale of single coordinates helps."""
 
@@ -140,7 +115,7 @@ def test_trajectories_are_longer_where_draws_are_alike():
     lengths = []
     for chains in (slow, quick):
         chains.warm_up((40, 40, 40))
-        before, x = chains.gradients, chains.advance(300).x
+        before, x = chains.gradients, chains.advance(150).x
         lengths.append((chains.gradients - before) * chains.step)
         if chains is slow:
             assert (x[..., 0].mean(), x[..., 0].std()) == pytest.approx((0.0, 1.0), abs=0.3)

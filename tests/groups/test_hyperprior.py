@@ -69,14 +69,6 @@ def test_files_dictionaries_and_records(written):
     assert {type(value) for values in found.for_study(study()).values for value in values} == {float}
 
 
-def test_scaled():
-    found = Hyperprior().for_study(study())
-    before, after = found.numbers(NAMES), found.scaled(1 / 3, mean_sd=2.0).numbers(NAMES)
-    assert after.sd_scale == pytest.approx(before.sd_scale / 3)
-    assert after.mean_sd == pytest.approx(before.mean_sd * 2)
-    assert (after.mean.tolist(), after.effect_sd.tolist()) == (before.mean.tolist(), before.effect_sd.tolist())
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [

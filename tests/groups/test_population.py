@@ -80,7 +80,6 @@ def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
     assert {key for key in own.chains.convergence if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
     assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
     assert own.chains.z.std() > 0.1
-    assert not run(correlations=False).settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
     assert not run().settings.correlations
 
@@ -130,11 +129,3 @@ def test_stored_draws_of_something_else_are_refused(run, stored):
     ):
         with pytest.raises(InputError, match=said):
             run(posterior=stored, **what)
-
-
-def test_what_counts_from_the_mean_first_stimulus_asks_for_the_same_one(run):
-    first, *others = STUDY
-    apart = bt.Study([bt.Subject("A", first.s1 + 0.2, first.s2 + 0.2, first.n_equal, first.n_trials), *others])
-    weighting = bt.sample(apart, model="free weighting", draws=50, seed=1, workers=1)
-    with pytest.raises(InputError, match="subject 'A' met other first stimuli than the group, and 'free weighting' counts from their mean"):
-        run(apart, model="free weighting", posterior=weighting, hyperprior=None)

@@ -75,18 +75,6 @@ def test_many_copies_change_nothing_and_the_gradient_is_the_slope(model):
         assert gradient[..., j] == pytest.approx(slope, rel=2e-7, abs=2e-7 * (1.0 + np.abs(value).max()))
 
 
-def test_a_pair_never_shown_adds_nothing_and_an_impossible_answer_is_that_of_its_subject_only():
-    """No lapses: two equal stimuli are never called different, and the pairs that fill a row up are such."""
-    model = compose(order="none", lapses="no lapses")
-    for equal in (9, 8):
-        people = [Subject("A", [0.0, 0.1, 0.2], [0.3, 0.4, 0.2], [3, 4, equal], [9, 9, 9]), Subject("B", [0.0], [0.3], [2], [5])]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            (value,), (gradient,) = GroupLikelihood(model, PRIOR, people, 0.0, 1)(np.full((1, 2, 1), -1.0))
-        own = Posterior(people[1], model, PRIOR, centre=0.0).log_likelihood([[-1.0]])[0]
-        assert (value[1], np.isfinite(value[0])) == (pytest.approx(own, rel=1e-14), equal == 9)
-        assert np.isfinite(gradient[1]).all()
-
-
 def test_new_answers_are_as_parameters_say():
     """False alarms: 5 standard errors of a mean over 4,000 sets of answers."""
     one = Subject("a", [0.0, 0.0, 0.4], [0.0, 0.4, 0.0], [0, 0, 0], [9, 30, 4])

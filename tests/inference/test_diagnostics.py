@@ -115,11 +115,3 @@ def test_smoothing_sums_to_one_and_on_the_raw_scale_leaves_all_but_the_tail(case
     if case in FLAT:
         np.testing.assert_allclose(found.log_weights, raw, rtol=1e-12, atol=1e-12)
         assert found.pareto_k == np.inf
-
-
-def test_smoothing_brings_a_heavy_tail_closer_to_its_mean():
-    # Weights u^-0.6 have mean 1 / 0.4 and infinite variance.
-    raw = -0.6 * np.log(np.random.default_rng(8).uniform(size=(300, 2500)))
-    means = [[np.exp(some).mean(), np.exp(smoothed_unnormalised(some).log_weights).mean()] for some in raw]
-    plain, smoothed = np.sqrt(np.square(np.array(means) - 2.5).mean(axis=0))
-    assert smoothed < 0.8 * plain

@@ -1,7 +1,5 @@
 """Draws of every model of the ladder: the same container, whatever the model."""
 
-import warnings
-
 import numpy as np
 import pytest
 from commands import inside
@@ -14,16 +12,6 @@ from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import MODELS, NAMES, posterior_of
 
 PARAMETRIC = [name for name in NAMES if name != "free frequencies"]
-CORNERS = {
-    "symmetric": 2,
-    "constant bias": 3,
-    "differencing": 3,
-    "no lapses": 3,
-    "predictive update": 4,
-    "free weighting": 4,
-    "mean-reverting memory": 5,
-    "free frequencies": 13,
-}
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +57,6 @@ def test_summary_has_a_row_for_every_reported_quantity(draws):
         assert (rows["contraction"] < 1.0).all()
         # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
         assert (rows["ess_bulk"] > 300).all()
-
-
-def test_corner_and_curves_are_drawn(draws):
-    figure = bt.plots.corner(draws, "A", coordinates=draws.posterior("A").names.natural[:4], prior=draws.prior)
-    assert len(figure.axes) == min(4, CORNERS[draws.model]) ** 2
-    if draws.model == "mean-reverting memory":  # the one whose identified quantities are not all natural ones of another model
-        assert len(bt.plots.corner(draws, "A", coordinates="identified").axes) == CORNERS[draws.model] ** 2
-    [ax] = bt.plots.curves(draws, "A").axes
-    assert len(ax.containers) == 3  # answers of both orders and of equal stimuli
-    assert bool(ax.collections) == (draws.model != "free frequencies") or len(ax.lines) == 3
 
 
 def test_predictions_are_those_of_the_stored_log_likelihood(draws):
@@ -156,9 +134,3 @@ def test_natural_parameters_are_refused_where_a_model_has_not_all_of_them(two):
     draws = bt.sample(two.select(["A"]), model="symmetric", draws=300, seed=1, workers=1)
     with pytest.raises(InputError, match="model 'symmetric' has no mu1, sigma_p, sigma_l; it has: q0, width"):
         draws.natural("A")
-
-
-def test_a_python_user_sees_no_warning_of_a_converged_sample(two):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        bt.sample(two.select(["A"]), model="free weighting", draws=300, seed=2, workers=1)

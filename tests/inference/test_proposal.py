@@ -20,13 +20,6 @@ def test_log_proposal_density_integrates_to_one():
     assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
 
 
-def test_draws_come_with_the_densities_that_their_points_have():
-    proposal = fit_proposal(posterior_of(CASES["funnel"]), np.random.default_rng(11)).proposal
-    x, log_prior, log_proposal = proposal.sample(np.random.default_rng(12), 20_000)
-    assert log_prior == pytest.approx(proposal.posterior.log_prior(x), rel=1e-12)
-    assert log_proposal == pytest.approx(proposal.log_density(x, log_prior), rel=1e-9, abs=1e-9)
-
-
 def test_efficiency_of_even_and_of_single_weights():
     assert efficiency(np.full(7, -1e6)) == pytest.approx(1.0)
     assert efficiency(np.array([0.0] + [-1e4] * 9)) == pytest.approx(0.1)

@@ -17,7 +17,7 @@ from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.inference.subject import Settings, Wanted, infer, subject_draws
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.seeds import generator, stream
+from bayes_toe.seeds import generator
 
 CASES = hard_cases()
 QUICK = SamplerSettings(draws=1000)
@@ -52,22 +52,6 @@ def test_far_tails_do_not_come_in_lumps(name):
     # 640 or more effective draws a chain expect two or more beyond; a walker that stuck for long would add one in 64.
     assert beyond.max() < 0.003 + 5 * np.sqrt(0.003 / 600)
     assert beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
-
-
-def test_walkers_that_start_on_a_line_still_converge(monkeypatch):
-    # emcee itself refuses such a start with an error.
-    from bayes_toe.inference import sampling
-
-    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "line"))
-    start = sampling._dispersed
-
-    def on_a_line(*arguments):
-        points = start(*arguments).coords
-        along = points[:, 2] - points[:, 2].mean()
-        return points.mean(axis=0) + along[:, None] * np.array([1.0, 1.0, 1.0, 1.0]) * (1.0 + 1e-12 * np.arange(4))
-
-    monkeypatch.setattr(sampling, "_dispersed", on_a_line)
-    assert sample_chains(fitted, SamplerSettings(draws=1000), 1).converged
 
 
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
@@ -105,23 +89,6 @@ def test_claimed_effective_sizes_hold_over_independent_runs(replications):
         claimed = np.median([run.diagnostics[key].ess_bulk for run in runs])
         # A variance of 40 means is within a factor 2.1 of the truth with probability above 0.999.
         assert 1 / 2.1 < claimed / true_size < 2.1, key
-
-
-def test_draws_agree_with_weighted_draws_of_the_proposal():
-    for name in ("funnel", "single pair"):
-        posterior = posterior_of(CASES[name])
-        fitted = fit_proposal(posterior, generator(5, name))
-        chains = sample_chains(fitted, SamplerSettings(draws=8000), 5)
-        assert chains.converged
-        weights = np.exp(fitted.draws.log_weights - fitted.draws.log_weights.max())
-        for level in (0.05, 0.5, 0.95):
-            for i in range(4):
-                column = fitted.draws.x[:, i]
-                order = np.argsort(column)
-                quantile = column[order][np.searchsorted(np.cumsum(weights[order]) / weights.sum(), level)]
-                below = (chains.x[..., i] < quantile).mean()
-                error = np.sqrt(level * (1 - level) * (1 / 4000 + 1 / (20_000 * fitted.efficiency)))
-                assert below == pytest.approx(level, abs=4.5 * error)
 
 
 def test_a_limit_too_low_is_said_and_not_hidden(small_study):
@@ -195,25 +162,11 @@ def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_st
     assert not np.array_equal(changed.draws.points("B"), alone.draws.points("B"))
 
 
-def test_models_of_a_subject_have_streams_of_their_own(small_study):
-    one = small_study.select(["B"])
-    free, fixed = (bt.sample(one, model=model, draws=300, seed=9, workers=1) for model in ("free weighting", "constant bias"))
-    ranks = [np.argsort(np.argsort(draws.values("B", "q0")[0])) for draws in (free, fixed)]
-    # Walkers that took the same steps would leave the same order behind.
-    assert abs(np.corrcoef(ranks)[0, 1]) < 4.5 / np.sqrt(len(ranks[0]) / 8)
-
-
 def test_subjects_whose_names_differ_in_case_are_two():
     study = bt.Study(twins())
     results = sampled(study, Settings(seed=1, sampler=QUICK))
     assert [r.subject.name for r in results] == ["Ann", "ann"]
     assert results[0].chains.x[..., 0].mean() < 0 < results[1].chains.x[..., 0].mean()
-
-
-def test_streams_do_not_run_together():
-    assert stream(1, "ab", "c").generate_state(2).tolist() != stream(1, "a", "bc").generate_state(2).tolist()
-    assert stream(1, "a", 1).generate_state(2).tolist() != stream(1, "a", 11).generate_state(2).tolist()
-    assert stream(1, "ann").generate_state(2).tolist() != stream(1, "Ann").generate_state(2).tolist()
 
 
 @pytest.mark.parametrize(
@@ -236,8 +189,3 @@ def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
     assert SamplerSettings(draws=10).required == 4 * 4 * 64
     frozen = np.repeat(np.random.default_rng(0).normal(size=(4, 64)), 32, axis=1)
     assert convergence(frozen).ess_bulk < SamplerSettings(draws=10).required
-
-
-def test_judged_quantities_are_all_there():
-    posterior = posterior_of(CASES["funnel"])
-    assert tuple(posterior.judged(np.zeros((2, 3, 4)))) == ("mu1", "sigma_p", "sigma_l", "gamma", "sigma1", "width", "offset", "q0")
