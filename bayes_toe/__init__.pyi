@@ -24,7 +24,6 @@ from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
 from .errors import OutputError as OutputError
 from .experiments.answers_check import check_answers as check_answers
-from .experiments.calibration_table import calibrate as calibrate
 from .experiments.checks import check_study as check_study
 from .experiments.identifiability import identifiability as identifiability
 from .experiments.prior_predictive import prior_predictive as prior_predictive

@@ -11,14 +11,13 @@ from pathlib import Path
 
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, CalibrationTable, EvidenceRow, calibrate
+from reference.calibration_statistics import MARGIN
 
 import bayes_toe as bt
 from bayes_toe.cli.terminal import number
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_folder, whole_folder
-from bayes_toe.experiments.calibration import DESIGNS, DRAWS
-from bayes_toe.experiments.calibration_statistics import MARGIN
-from bayes_toe.experiments.calibration_table import ABOUT, DEFAULT, FALSE_ALARM, CalibrationTable, EvidenceRow
 from bayes_toe.version import library_versions
 
 _OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
@@ -116,7 +115,7 @@ def main() -> int:
     options = parser.parse_args()
     try:
         require_folder(options.output, PRODUCTS, overwrite=options.overwrite)  # before the work, not after it
-        table = bt.calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
+        table = calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
         write_calibration(table, options.output, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)

@@ -8,11 +8,10 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from reference.calibration import DEFAULT, DESIGNS, ESTIMATORS, FALSE_ALARM, RANKED, CalibrationTable, log_odds, rank_columns
+from reference.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.experiments.calibration import DESIGNS, RANKED
-from bayes_toe.experiments.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
-from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, CalibrationTable, log_odds, rank_columns
 from bayes_toe.plots.style import EQUAL, LABELS, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure
 
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.

@@ -11,6 +11,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
+from reference.calibration import ABOUT, ESTIMATORS, RANKED, EvidenceRow, RankRow
+from reference.calibration_statistics import Reliability
+
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
@@ -20,9 +23,6 @@ from bayes_toe.comparison.parts_sensitivity import COLUMNS as PARTS_SENSITIVITY_
 from bayes_toe.comparison.parts_sensitivity import PartsRow
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.experiments.calibration import RANKED
-from bayes_toe.experiments.calibration_statistics import Reliability
-from bayes_toe.experiments.calibration_table import ABOUT, ESTIMATORS, EvidenceRow, RankRow
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS

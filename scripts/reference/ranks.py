@@ -1,7 +1,6 @@
 """Simulation-based calibration of any model: observers from its prior, answers in the paper's design, ranks of the truth among draws.
 
-Where everything is right every rank is uniform. Sources: Talts et al. (2018); ties and the bands,
-:mod:`bayes_toe.experiments.calibration_statistics`.
+Where everything is right every rank is uniform. Ties and the bands: :mod:`reference.calibration_statistics`.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
+from reference.calibration_statistics import place
 
 
 def observed(posterior: Posterior, x: FloatArray, rng: np.random.Generator) -> Subject:
@@ -49,9 +49,4 @@ def ranks(name: str, seed: int, *, prior: Prior | None = None, truth: Prior | No
     last = chains.x.reshape(len(chains.x), settings.walkers, -1, chains.x.shape[-1])[:, :, -1].reshape(-1, chains.x.shape[-1])
     among = {**target.judged(last), "log likelihood": target.log_likelihood(last)}
     known = {**target.judged(x), "log likelihood": target.log_likelihood(x)}
-    return {key: _place(float(known[key][0]), values, rng) for key, values in among.items()}
-
-
-def _place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
-    below, tied = int((among < truth).sum()), int((among == truth).sum())
-    return float((below + rng.integers(0, tied + 1) + rng.uniform()) / (len(among) + 1))
+    return {key: place(float(known[key][0]), values, rng) for key, values in among.items()}

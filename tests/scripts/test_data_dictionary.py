@@ -8,6 +8,7 @@ import pytest
 from commands import inside
 from conftest import few_pairs
 from populations import made_up
+from reference.calibration import calibrate
 
 import bayes_toe as bt
 from bayes_toe.classical.covariates import covariate_tests
@@ -28,7 +29,7 @@ def written(analysis, small_study, tmp_path_factory):
     pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
     compared = bt.compare(few_pairs("AB"), ["free frequencies", "symmetric", "constant bias"], draws=200, seed=1, workers=1)
     assert inside("simulate", "-o", "study.csv", "--truth", "truth.csv", "--subjects", "1", "--seed", "1", cwd=folder).returncode == 0
-    judged = bt.calibrate(studies=1, data_sets=1, seed=3, workers=1)
+    judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_up(small_study), bt.asymmetry(small_study)
     return {
         "summary.csv": analysis.summary(),

@@ -7,24 +7,29 @@ import numpy as np
 import pandas as pd
 import pytest
 from calibration import PRODUCTS, verdict_lines
-
-import bayes_toe as bt
-from bayes_toe.errors import InputError
-from bayes_toe.experiments import calibration
-from bayes_toe.experiments.calibration import (
+from reference import calibration
+from reference.calibration import (
+    DEFAULT,
     DESIGNS,
     DRAWS,
+    ESTIMATORS,
+    FALSE_ALARM,
     RANKED,
     Job,
     Outcome,
     Plan,
     Ranks,
+    calibrate,
     calibration_settings,
     jobs_of,
+    judge,
+    rank_rows,
     ranked_quantities,
     work,
 )
-from bayes_toe.experiments.calibration_table import DEFAULT, ESTIMATORS, FALSE_ALARM, judge, rank_rows
+
+import bayes_toe as bt
+from bayes_toe.errors import InputError
 from bayes_toe.model.posterior import Posterior
 
 STUDIES, FEWER = 20, 6  # the fewer are enough for errors as large as these
@@ -56,7 +61,7 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
 
 @pytest.fixture(scope="module")
 def table():
-    return bt.calibrate(studies=2, data_sets=3, seed=3, workers=1)
+    return calibrate(studies=2, data_sets=3, seed=3, workers=1)
 
 
 def test_everything_planned_is_there(table):
@@ -77,7 +82,7 @@ def test_a_smaller_plan_is_a_part_of_a_larger_one():
 
 
 def test_alone_or_with_evidence_the_ranks_are_the_same(table):
-    alone = bt.calibrate(studies=1, data_sets=0, seed=3, workers=2)
+    alone = calibrate(studies=1, data_sets=0, seed=3, workers=2)
     assert [one.values for one in alone.outcome.ranks[:1]] == [one.values for one in table.outcome.ranks[:1]]
     assert not alone.evidence
     one = next(one for one in table.outcome.evidence if not one.from_h1)
@@ -108,7 +113,7 @@ def test_the_ranked_likelihood_is_the_posteriors():
 
 
 def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bt, "calibrate", lambda **_: table)
+    monkeypatch.setattr(calibration_script, "calibrate", lambda **_: table)
     monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
     assert calibration_script.main() == 0
     assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)

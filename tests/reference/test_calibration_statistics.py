@@ -2,11 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.special import expit
-from scipy.stats import binom, binomtest
-
-from bayes_toe.errors import InputError, NumericalError
-from bayes_toe.experiments.calibration_statistics import (
+from reference.calibration_statistics import (
     POINTS,
     Band,
     band,
@@ -17,6 +13,10 @@ from bayes_toe.experiments.calibration_statistics import (
     reliability_bins,
     uniformity,
 )
+from scipy.special import expit
+from scipy.stats import binom, binomtest
+
+from bayes_toe.errors import InputError, NumericalError
 
 
 def inside(limits, u):

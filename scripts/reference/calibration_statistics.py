@@ -73,6 +73,17 @@ def band(size: int, level: float) -> Band:
     return _cut(size, low)
 
 
+def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
+    """The place of the truth among draws, in 0..1; ties are broken at random, and so is the position within the place.
+
+    Source: Talts et al. (2018).
+    """
+    if np.isnan(truth) or np.isnan(among).any():
+        raise NumericalError("a ranked quantity is NaN")
+    below, tied = int((among < truth).sum()), int((among == truth).sum())
+    return float((below + rng.integers(0, tied + 1) + rng.uniform()) / (len(among) + 1))
+
+
 def counts_below(values: npt.ArrayLike) -> IntArray:
     """How many of the values lie at or below each of :data:`POINTS`.
 
