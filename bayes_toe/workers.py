@@ -15,7 +15,7 @@ from numbers import Integral
 from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.errors import InputError, WorkerError
@@ -46,29 +46,8 @@ def _died(workers: int) -> Failed:
     return Failed(f"failed: {workers} workers died of it (killed, or out of memory)")
 
 
-def worker_count(workers: int | None, jobs: int) -> int:
-    """Processes to use: those asked for, or one per processor and never more than jobs.
-
-    Examples
-    --------
-    >>> worker_count(8, jobs=2)
-    2
-    """
-    if workers is not None and workers < 1:
-        raise InputError(f"workers={workers} must be at least 1")
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    wanted = workers if workers is not None else (available if available is not None else 1)
-    return max(1, min(wanted, jobs))
-
-
 def of_this_machine(workers: Workers) -> int | None:
-    """Processes here, also where a cluster did other work: for jobs on files, which the cluster may not see.
-
-    Examples
-    --------
-    >>> of_this_machine(2)
-    2
-    """
+    """Processes here, also where a cluster did other work: for jobs on files, which the cluster may not see."""
     return int(workers) if isinstance(workers, Integral) else None
 
 
@@ -88,8 +67,10 @@ def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Generato
         from bayes_toe.cluster import run_on
 
         return run_on(workers, jobs, _died)
-    count = worker_count(None if workers is None else int(workers), len(jobs))
-    return _here(jobs) if count == 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers={workers} must be at least 1")
+    count = min(cpu_count() if workers is None else int(workers), len(jobs))
+    return _here(jobs) if count <= 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
 
 
 def run_in_order(
@@ -145,7 +126,7 @@ def _shared(jobs: Sequence[Callable[[], Result]], count: int) -> Generator[tuple
 
     while waiting:
         try:
-            with _done_by_workers(handed_out(), count) as results:
+            with closing(_by_processes(handed_out(), count)) as results:
                 for index, result in results:
                     at_work.remove(index)
                     yield index, result
@@ -157,30 +138,28 @@ def _shared(jobs: Sequence[Callable[[], Result]], count: int) -> Generator[tuple
 
 def _alone(job: Callable[[], Result]) -> Result | Failed:
     try:
-        with _done_by_workers([(0, job)], 2) as results:  # of a single worker joblib would do the work in this process
-            ((_, result),) = results
+        ((_, result),) = _by_processes([(0, job)], 2)  # of a single one joblib would do the work in this process
     except BrokenProcessPool:
         return _died(2)
     return result
 
 
-@contextmanager
-def _done_by_workers(jobs: Iterable[tuple[int, Callable[[], Result]]], count: int) -> Iterator[Iterator[tuple[int, Result]]]:
+def _by_processes(jobs: Iterable[tuple[int, Callable[[], Result]]], count: int) -> Generator[tuple[int, Result]]:
     """Results of numbered jobs by so many processes, which are kept for the next call."""
     with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)):
         parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None)
     _have_begun_workers.add(os.getpid())
-    results = None
-    with _starting_workers():
-        try:
-            with _held_back():
-                results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
-            yield results
-        finally:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
-                if results is not None:
-                    results.close()
+    results: Generator[tuple[int, Result]] | None = None
+    try:
+        with _signals_held_back():
+            results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
+        for found in results:  # noqa: UP028  `yield from` would close it before joblib's warning is silenced
+            yield found
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
+            if results is not None:
+                results.close()
 
 
 def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
@@ -188,28 +167,14 @@ def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
 
 
 @contextmanager
-def _starting_workers() -> Iterator[None]:
-    """A Python that begins meanwhile imports nothing from the working directory: files of data folders are no modules."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
+def _signals_held_back() -> Iterator[None]:
+    """A Python that begins meanwhile would die of what a terminal says to all, with many lines, and joblib warn of it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS]) if hasattr(signal, "pthread_sigmask") else None
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-
-
-@contextmanager
-def _held_back() -> Iterator[None]:
-    """Signals wait: a Python that begins meanwhile would die of what a terminal says to all, with many lines, and joblib warn of it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if before is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(parent: int) -> None:

@@ -38,6 +38,7 @@ def main() -> None:
     """Entry point of the `bayes-toe` command."""
     output = open_streams()
     require_cache()
+    os.environ["PYTHONSAFEPATH"] = "1"  # workers take no file of a data folder, a random.py or json.py, for a module
     code: Any = 0
     try:
         heard = listen()

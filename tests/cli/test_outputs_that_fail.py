@@ -7,6 +7,7 @@ import subprocess
 
 import pytest
 from commands import PROGRAM, call, inside
+from conftest import few_pairs, grouped_csv
 
 from bayes_toe.errors import OutputError
 
@@ -28,6 +29,11 @@ def one_line(done):
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1, done.stderr
     return done.stderr
+
+
+def shell(ending, *words, **options):
+    """A command with some of its streams elsewhere."""
+    return subprocess.run(["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *map(str, words)], capture_output=True, text=True, **options)
 
 
 @pytest.mark.parametrize(("command", "name"), [("sample", "posterior.nc.partial"), ("run", "out.partial")])
@@ -99,16 +105,16 @@ def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
     assert "the work began" in one_line(inside(*words))
 
 
-def test_a_log_that_is_closed_costs_no_subject(place, tmp_path):
+def test_a_log_that_is_closed_costs_no_subject(tmp_path):
     """Nor do workers lose theirs."""
-    study = tmp_path / "study.csv"
-    assert inside("simulate", "-o", study, "--subjects", 3, "--batches", 20, "--seed", 3, "-q").returncode == 0
-    words = [*PROGRAM, "evidence", str(study), "--seed", "1", "--workers", "2", "-o"]
-    for number, ending in enumerate(("", "2>&-", ">&- 2>&-", "<&- >&- 2>&-")):
-        out = tmp_path / f"{number}.csv"
-        done = subprocess.run(["sh", "-c", f'"$@" {ending}', "sh", *words, str(out)], capture_output=True, text=True)
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    words = ("fit", "study.csv", "--seed", 1, "--replicates", 5, "-o")
+    assert inside(*words, "calm.csv", "--workers", 1, cwd=tmp_path).returncode == 0
+    for ending in ("2>&-", "<&- >&- 2>&-"):
+        done = shell(ending, *words, "out.csv", "--workers", 2, "--overwrite", cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
-        assert out.read_bytes() == (tmp_path / "0.csv").read_bytes()
+        assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
+        (tmp_path / "out.csv").unlink()
 
 
 @pytest.mark.parametrize(
@@ -117,10 +123,7 @@ def test_a_log_that_is_closed_costs_no_subject(place, tmp_path):
 def test_closed_and_full_streams(place, tmp_path, words):
     line = [str({"STUDY": place / "study.csv", "OUT": tmp_path / "asymmetry.csv"}.get(word, word)) for word in words]
 
-    def shell(ending):
-        return subprocess.run(["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *line], capture_output=True, text=True)
-
-    closed, full, both, read = (shell(ending) for ending in (">&-", ">/dev/full", "<&- >&- 2>&-", "| :"))
+    closed, full, both, read = (shell(ending, *line) for ending in (">&-", ">/dev/full", "<&- >&- 2>&-", "| :"))
     assert [done.returncode for done in (closed, full, both, read)] == [0, 2, 0, 0]
     assert one_line(full) == "error: standard output: cannot be written (No space left on device)\n"
     assert [done.stderr for done in (closed, both, read)] == [""] * 3
@@ -143,21 +146,8 @@ def test_a_plain_environment(place, tmp_path):
 
 def test_no_home_and_no_temporary_folder(place, tmp_path):
     """Libraries that keep a cache at home end in a traceback there, or leave a folder ~ where the command was called."""
-    nowhere = place / "study.csv" / "home"
-    done = call(
-        "sample",
-        place / "study.csv",
-        "-o",
-        "a.nc",
-        "--draws",
-        100,
-        "--workers",
-        1,
-        "-q",
-        cwd=tmp_path,
-        HOME=str(nowhere),
-        TMPDIR=str(nowhere),
-    )
+    nowhere, words = str(place / "study.csv" / "home"), ("-o", "a.nc", "--draws", 100, "--workers", 1, "-q")
+    done = call("sample", place / "study.csv", *words, cwd=tmp_path, HOME=nowhere, TMPDIR=nowhere)
     assert (done.returncode, done.stderr) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["a.nc"]
 

@@ -9,7 +9,6 @@ from conftest import few_pairs, grouped_csv, known_observers
 from processes import needs_proc, start, until, until_gone
 
 pytestmark = needs_proc
-PRODUCTS = ("posterior.nc", "summary.csv", "evidence.csv", "report.html")
 
 
 @pytest.fixture
@@ -19,41 +18,41 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_run_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(folder):
-    """Killed without warning, three times, a moment after the next subject is there."""
-    options, random_moment = ("--seed", "1", "--draws", "100"), random.Random(7)
-    for kill in range(3):
-        running = start("run", "study.csv", "-o", "out", "--resume", "--workers", "2", *options, cwd=folder)
-        until(lambda kill=kill: len(list(folder.glob("out.partial/*.kept"))) > kill, running)
-        time.sleep(random_moment.random() * 0.5)
-        running.kill()
-        running.communicate()
-        until_gone(running.pid)
-    refused = inside("run", "study.csv", "-o", "out", *options, cwd=folder)
-    if not (folder / "out").exists():
-        assert refused.returncode == 2
-        assert "go on with --resume or begin anew with --overwrite" in refused.stderr
-        resumed = inside("run", "study.csv", "-o", "out", "--resume", *options, cwd=folder)
-        assert resumed.returncode == 0
-        assert "of 4 subjects taken from out.partial" in resumed.stdout
-    assert sorted(path.name for path in folder.iterdir()) == ["out", "study.csv"]
-    assert inside("run", "study.csv", "-o", "calm", "--workers", "1", *options, cwd=folder).returncode == 0
-    for name in PRODUCTS:
-        assert (folder / "out" / name).read_bytes() == (folder / "calm" / name).read_bytes()
-
-
-def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(folder):
-    grouped_csv(folder / "study.csv", known_observers("ABCD"))
-    options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
-    running = start("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
-    until(lambda: len(list(folder.glob("group.nc.partial/*.kept"))) > 1, running)
+def killed(folder, *words, kept, moment=0.0):
+    """A command that is killed without warning, a moment after so many subjects are there."""
+    running = start(*words, cwd=folder)
+    until(lambda: len(list(folder.glob("*.partial/*.kept"))) >= kept, running)
+    time.sleep(moment)
     running.kill()
     running.communicate()
     until_gone(running.pid)
+
+
+def test_a_command_that_is_killed_at_any_moment_and_resumed_is_as_one_that_was_not(folder):
+    options, random_moment = ("--seed", "1", "--draws", "100", "--model", "symmetric", "--workers", "2"), random.Random(7)
+    words = ("sample", "study.csv", "-o", "posterior.nc", *options)
+    for kept in (1, 3):
+        killed(folder, *words, "--resume", kept=kept, moment=random_moment.random() * 0.3)
+    refused = inside(*words, cwd=folder)
+    assert refused.returncode == 2
+    if not (folder / "posterior.nc").exists():
+        assert "go on with --resume or begin anew with --overwrite" in refused.stderr
+        resumed = inside(*words, "--resume", cwd=folder)
+        assert resumed.returncode == 0
+        assert "of 4 subjects taken from posterior.nc.partial" in resumed.stdout
+    assert sorted(path.name for path in folder.iterdir()) == ["posterior.nc", "study.csv"]
+    assert inside("sample", "study.csv", "-o", "calm.nc", *options, cwd=folder).returncode == 0
+    assert (folder / "posterior.nc").read_bytes() == (folder / "calm.nc").read_bytes()
+
+
+def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(folder):
+    grouped_csv(folder / "study.csv", known_observers("ABC"))
+    options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
+    killed(folder, "population", "study.csv", "-o", "group.nc", "--resume", *options, kept=2)
     assert not (folder / "group.nc").exists()
     resumed = inside("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=folder)
     assert resumed.returncode == 0
-    assert "of 4 subjects taken from group.nc.partial" in resumed.stdout
+    assert "of 3 subjects taken from group.nc.partial" in resumed.stdout
     assert inside("population", "study.csv", "-o", "calm.nc", *options, cwd=folder).returncode == 0
     assert not (folder / "group.nc.partial").exists()
     for ending in (".nc", ".csv", "_subjects.csv", ".png"):
