@@ -22,7 +22,7 @@ from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import prior_of
 from bayes_toe.planning.particles import ENOUGH, Particles
-from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.planning.study_design import StudyDesign, each_once
 from bayes_toe.seeds import generator, root_seed
 
 #: A pair: s1 and s2 (natural-log intensities), and the interval (seconds) where there are several.
@@ -241,7 +241,7 @@ class Adaptive:
     def _content(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
-            "pairs": np.stack(self.pairs.pairs.columns, axis=1).tolist(),
+            "pairs": np.stack(self.pairs.columns, axis=1).tolist(),
             "model": list(self._clouds),
             "prior": asdict(self.prior),
             **{key: getattr(self, key) for key in ("seed", "about", "draws")},
@@ -279,7 +279,7 @@ class Adaptive:
             done, self._work = (done, None) if portion is None else (done + portion, self._work)
 
     def _pair(self, index: int) -> Pair:
-        return tuple(float(column[index]) for column in self.pairs.pairs.columns)
+        return tuple(float(column[index]) for column in self.pairs.columns)
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their P(equal) and P(different) of every pair, (2, draws, pairs), and the entropy of these.
@@ -321,7 +321,7 @@ def _design(pairs: npt.ArrayLike) -> StudyDesign:
         raise InputError(f"pairs: allowed are rows of s1 and s2, and isi where there are several intervals ({error})") from error
     if columns.ndim != 2 or len(columns) not in (2, 3):
         raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2), or (pairs, 3) with intervals")
-    return StudyDesign(columns[0], columns[1], np.ones(columns.shape[1], np.int64), *columns[2:])
+    return each_once(*columns)
 
 
 def _subject(answers: Sequence[tuple[Pair, bool]]) -> Subject:

@@ -30,7 +30,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian
 from bayes_toe.planning.observers import UPDATE, Observer, natural_of
 from bayes_toe.planning.power import CERTAIN
-from bayes_toe.planning.study_design import Pairs
+from bayes_toe.planning.study_design import StudyDesign
 
 #: What a design may be made for, and what its utility is then.
 UTILITIES = {
@@ -149,7 +149,7 @@ class Information:
         return np.asarray(self.pull[:, None] * np.sqrt(gained) - np.sqrt(needed))
 
 
-def information(pairs: Pairs, observers: Sequence[Observer], aim: str, prior: Prior) -> Information:
+def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, prior: Prior) -> Information:
     """Information of every pair about the observers: those who update, and for the aim to name these the others too.
 
     Raises
@@ -191,10 +191,10 @@ def _quantities(observer: Observer) -> tuple[dict[str, float], float, float] | N
 
 
 def _of_one(
-    model: Model, pairs: Pairs, quantities: Mapping[str, float], centre: float, interval: float, prior: Prior
+    model: Model, pairs: StudyDesign, quantities: Mapping[str, float], centre: float, interval: float, prior: Prior
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows of one observer of these quantities, curvature of the prior there, and the point."""
-    size = len(pairs)
+    size = pairs.n_pairs
     one = np.ones((size, 1), np.int64)
     isi = None if pairs.isi is None else pairs.isi[:, None]
     crowd = Crowd(pairs.s1[:, None], pairs.s2[:, None], one, one, isi)

@@ -7,9 +7,9 @@ stimulus observers move along, and a study of ln(rate / 1 Hz) near 3.4 is planne
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.planning.study_design import Pairs, StudyDesign, paper_study_design
+from bayes_toe.planning.study_design import StudyDesign, each_once, paper_study_design
 from bayes_toe.seeds import generator
 
 #: Kinds of observers by the word for them in files, in the order of the three plain models, and what these are.
@@ -46,15 +46,12 @@ DEFAULT: Mapping[str, Mapping[str, tuple[float, float]]] = {
 _SECOND = 1.0  # reference interval where nothing has intervals, seconds
 PRIOR = "prior"  # the source of observers that is no file
 MIXED, _SHARE = "mixed", "share"
+_FINITE, _POSITIVE, _PART = (-np.inf, np.inf, "finite"), (0.0, np.inf, "above 0"), (0.0, 1.0, "above 0 and below 1")
 _RANGES = {
     "pull": (0.0, MAX_PULL, f"above 0 and below {MAX_PULL:.6f}"),
-    "offset": (-np.inf, np.inf, "finite"),
-    "mu1": (-np.inf, np.inf, "finite"),
-    "width": (0.0, np.inf, "above 0"),
-    "q0": (0.0, 1.0, "above 0 and below 1"),
-    "noise_slope": (-np.inf, np.inf, "finite"),
-    "lapse_rate": (0.0, 1.0, "above 0 and below 1"),
-    _SHARE: (0.0, np.inf, "above 0"),
+    **dict.fromkeys(("offset", "mu1", "noise_slope"), _FINITE),
+    **dict.fromkeys(("width", _SHARE), _POSITIVE),
+    **dict.fromkeys(("q0", "lapse_rate"), _PART),
 }
 _OPTIONAL = ("noise_slope", "lapse_rate", _SHARE)
 _NEEDED = {NONE: ("width", "q0"), CONSTANT_ERROR: ("offset", "width", "q0"), UPDATE: ("pull", "offset", "width", "q0")}
@@ -223,14 +220,10 @@ def mixture(shares: Mapping[str, float], size: int, seed: int) -> Iterator[list[
     >>> next(mixture({"none": 0.25, "update": 0.75}, 4, seed=1))
     [('none', 0), ('update', 0), ('none', 1), ('update', 1)]
     """
-    rng, met = generator(seed, "mixed studies", size), Counter[str]()
+    rng, met = generator(seed, "mixed studies", size), {kind: count() for kind in shares}
     while True:
-        kinds = [str(kind) for kind in rng.choice(list(shares), size, p=list(shares.values()))]
-        study = []
-        for kind in kinds:
-            study.append((kind, met[kind]))
-            met[kind] += 1
-        yield study
+        kinds = rng.choice(list(shares), size, p=list(shares.values())).tolist()
+        yield [(kind, next(met[kind])) for kind in kinds]
 
 
 def _range(value: Any) -> tuple[float, float]:
@@ -244,8 +237,7 @@ def _in_ranges(
     ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, interval: float, size: int, seed: int
 ) -> Iterator[Observer]:
     for kind in (kind for kind in PLAIN if kind in ranges):
-        for number in range(size):
-            name = f"{kind} {number + 1}"
+        for name in (f"{kind} {number + 1}" for number in range(size)):
             rng = generator(seed, name, "observer")
             values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
             parts = [part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values]
@@ -267,11 +259,9 @@ def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
 
 
 def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int) -> Iterator[Observer]:
-    pairs = paper_study_design().unanswered
     for kind, model in PLAIN.items():
-        target = Posterior(pairs, model, prior, middle)
-        for number in range(size):
-            name = f"{kind} {number + 1}"
+        target = Posterior(paper_study_design().unanswered, model, prior, middle)
+        for name in (f"{kind} {number + 1}" for number in range(size)):
             x = target.sample_prior(generator(seed, name, "observer"), 1)
             yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval)
 
@@ -287,15 +277,14 @@ def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
     order, rest = dict(record.levels)["order"], [word for part, word in record.levels if part != "order"]
     kind = order if order in PLAIN else UPDATE
     for like in list(PLAIN)[: list(PLAIN).index(kind) + 1]:
-        for number in range(size):
-            name = f"{like} {number + 1}"
+        model = " + ".join([order if like == kind else like, *rest])
+        for name in (f"{like} {number + 1}" for number in range(size)):
             rng = generator(seed, name, "observer")
             target = draws.posterior(draws.names[int(rng.integers(len(draws.names)))])
             assert isinstance(target, Posterior)
             points = draws.points(target.subject.name).reshape(-1, len(target.coordinates))
             x = points[[int(rng.integers(len(points)))]]
-            model = " + ".join([order if like == kind else like, *rest])
-            kept = target if like == kind else Posterior(target.subject, model_named(model), target.prior, target.sbar)  # type: ignore[arg-type]
+            kept = Posterior(target.subject, model_named(model), target.prior, target.sbar)  # type: ignore[arg-type]  # it has parameters
             yield Observer(name, like, model, _needed(target, x, kept), target.sbar, target.reference)
 
 
@@ -337,7 +326,7 @@ def assumed(
     return people
 
 
-def middle_of(shown: Iterable[StudyDesign | Pairs]) -> float:
+def middle_of(shown: Iterable[StudyDesign]) -> float:
     """From where default offsets count: the middle of all stimuli, or that of the paper's where it lies in the middle half of them.
 
     So the paper's own numbers stand, and those of wider ranges about it.
@@ -364,22 +353,15 @@ def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
 
 
 def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:
-    """Refuse a design whose stimuli are so far from observers that all of a kind find even identical ones different."""
-    for kind in PLAIN:
-        some = of_kind(people, kind)
-        if some and not any(_answers(one, design) for one in some):
-            stimuli = np.concatenate([design.s1, design.s2])
+    """Refuse a design whose stimuli are so far from observers that all of a kind find even identical ones different, but for lapses."""
+    s1, s2, *isi = design.columns
+    twice = np.hstack([np.stack([first, second, *isi]) for first, second in ((s1, s2), (s1, s1), (s2, s2))])
+    pairs = each_once(*np.unique(twice, axis=1))
+    for kind in dict.fromkeys(one.kind for one in people):
+        known = ((one, {key: _NO_LAPSES if key == "lapse_rate" else value for key, value in one.quantities.items()}) for one in people)
+        if not any((replace(one, quantities=values).equal(pairs) > _NEVER).any() for one, values in known if one.kind == kind):
+            lowest, highest = min(s1.min(), s2.min()), max(s1.max(), s2.max())
             raise InputError(
-                f"observers: with {name}, stimuli from {stimuli.min():g} to {stimuli.max():g}, P(equal) of all observers of the kind "
+                f"observers: with {name}, stimuli from {lowest:g} to {highest:g}, P(equal) of all observers of the kind "
                 f"'{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; allowed: {allowed}"
             )
-
-
-def _answers(one: Observer, design: StudyDesign) -> bool:
-    """Whether an observer says 'equal' to some pair, or to one of its stimuli twice, otherwise than by a lapse."""
-    rest = design.pairs.columns[2:]
-    twice = [np.stack([values, values, *rest]) for values in (design.s1, design.s2)]
-    columns = np.unique(np.hstack([np.stack(design.pairs.columns), *twice]), axis=1)
-    pairs = StudyDesign(columns[0], columns[1], np.ones(columns.shape[1], np.int64), *columns[2:])
-    lapses = {"lapse_rate": _NO_LAPSES} if "lapse_rate" in one.quantities else {}
-    return bool((replace(one, quantities={**one.quantities, **lapses}).equal(pairs) > _NEVER).any())

@@ -17,7 +17,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, trials_of
 from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
 from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
-from bayes_toe.planning.study_design import DESIGN_COLUMNS, Pairs, StudyDesign, apportioned, paper_study_design
+from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, each_once, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -118,8 +118,8 @@ class OptimalDesign:
     ----------
     candidates : mapping of str to Candidate
         The optimised design first, then those it was compared with; `power` is that of all of them, by simulation.
-    plane : Pairs
-        Every admissible pair; `worth`, shape (pairs of the plane,), is what one more trial of each adds to the score.
+    plane : StudyDesign
+        Every admissible pair, once; `worth`, shape (pairs of the plane,), is what one more trial of each adds to the score.
     reasons : tuple of str
         Why these pairs, in words.
     """
@@ -128,7 +128,7 @@ class OptimalDesign:
     goal: DesignGoal
     candidates: Mapping[str, Candidate]
     power: PowerTable
-    plane: Pairs
+    plane: StudyDesign
     worth: FloatArray
     reasons: tuple[str, ...]
     seed: int
@@ -220,7 +220,7 @@ def optimal_design(
     """
     asked, root = DesignGoal() if goal is None else goal, root_seed(seed)
     different = np.unique(np.asarray(levels, np.float64))
-    every = {"the pairs that can be shown": _once(_admissible(different, asked))}
+    every = {"the pairs that can be shown": _admissible(different, asked)}
     people, judges = (assumed(observers, every, size, root, prior) for size in (ASSUMED, data_sets))
     search = _Search(different, trials, asked, people, root, prior)
     found = search.candidates()
@@ -245,12 +245,12 @@ def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence
     return _Search(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
 
 
-def paper_amid(shown: Pairs) -> StudyDesign:
+def paper_amid(shown: StudyDesign) -> StudyDesign:
     """The paper's pairs, moved to the middle of what can be shown where their own place is not amid it.
 
     Examples
     --------
-    >>> [paper_amid(Pairs(np.array([low]), np.array([high]))).s1.min().round(9).item() for low, high in ((-0.75, 1.25), (3.3, 4.5))]
+    >>> [paper_amid(each_once([low], [high])).s1.min().round(9).item() for low, high in ((-0.75, 1.25), (3.3, 4.5))]
     [0.0, 3.65]
     """
     return paper_study_design().moved(middle_of([shown]) - MIDDLE)
@@ -259,26 +259,22 @@ def paper_amid(shown: Pairs) -> StudyDesign:
 # --- Candidates by the closed form ----------------------------------------------------------------
 
 
-def _admissible(levels: FloatArray, goal: DesignGoal) -> Pairs:
+def _admissible(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, at every interval, and those that are kept."""
     number = len(levels) ** 2 * max(1, len(goal.isi))
     if number > _MOST_PAIRS:
         raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
     found, keep = _at_intervals(*_factorial(levels), goal.isi), goal.keep
-    return found if keep is None else Pairs(*np.unique(np.hstack([found.columns, keep.pairs.columns]), axis=1))
+    return found if keep is None else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1))
 
 
 def _factorial(levels: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.repeat(levels, len(levels)), np.tile(levels, len(levels))
 
 
-def _at_intervals(s1: FloatArray, s2: FloatArray, isi: tuple[float, ...]) -> Pairs:
+def _at_intervals(s1: FloatArray, s2: FloatArray, isi: tuple[float, ...]) -> StudyDesign:
     """Pairs, each at every interval, if there are any."""
-    return Pairs(np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if isi else Pairs(s1, s2)
-
-
-def _once(pairs: Pairs) -> StudyDesign:
-    return StudyDesign(pairs.s1, pairs.s2, np.ones(len(pairs), np.int64), pairs.isi)
+    return each_once(np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if isi else each_once(s1, s2)
 
 
 class _Search:
@@ -289,8 +285,8 @@ class _Search:
     ) -> None:
         self.levels, self.trials, self.goal, self.people, self.seed = levels, trials, goal, people, seed
         self.pairs = _admissible(levels, goal)
-        self.prior, self.paper = prior_of([_once(self.pairs)], prior), paper_amid(self.pairs)
-        self.fixed = np.zeros(len(self.pairs), np.int64) if goal.keep is None else self.counts(goal.keep).astype(np.int64)
+        self.prior, self.paper = prior_of([self.pairs], prior), paper_amid(self.pairs)
+        self.fixed = np.zeros(self.pairs.n_pairs, np.int64) if goal.keep is None else self.counts(goal.keep).astype(np.int64)
         taken, kept = int(self.fixed.sum()), int((self.fixed > 0).sum())
         if trials - taken < _FEWEST:
             said = f", {taken} of which --keep has taken" if taken else ""
@@ -304,7 +300,7 @@ class _Search:
     def counts(self, design: StudyDesign) -> FloatArray:
         """Trials of a design by admissible pair."""
         trials = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
-        return np.array([trials.get(pair, 0) for pair in self.pairs], np.float64)
+        return np.array([trials.get(pair, 0) for pair in self.pairs.pairs], np.float64)
 
     def candidates(self) -> dict[str, Candidate]:
         """Designs to compare: the best, then the paper's, a full factorial, random pairs.
@@ -318,24 +314,22 @@ class _Search:
         return {OPTIMISED: best} | {name: self._candidate(design) for name, design in self._rivals()}
 
     def _candidate(self, design: StudyDesign) -> Candidate:
-        own = information(design.pairs, self.people, self.goal.aim, self.prior)
+        own = information(design, self.people, self.goal.aim, self.prior)
         total = own.total(design.n_trials.astype(np.float64))
         return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
 
     def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
         """The paper's pairs too where a range is too narrow for them: they say what the range is worth. At all intervals that there are."""
-        rng, size = generator(self.seed, "random pairs"), min(self.goal.max_pairs, len(self.pairs))
-        random = rng.choice(len(self.pairs), size, replace=False)
+        rng, size = generator(self.seed, "random pairs"), min(self.goal.max_pairs, self.pairs.n_pairs)
+        random = rng.choice(self.pairs.n_pairs, size, replace=False)
         some = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
         rivals = {
             PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED: (self.paper.s1, self.paper.s2),
             FULL: _factorial(some),
         }
-        pairs = {name: _at_intervals(*both, self.goal.isi) for name, both in rivals.items()}
-        for name, one in (pairs | {RANDOM: Pairs(*(column[random] for column in self.pairs.columns))}).items():
-            columns = np.unique(np.stack(one.columns), axis=1)
-            if columns.shape[1] <= self.trials:
-                yield name, StudyDesign(columns[0], columns[1], apportioned(np.ones(columns.shape[1]), self.trials), *columns[2:])
+        designs = {name: _at_intervals(s1, s2, self.goal.isi) for name, (s1, s2) in rivals.items()}
+        designs[RANDOM] = each_once(*(column[random] for column in self.pairs.columns))
+        yield from ((name, one.with_total(self.trials)) for name, one in designs.items() if one.n_pairs <= self.trials)
 
     def _require_hope(self, best: Candidate) -> None:
         """Refuse a range or a number of trials with which even the best design tells next to nothing."""

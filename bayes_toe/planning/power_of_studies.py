@@ -31,7 +31,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
 from bayes_toe.planning.power import CERTAIN, WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
-from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.planning.study_design import StudyDesign, each_once
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
@@ -289,13 +289,13 @@ def comparisons(design: StudyDesign) -> FloatArray:
     [[0.0, 0.3]]
     """
     weak, strong = np.minimum(design.s1, design.s2), np.maximum(design.s1, design.s2)
-    return np.unique(np.column_stack([weak, strong, *design.pairs.columns[2:]])[weak < strong], axis=0)
+    return np.unique(np.column_stack([weak, strong, *design.columns[2:]])[weak < strong], axis=0)
 
 
 def asymmetry_of(observer: Observer, pairs: FloatArray) -> float:
     """How much likelier 'equal' is with the stronger stimulus first, on average over comparisons."""
-    (weak, strong, *isi), once = pairs.T, np.ones(len(pairs), np.int64)
-    first, second = (observer.equal(StudyDesign(a, b, once, *isi)).mean() for a, b in ((strong, weak), (weak, strong)))
+    weak, strong, *isi = pairs.T
+    first, second = (observer.equal(each_once(a, b, *isi)).mean() for a, b in ((strong, weak), (weak, strong)))
     return float(first - second)
 
 

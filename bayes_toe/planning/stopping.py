@@ -138,7 +138,7 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
     rng, trials = generator(seed, observer.name, "session"), 0
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
     equal = rng.uniform(size=len(order)) < observer.equal(design)[order]
-    s1, s2, *isi = (column[order] for column in design.pairs.columns)
+    s1, s2, *isi = (column[order] for column in design.columns)
     judgement = Judgement((0.0,) * len(PLAIN))
     while judgement.named(rule.certain) is None and trials < rule.most:
         trials = min(trials + rule.every, rule.most)

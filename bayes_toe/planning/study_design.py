@@ -28,26 +28,6 @@ MOST_EQUAL = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs that could be shown, natural-log intensities and seconds, shape (pairs,) each."""
-
-    s1: FloatArray
-    s2: FloatArray
-    isi: FloatArray | None = None
-
-    def __len__(self) -> int:
-        return len(self.s1)
-
-    def __iter__(self) -> Iterator[tuple[float, ...]]:
-        return zip(*(column.tolist() for column in self.columns), strict=True)
-
-    @property
-    def columns(self) -> tuple[FloatArray, ...]:
-        """s1, s2 and, where there are intervals, isi."""
-        return (self.s1, self.s2) if self.isi is None else (self.s1, self.s2, self.isi)
-
-
-@dataclass(frozen=True, eq=False)
 class StudyDesign:
     """Ordered pairs, each with its number of trials, sorted by (s1, s2).
 
@@ -86,9 +66,14 @@ class StudyDesign:
             object.__setattr__(self, key, getattr(pairs, key))
 
     @property
-    def pairs(self) -> Pairs:
-        """The pairs without their numbers of trials."""
-        return Pairs(self.s1, self.s2, self.isi)
+    def columns(self) -> tuple[FloatArray, ...]:
+        """s1, s2 and, where there are intervals, isi, shape (pairs,) each."""
+        return (self.s1, self.s2) if self.isi is None else (self.s1, self.s2, self.isi)
+
+    @property
+    def pairs(self) -> list[tuple[float, ...]]:
+        """The same as a tuple for each pair."""
+        return list(zip(*(column.tolist() for column in self.columns), strict=True))
 
     @property
     def n_pairs(self) -> int:
@@ -131,6 +116,11 @@ class StudyDesign:
 
         names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
         return write_table(pd.DataFrame({name: getattr(self, name) for name in names}), path, overwrite=overwrite)
+
+
+def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> StudyDesign:
+    """A design that has each of these pairs once."""
+    return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi)  # type: ignore[arg-type]  # which makes arrays of them
 
 
 def apportioned(share: FloatArray, trials: int) -> IntArray:
@@ -239,7 +229,7 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
     for trials, equal in zip(order, _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng), strict=True):
         trials[equal], trials[~equal] = trials[same[trials]], trials[~same[trials]]
     of_all, block = np.concatenate(order), np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
-    return TrialList(subject, block, *(column[of_all] for column in design.pairs.columns))
+    return TrialList(subject, block, *(column[of_all] for column in design.columns))
 
 
 def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | None = None, overwrite: bool = False) -> Path:

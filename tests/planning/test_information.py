@@ -8,9 +8,9 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import MODEL, UTILITIES, information
 from bayes_toe.planning.observers import observers_from, of_kind
 from bayes_toe.planning.optimal import DesignGoal
-from bayes_toe.planning.study_design import Pairs, StudyDesign
+from bayes_toe.planning.study_design import StudyDesign, each_once
 
-PAIRS = Pairs(np.array([-0.5, 0.0, 0.7, 1.1, 0.2]), np.array([-0.2, 0.0, 0.5, 0.6, 1.9]))
+PAIRS = each_once([-0.5, 0.0, 0.7, 1.1, 0.2], [-0.2, 0.0, 0.5, 0.6, 1.9])
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_a_change_is_worth_what_the_changed_design_is(observers, aim):
 def test_the_expected_sd_is_that_of_maximum_likelihood_over_simulated_data(observers):
     """The mean square of Newton's first steps from the truth: scores whitened by the information, a brute-force variance."""
     one = of_kind(observers, "update")[0]
-    pairs = Pairs(np.repeat([-0.75, 0.25, 1.25], 4), np.array([-0.7, -0.4, -0.2, 0.1, 0.0, 0.2, 0.4, 0.7, 0.6, 0.8, 1.0, 1.3]))
+    pairs = each_once(np.repeat([-0.75, 0.25, 1.25], 4), [-0.7, -0.4, -0.2, 0.1, 0.0, 0.2, 0.4, 0.7, 0.6, 0.8, 1.0, 1.3])
     found = information(pairs, [one], "gain", Prior())
     n = np.full(12, 60)
     total = found.total(n.astype(float))

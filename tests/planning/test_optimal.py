@@ -12,7 +12,7 @@ from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, in
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, DesignGoal, grid, optimal_design, proposed, read_levels
 from bayes_toe.planning.power import NAMED
-from bayes_toe.planning.study_design import Pairs
+from bayes_toe.planning.study_design import each_once
 
 WIDE = grid(-0.75, 1.25, 0.25)
 
@@ -38,7 +38,7 @@ def test_exchange_never_loses_and_brute_force_finds_nothing_better(aim):
     """Five pairs, ten portions: every way to distribute them."""
     from itertools import combinations_with_replacement
 
-    pairs = Pairs(np.array([-0.75, -0.75, 0.25, 1.25, 1.25]), np.array([-0.6, -0.3, 0.5, 0.9, 1.25]))
+    pairs = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
     known = information(pairs, observers_from(None, 4, seed=1), aim, Prior())
     task = Task(known, 50, 5, np.zeros(5, np.int64))
     assert (task.portion, task.portions) == (5, 10)

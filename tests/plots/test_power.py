@@ -7,7 +7,7 @@ import bayes_toe as bt
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
 from bayes_toe.planning.power import NAMED, DataSet, Judgement, PowerTable
 from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower
-from bayes_toe.planning.study_design import Pairs, paper_study_design
+from bayes_toe.planning.study_design import each_once, paper_study_design
 
 
 def made_up(designs, trials):
@@ -65,7 +65,7 @@ def test_a_design_on_the_plane():
     s1, s2 = (values.ravel() for values in np.meshgrid(grid, grid, indexing="ij"))
     worth = np.arange(16.0)
     candidates = {OPTIMISED: Candidate(paper, 1.0, 0.1), PAPER: Candidate(paper, 1.0, 0.1)}
-    found = OptimalDesign(paper, DesignGoal(), candidates, made_up((OPTIMISED, PAPER), (650,)), Pairs(s1, s2), worth, (), 1)
+    found = OptimalDesign(paper, DesignGoal(), candidates, made_up((OPTIMISED, PAPER), (650,)), each_once(s1, s2), worth, (), 1)
     figure = bt.plots.design_figure(found)
     plane = figure.axes[0]
     assert plane.collections[0].get_array().ravel().tolist() == (1000.0 * worth.reshape(4, 4).T).ravel().tolist()
