@@ -68,6 +68,9 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
     return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel="Files in another layout")
 
 
+_WHOSE = "SUBJECT[:BLOCK,...]"
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyFileOrExample:
     """The study that a command was given, with the options of reading it; without a file the bundled example."""
@@ -87,15 +90,18 @@ class StudyFileOrExample:
         str | None, _how_to_read("--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,...")
     ] = None
 
+    turn: Annotated[
+        list[str] | None, _how_to_read("--turn", "Swap 'equal' and 'different' in these blocks, or in all; repeatable.", _WHOSE)
+    ] = None
+    leave_out: Annotated[list[str] | None, _how_to_read("--leave-out", "Without a subject, or these blocks; repeatable.", _WHOSE)] = None
+
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
+        from bayes_toe.data.options import ReadOptions, changed, parse_columns, parse_where
+        from bayes_toe.data.read_study import example_study, read_study
+
         if not self.files:
-            from bayes_toe.data.read_study import example_study
-
-            return example_study()
-        from bayes_toe.data.options import ReadOptions, parse_columns, parse_where
-        from bayes_toe.data.read_study import read_study
-
+            return changed(example_study(), self.turn or (), self.leave_out or ())
         options = ReadOptions(
             intensity=self.intensity,
             equal_code=self.equal_code,
@@ -106,7 +112,8 @@ class StudyFileOrExample:
         )
         # Some shells leave a name with * to us.
         found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]
-        return read_study([path for paths in found for path in paths], options)
+        study = read_study([path for paths in found for path in paths], options)
+        return changed(study, self.turn or (), self.leave_out or ())
 
 
 @dataclass(frozen=True, kw_only=True)

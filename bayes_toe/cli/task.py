@@ -102,6 +102,8 @@ class Task:
         from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         given = None if self.prior is None else preset_or_file(self.prior)
+        if not study.files and (study.turn or study.leave_out):
+            raise InputError("--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file")
         draws, read = load(posterior), study.read() if study.files else None
         prior = None if given is None else prior_for(draws.study, given)
         require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)

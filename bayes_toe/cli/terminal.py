@@ -14,8 +14,8 @@ from bayes_toe.data.messages import listed, visible
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.data.findings import Finding
     from bayes_toe.data.study import Study
-    from bayes_toe.experiments.checks import Finding
     from bayes_toe.model.prior import Prior
 
 #: Rows of a table, and lines of one kind, that are printed; names or notes likewise.

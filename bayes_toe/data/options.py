@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
 
 COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi", "block", "trial")
@@ -131,6 +132,38 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
     if wrong:
         raise InputError([f"--where: found {quoted(text)}, allowed: COLUMN=TEXT, each column once" for text in wrong])
     return {name: value for _, name, value in pairs}
+
+
+def changed(study: Study, turn: Iterable[str] = (), leave_out: Iterable[str] = ()) -> Study:
+    """The study with answers turned, then left out, as the command line has it: each SUBJECT, or SUBJECT:BLOCK,BLOCK.
+
+    Raises
+    ------
+    InputError
+        As :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> changed(Study([Subject("S01", [0.0], [0.3], [2], [5])]), turn=["S01"]).changes
+    ('--turn S01',)
+    """
+    for option, texts, change in (("--turn", turn, Study.turn), ("--leave-out", leave_out, Study.leave_out)):
+        asked: dict[str, list[str]] = {}
+        for text in texts:
+            # Names may have colons.
+            named = [name for name in study.names if text == name or text.startswith(f"{name}:")]
+            name = max(named, key=len, default=text.partition(":")[0])
+            blocks = [block.strip() for block in text[len(name) + 1 :].split(",")] if text != name else []
+            if name not in study.names:
+                raise InputError(f"{option} {text}: no subject {quoted(name)}, allowed: {listed([bare(one) for one in study.names])}")
+            again = [*asked.get(name, ()), *blocks]
+            if (name in asked and not (blocks and asked[name])) or len({*again}) < len(again):
+                raise InputError(f"{option} {text}: found twice, allowed: each subject or block once")
+            asked[name] = again
+        for name, blocks in asked.items():
+            study = change(study, name, blocks)
+    return study
 
 
 def subject_in(path: Path, pattern: str) -> str | None:

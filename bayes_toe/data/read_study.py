@@ -17,10 +17,11 @@ from typing import TypeAlias
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import TWICE, bare, counted, listed, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, subject_in
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.study import Answers, Reading, Study, Subject, said_intervals
+from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,

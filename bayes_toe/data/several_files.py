@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import IntArray
+from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed
-from bayes_toe.data.study import Answers, Reading, Study, Subject
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 
 _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance

@@ -7,8 +7,9 @@ million trials cost what their distinct pairs cost.
 from __future__ import annotations
 
 import os
+import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IntArray, run_starts
-from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
@@ -168,37 +170,6 @@ class Subject:
         return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_equal:.0%} 'equal'>"
 
 
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """Rows of one subject that have an answer, in the order in which they were given where rows are trials.
-
-    `keys`, shape (rows, 2 or 3), are the pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has
-    intervals; `n_equal` and `n_trials`, shape (rows,), the answers 'equal' and all answers, of which a trial is one; `block` is where in
-    `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are trials.
-    """
-
-    keys: FloatArray
-    n_equal: IntArray
-    n_trials: IntArray
-    block: IntArray | None
-    blocks: tuple[str, ...]
-    trials: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What a file told besides the counts.
-
-    `answers` are by subject, where rows are trials or have a block; `read` are the columns that were, by our names, `ignored` those that
-    were not, by their names in the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full stop.
-    """
-
-    answers: Mapping[str, Answers] = field(default_factory=dict)
-    read: tuple[str, ...] = ()
-    ignored: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
     """Subjects of one experiment, with where they came from.
@@ -215,6 +186,10 @@ class Study:
         What reading the study detected, merged or dropped.
     reading : Reading
         What the file told besides the counts, for a look before pooling; no inference uses it.
+    changes : sequence of str
+        What was turned and left out since it was read (:meth:`turn`, :meth:`leave_out`), as commands do it: "--turn 946:2,4".
+    changes : sequence of str
+        What was turned back and left out since (:meth:`turn`, :meth:`leave_out`), as the options that do it, such as "--turn 946:2,4".
 
     Examples
     --------
@@ -228,6 +203,7 @@ class Study:
     synthetic: bool = False
     notes: tuple[str, ...] = field(default=())
     reading: Reading = field(default_factory=Reading)
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
@@ -241,6 +217,8 @@ class Study:
             raise InputError("either every subject of a study has intervals (isi) or none")
         object.__setattr__(self, "subjects", subjects)
         object.__setattr__(self, "notes", tuple(self.notes))
+        object.__setattr__(self, "changes", tuple(self.changes))
+        object.__setattr__(self, "changes", tuple(self.changes))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -280,12 +258,75 @@ class Study:
         if isi not in self.intervals:
             raise InputError(f"{self.source}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
         some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
-        return Study(some, self.source, self.synthetic, (*self.notes, f"only pairs with an interval of {isi:g} s"))
+        notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
+        return replace(self, subjects=some, notes=notes, reading=Reading())
 
     def select(self, names: Sequence[str | int] | str | int) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
         asked = [names] if isinstance(names, str | int) else names
         return replace(self, subjects=tuple(self[name] for name in asked))
+
+    def turn(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
+        """The study with a subject's answers turned, 'equal' for 'different' and the other way round: in these blocks, or in all.
+
+        For somebody who had the buttons swapped, as :func:`~bayes_toe.check_answers` tells. Commands do it by ``--turn``.
+
+        Raises
+        ------
+        InputError
+            If there is no such subject or block, or no block was read.
+
+        Examples
+        --------
+        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).turn("S01")["S01"].n_equal.tolist()
+        [3]
+        """
+        return self._changed("--turn", name, blocks, Answers.turned)
+
+    def leave_out(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
+        """The study without a subject, or without these blocks of the subject's. Commands do it by ``--leave-out``.
+
+        Raises
+        ------
+        InputError
+            If there is no such subject or block, no block was read, or nobody is left.
+
+        Examples
+        --------
+        >>> study = Study([Subject(name, [0.0], [0.3], [2], [5]) for name in ("S01", "S02")]).leave_out("S02")
+        >>> study.names, study.changes
+        (('S01',), ('--leave-out S02',))
+        """
+        return self._changed("--leave-out", name, blocks, Answers.without)
+
+    def _changed(
+        self, option: str, name: str | int, blocks: Sequence[str | int] | str | int, change: Callable[[Answers, BoolArray], Answers]
+    ) -> Study:
+        """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
+        subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
+        keys = np.column_stack([key for key in (subject.s1, subject.s2, subject.isi) if key is not None])
+        pooled = Answers(keys, subject.n_equal, subject.n_trials, None, (), trials=False)
+        given, done = self.reading.answers.get(subject.name, pooled), f"{option} {as_option(subject.name, asked)}"
+        try:
+            after = change(given, given.rows_of(asked))
+        except InputError as error:
+            raise InputError(f"{done}: {error}") from None
+        s1, s2, *isi = after.keys.T
+        left = [Subject.from_counts(subject.name, s1, s2, after.n_equal, after.n_trials, *isi)] if len(s1) else []
+        subjects = tuple(one for old in self for one in (left if old is subject else [old]))
+        if not subjects:
+            raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
+        known = {one.name: self.reading.answers[one.name] for one in subjects if one.name in self.reading.answers}
+        known |= {subject.name: after} if subject.name in known else {}
+        what = f"subject {bare(subject.name)}{f', blocks {listed(asked)}' if len(asked) > 1 else f', block {asked[0]}' if asked else ''}"
+        said = f"{what}: {'answers turned' if option == '--turn' else 'left out'}"
+        return replace(
+            self,
+            subjects=subjects,
+            notes=(*self.notes, said),
+            reading=replace(self.reading, answers=known),
+            changes=(*self.changes, done),
+        )
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
@@ -327,6 +368,17 @@ def as_name(name: object) -> str:
     ('1008', '01')
     """
     return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
+
+
+def as_option(name: str, blocks: Sequence[str] = ()) -> str:
+    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out.
+
+    Examples
+    --------
+    >>> as_option("946", ["2", "4"]), as_option("S 1")
+    ('946:2,4', "'S 1'")
+    """
+    return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 
 def require_study(given: object) -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
 from bayes_toe.data.validation import runs
@@ -31,35 +31,6 @@ _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | fro
 _NEAR, _SELDOM = 10.0, 0.1  # a prior of another unit has sigma_p within this factor of the stimuli's step less often
 _ROUNDED = 1e-6  # of the range of the stimuli: no observer tells them apart, and stimuli in single precision are as near
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that the data of a subject cannot tell, or that speaks against them.
-
-    Parameters
-    ----------
-    subject : str
-        Whom it concerns; empty for the whole study.
-    code : str
-        What kind of finding it is: "few_pairs", "rounding", "all_equal", "all_different", "only_equal_pairs", "no_equal_pairs",
-        "one_first_stimulus", "one_order", "one_interval", "design_rank", "repeated_trials", "prior_scale", "long_intervals",
-        "names_differ_in_case", "names_look_alike" (but for invisible characters, or how characters are composed) or
-        "names_are_formulas" (to a spreadsheet); from a look at the answers (:mod:`bayes_toe.experiments.answers_check`)
-        "raw_stimuli", "far_from_prior", "column_alike", "columns_ignored", "few_trials",
-        "block_dispersion", "swapped_blocks", "drift", "independent_answers", "reversed_answers" or "chance_accuracy".
-    message : str
-        One sentence that says what to conclude.
-
-    Examples
-    --------
-    >>> Finding("S01", "few_pairs", "Too little was asked.").code
-    'few_pairs'
-    """
-
-    subject: str
-    code: str
-    message: str
 
 
 def check_subject(subject: Subject) -> tuple[Finding, ...]:

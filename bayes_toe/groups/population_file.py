@@ -124,7 +124,7 @@ def _constant(found: Population) -> xr.Dataset:
     record = {
         "study": {
             "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
-            **{key: getattr(study, key) for key in ("source", "synthetic", "notes")},
+            **{key: getattr(study, key) for key in ("source", "synthetic", "notes", "changes")},
         },
         "settings": asdict(settings),
         "names": found.names,
@@ -149,6 +149,7 @@ def _attributes(found: Population, whole: bool) -> dict[str, Any]:
         "source": study.source,
         "synthetic": int(study.synthetic),
         "notes": _said(study.notes),
+        "changes": _said(study.changes),
         "model": settings.model,
         "seed": settings.seed,
         "scatter": settings.scatter,
@@ -195,7 +196,7 @@ def _population(tree: xr.DataTree) -> Population:
     settings["hyperprior"] = Hyperprior(tuple(map(tuple, settings["hyperprior"]["values"])))
     x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
     return Population(
-        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"])),
+        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ())),
         GroupSettings(**settings),
         names,
         record["centre"],

@@ -38,7 +38,8 @@ def require_belonging(
     if model is not None and draws.model != model:
         raise InputError(f"{where}: found draws of the model {draws.model!r}, allowed: {model!r}")
     if study is not None and (wrong := _other_study(draws, study)):
-        raise InputError(f"{where}: {wrong}; allowed: the posterior of {study.source}")
+        made = "" if draws.study.changes == study.changes else f", read with {' '.join(draws.study.changes) or 'no change'}"
+        raise InputError(f"{where}: {wrong}{made}; allowed: the posterior of {study.source}")
     if prior is not None and draws.prior != prior:
         raise InputError(
             f"{where}: found draws under {draws.prior.describe_orders()}; allowed: that prior, or none, given {prior.describe_orders()}"

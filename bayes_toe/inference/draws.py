@@ -156,8 +156,9 @@ class Draws:
     @property
     def study(self) -> Study:
         """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
-        notes = tuple(line for line in str(self.tree.attrs.get("notes", "")).split("\n") if line)
-        return Study(tuple(map(self.subject, self.names)), str(self.tree.attrs["source"]), self.synthetic, notes)
+        notes, changes = (tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line) for key in ("notes", "changes"))
+        subjects = tuple(map(self.subject, self.names))
+        return Study(subjects, str(self.tree.attrs["source"]), self.synthetic, notes, changes=changes)
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""

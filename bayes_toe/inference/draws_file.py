@@ -130,6 +130,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "source": study.source,
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
+        "changes": "\n".join(study.changes),
         "model": settings.model,
         "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
         "seed": settings.seed,

@@ -342,8 +342,11 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path):
     lines = good("check", "s.csv", "--columns", "block=[b]Run", cwd=tmp_path).splitlines()
     beginning = "warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = "
     assert sum(beginning in line for line in lines) == 1
-    said = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): turn these answers, or leave them out."
-    assert said in lines
+    ways = "--turn '[i]x:<2>' turns these answers, --leave-out '[i]x:<2>' leaves them out."
+    assert f"warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): {ways}" in lines
+    turned = good("check", "s.csv", "--columns", "block=[b]Run", "--turn", "[i]x:<2>", cwd=tmp_path)
+    assert "  subject [i]x, block <2>: answers turned" in turned.splitlines()
+    assert "swapped" not in turned
     assert "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored." in lines
     assert "note Columns ignored: ISI, rt." in lines
     unread = good("check", "s.csv", cwd=tmp_path)

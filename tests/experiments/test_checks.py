@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logit
 
+from bayes_toe.data.findings import Finding
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.experiments.checks import Finding, check_study, check_subject, describe, doubts
+from bayes_toe.experiments.checks import check_study, check_subject, describe, doubts
 from bayes_toe.model.closed_form import MAX_PULL, normalised_distance
 from bayes_toe.model.coordinates import natural
 from bayes_toe.model.prior import Prior

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.data.study import Answers, Reading, Study, Subject
-from bayes_toe.experiments.answers_check import STUDY_LEVEL, check_answers
+from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.findings import DOUBTS, STUDY_LEVEL, Finding, data_findings
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.simulate import reference_design
 
 OBSERVER = (-0.7, 0.25, 0.17, 0.92)  # mu1, sigma_p, sigma_l, q0: an order effect, no symmetric answers
@@ -59,18 +61,26 @@ def test_the_level_holds_for_a_study_not_for_each_of_its_subjects():
 
 
 @pytest.mark.parametrize(
-    ("swapped", "said"),
-    [((3,), "Block 4 looks"), ((2, 3), "Blocks 3 and 4 look"), ((1, 3, 5, 7, 9), "Blocks 2, 4, 6, 8 and 10 look")],
+    ("swapped", "said", "typed"),
+    [
+        ((3,), "Block 4 looks", "4"),
+        ((2, 3), "Blocks 3 and 4 look", "3,4"),
+        ((1, 3, 5, 7, 9), "Blocks 2, 4, 6, 8 and 10 look", "2,4,6,8,10"),
+    ],
 )
-def test_swapped_blocks_are_named_and_explain_the_rest(swapped, said):
+def test_swapped_blocks_are_named_explain_the_rest_and_can_be_turned_back(swapped, said, typed):
     for seed in range(5):
-        messages = found(study(seed, swapped=swapped))
-        assert list(messages) == ["block_dispersion", "swapped_blocks"]
-        assert (
-            messages["swapped_blocks"] == f"{said} answered the wrong way round (swapped buttons): turn these answers, or leave them out."
-        )
-        turned = float(messages["block_dispersion"].split("(")[1].split()[0])
-        assert 0.7 < turned < 1.4
+        of = study(seed, swapped=swapped)
+        unlike, swaps = check_answers(of)
+        assert (unlike.kind, swaps.kind, unlike.option, swaps.option) == ("unlike blocks", "swapped blocks", *[f"--turn S0:{typed}"] * 2)
+        ways = f"--turn S0:{typed} turns these answers, --leave-out S0:{typed} leaves them out."
+        assert swaps.message == f"{said} answered the wrong way round (swapped buttons): {ways}"
+        assert 0.7 < float(unlike.message.split("(")[1].split()[0]) < 1.4
+        straight = study(seed)
+        turned = of.turn("S0", [1 + block for block in swapped])
+        assert turned["S0"].n_equal.tolist() == straight["S0"].n_equal.tolist()
+        assert check_answers(turned) == check_answers(straight) == ()
+        assert len(of.leave_out("S0", typed.split(",")).reading.answers["S0"].blocks) == 10 - len(swapped)
 
 
 def test_one_short_block_among_many_is_found_where_the_dispersion_is_not_remarkable():
@@ -84,7 +94,9 @@ def test_blocks_that_differ_otherwise_are_not_called_swapped():
     keys, equal, block = trials(np.random.default_rng(1))
     equal[(block == 4) & (np.random.default_rng(2).random(len(block)) < 0.9)] = 1  # a block of lax answers
     subject, answers = one("S", keys, equal, block)
-    assert list(found(Study((subject,), reading=Reading({"S": answers})))) == ["block_dispersion"]
+    (finding,) = check_answers(Study((subject,), reading=Reading({"S": answers})))
+    assert (finding.code, finding.option) == ("block_dispersion", "--leave-out S:5")
+    assert finding.message.endswith("block 5 differs most, --leave-out S:5 shows what rests on it.")
 
 
 def test_drift_is_named_with_its_size_and_a_small_one_is_not():
@@ -96,12 +108,18 @@ def test_drift_is_named_with_its_size_and_a_small_one_is_not():
 
 
 def test_guessing_reversed_answers_and_chance_accuracy_are_told_apart():
-    assert list(found(study(1, chance=0.6, blocks=1))) == ["independent_answers"]
-    assert list(found(study(1, swapped=range(10)))) == ["reversed_answers"]
+    for made, code, option in (
+        (study(1, chance=0.6, blocks=1), "independent_answers", "--leave-out S0"),
+        (study(1, swapped=range(10)), "reversed_answers", "--turn S0"),
+    ):
+        (finding,) = check_answers(made)
+        assert (finding.code, finding.option, option in finding.message) == (code, option, True)
+    assert check_answers(study(1, swapped=range(10)).turn("S0")) == ()
     s1, s2 = [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4]
     by_the_first = Study((Subject("S", s1, s2, [450, 440, 50, 60], [500] * 4),))
     assert found(by_the_first) == {
-        "chance_accuracy": "Accuracy is near chance, 'equal' to 51% of the equal and 49% of the different pairs."
+        "chance_accuracy": "Accuracy is near chance, 'equal' to 51% of the equal and 49% of the different pairs: "
+        "--leave-out S leaves the subject out."
     }
     few = Study((Subject("S", s1, s2, [45, 44, 5, 6], [50] * 4),))
     assert found(few) == {}, "so few trials do not exclude an accuracy beyond chance"
@@ -143,7 +161,8 @@ def test_looking_needs_no_answers_and_changes_no_counts():
 
 
 def test_real_vibrotactile_subjects_three_are_named(real_data):
-    findings = check_answers(bt.read_study(real_data / "vibrotactile_rate" / "trials.csv"), bt.Prior())
+    read = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv")
+    findings = check_answers(read, bt.Prior())
     named = {(finding.subject, finding.code): finding.message for finding in findings if finding.subject}
     assert list(named) == [
         ("865", "block_dispersion"),
@@ -154,5 +173,30 @@ def test_real_vibrotactile_subjects_three_are_named(real_data):
     ]
     ratios = [named[name, "block_dispersion"].split("= ")[1].split()[0] for name in ("865", "946", "976")]
     assert ratios == ["2.28", "9.97", "1.72"]
-    assert named["865", "swapped_blocks"].startswith("Block 2 looks")
-    assert named["946", "swapped_blocks"].startswith("Blocks 2, 4 and 6 look")
+    typed = {(one.subject, one.kind): one.option for one in findings if one.subject}
+    assert typed["865", "swapped blocks"] == "--turn 865:2"
+    assert typed["946", "swapped blocks"] == "--turn 946:2,4,6"
+    assert typed["976", "unlike blocks"] == "--leave-out 976:3"
+    assert [one.subject for one in data_findings(read.turn(946, [2, 4, 6]).turn(865, 2))] == ["976"]
+
+
+def test_doubtful_data_are_told_by_kind_of_any_study():
+    one_way = Subject("one way", [0.0, 0.0, 0.4], [0.0, 0.4, 0.4], [90, 20, 90], [99, 99, 99])
+    both = Subject("both", [0.0, 0.0, 0.4], [0.0, 0.4, 0.0], [30, 5, 10], [31] * 3)  # and few
+    made = study(0, swapped=(3,))
+    found = data_findings(Study((*made.subjects, one_way, both), reading=made.reading))
+    assert [(one.subject, one.kind, one.option) for one in found] == [
+        ("S0", "unlike blocks", "--turn S0:4"),
+        ("S0", "swapped blocks", "--turn S0:4"),
+        ("one way", "one order only", ""),
+    ]
+    assert Finding("a", "few_trials", "Only one.").kind == "few trials"
+    assert {one.code for one in found} <= DOUBTS.keys()
+    assert not any(one.code == "one_order" for one in check_answers(Study((one_way,)))), "check_study says it, pair by pair"
+
+
+def test_options_of_names_that_a_shell_would_split_are_quoted():
+    made = study(0, swapped=(3,))
+    renamed = Subject("S 1", *(getattr(made["S0"], key) for key in ("s1", "s2", "n_equal", "n_trials")))
+    found = data_findings(Study((renamed,), reading=Reading({"S 1": made.reading.answers["S0"]})))
+    assert {one.option for one in found} == {"--turn 'S 1:4'"}

@@ -1,0 +1,137 @@
+"""Answers that are turned and subjects or blocks that are left out: what is changed, what stays, what is refused, who remembers it."""
+
+import pandas as pd
+import pytest
+import xarray as xr
+from commands import inside
+from conftest import few_pairs, grouped_csv
+
+import bayes_toe as bt
+from bayes_toe.data.options import changed
+from bayes_toe.data.whole_files import under_way
+from bayes_toe.inference.belonging import require_belonging
+
+FRAME = pd.DataFrame(
+    {
+        "subject": ["a"] * 6 + ["b:1"] * 2,
+        "s1": [0.0, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.3],
+        "s2": [0.3, 0.3, 0.3, 0.0, 0.0, 0.0, 0.3, 0.0],
+        "response": [1, 0, 1, 1, 1, 1, 1, 0],
+        "block": [1, 1, 2, 2, 3, 3, 1, 2],
+        "trial": [1, 2, 3, 4, 5, 6, 1, 2],
+    }
+)
+
+
+@pytest.fixture
+def study():
+    return bt.read_study(FRAME)
+
+
+def counts(subject):
+    return list(zip(subject.s1.tolist(), subject.s2.tolist(), subject.n_equal.tolist(), subject.n_trials.tolist(), strict=True))
+
+
+def same(one, other):
+    return [(of.name, counts(of)) for of in one] == [(of.name, counts(of)) for of in other]
+
+
+def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
+    turned = study.turn("a", [2, "3"])
+    assert same(turned, bt.read_study(FRAME.assign(response=[1, 0, 0, 0, 0, 0, 1, 0])))
+    assert turned.reading.answers["a"].n_equal.tolist() == [1, 0, 0, 0, 0, 0]
+    assert turned["b:1"] is study["b:1"]
+    assert turned.changes == ("--turn a:2,3",)
+    assert turned.notes == (*study.notes, "subject a, blocks 2, 3: answers turned")
+    assert same(turned.turn("a", (2, 3)), study)
+    assert same(study.turn("a"), study.turn("a", [1, 2, 3]))
+
+
+def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
+    left = study.leave_out("a", 2)
+    assert same(left, bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)]))
+    assert (left.reading.answers["a"].blocks, left.reading.answers["a"].block.tolist()) == (("1", "3"), [0, 0, 1, 1])
+    assert left.turn("a", 3).changes == ("--leave-out a:2", "--turn a:3")
+    for gone in (study.leave_out("a"), study.leave_out("a", [1, 2, 3])):
+        assert (gone.names, [*gone.reading.answers]) == (("b:1",), ["b:1"])
+    assert study.leave_out("a").notes[-1] == "subject a: left out"
+    assert study.leave_out("a").select("b:1").changes == ("--leave-out a",)
+
+
+def test_counts_without_blocks_can_be_turned_and_left_out_whole():
+    timed = bt.Study([bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"])
+    turned = timed.turn("b")
+    assert (turned["b"].n_equal.tolist(), turned["b"].isi.tolist(), turned["a"]) == ([1, 3], [0.5, 2.0], timed["a"])
+    assert turned.at_isi(2.0).changes == ("--turn b",)
+    assert timed.leave_out("a").names == ("b",)
+
+
+def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
+    made = changed(study, turn=["a:2", "a: 3", "b:1"], leave_out=["b:1:2"])
+    assert made.changes == ("--turn a:2,3", "--turn b:1", "--leave-out b:1:2")
+    assert same(made, study.turn("a", [2, 3]).turn("b:1").leave_out("b:1", 2))
+    assert changed(study) is study
+
+
+REFUSED = [
+    (["--turn", "x:2"], "--turn x:2: no subject 'x', allowed: a, b:1"),
+    (["--leave-out", "a:9"], "--leave-out a:9: found no block '9', allowed: 1, 2, 3"),
+    (["--turn", "a:2", "--turn", "a:2,3"], "--turn a:2,3: found twice, allowed: each subject or block once"),
+    (["--leave-out", "a", "--leave-out", "a:1"], "--leave-out a:1: found twice, allowed: each subject or block once"),
+    (["--leave-out", "a", "--leave-out", "b:1"], "--leave-out b:1: found nobody else, allowed: what leaves some answers"),
+]
+
+
+@pytest.mark.parametrize(("options", "said"), REFUSED)
+def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, said):
+    FRAME.to_csv(tmp_path / "study.csv", index=False)
+    for command in (["check"], ["asymmetry", "-o", "out.csv"], ["run", "-o", "out"]):
+        done = inside(command[0], "study.csv", *command[1:], *options, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (2, f"error: {said}\n")
+
+
+def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refused(tmp_path):
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    done = inside("check", "study.csv", "--turn", "A:2", cwd=tmp_path)
+    said = "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
+    assert (done.returncode, done.stderr) == (2, f"error: --turn A:2: {said}\n")
+    with pytest.raises(bt.InputError, match="no subject 'C'"):
+        few_pairs("AB").turn("C")
+
+
+def test_every_command_that_reads_answers_has_the_options():
+    for command in ("check", "run", "sample", "evidence", "compare", "fit", "asymmetry", "population", "sensitivity", "figures"):
+        shown = inside(command, "--help").stdout
+        assert "--turn" in shown, command
+        assert "--leave-out" in shown, command
+
+
+def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_path):
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
+    options = ("--seed", 1, "--draws", 100, "--workers", 1)
+    made = inside("sample", "study.csv", "-o", "draws.nc", "--turn", "A", "--leave-out", "C", *options, cwd=tmp_path)
+    assert made.returncode == 0
+    assert "subject A: answers turned" in made.stdout
+    draws = bt.load(tmp_path / "draws.nc")
+    assert draws.study.changes == ("--turn A", "--leave-out C")
+    assert draws.study["A"].n_equal.tolist() == [5, 30, 35, 4]
+    require_belonging(draws, "draws", study=few_pairs("ABC").turn("A").leave_out("C"))
+    figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
+    other = inside(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)
+    assert (other.returncode, "of subject 'A' from other answers, read with --turn A --leave-out C;" in other.stderr) == (2, True)
+    alone = inside(*figures, "--turn", "A", cwd=tmp_path)
+    assert (alone.returncode, "--turn, --leave-out: found no STUDY.csv to change" in alone.stderr) == (2, True)
+
+
+def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
+    study, how = few_pairs("ABC"), {"model": "constant bias", "draws": 100, "seed": 1, "workers": 1}
+    bt.sample(study, keep=tmp_path / "kept", **how)
+    turned = bt.sample(study.turn("B"), keep=tmp_path / "kept", **how)
+    standing = under_way[tmp_path / "kept"]
+    assert (standing.taken, standing.jobs) == (2, 3)
+    xr.testing.assert_identical(turned.group("posterior"), bt.sample(study.turn("B"), **how).group("posterior"))
+
+
+def test_a_population_remembers_it_too(tmp_path):
+    found = bt.population(bt.example_study().select(["S01", "S02", "S03"]).turn("S03"), model="symmetric", draws=10, seed=1, workers=1)
+    assert bt.load_population(found.save(tmp_path / "group.nc")).study.changes == ("--turn S03",)
