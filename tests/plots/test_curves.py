@@ -2,13 +2,12 @@
 
 from itertools import combinations
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.plots.curves import MOST_PANELS, order_panel
+from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
@@ -67,8 +66,15 @@ def test_equal_pairs_weaker_than_all_others_are_shown_too():
     assert sorted((round(x[0], 9), round(x[-1], 9)) for x in curves) == [(-0.4, 0.3), (0.0, 0.3), (0.0, 0.3)]
 
 
-def test_without_a_curve_all_points_are_in_sight(small_study):
-    counts, (_, ax) = small_study["A"], plt.subplots()
-    order_panel(ax, counts, None, float(counts.s1.min()))
-    low, high = ax.get_xlim()
-    assert low < counts.s2.min() < counts.s2.max() < high
+def test_marks_of_both_orders_stand_beside_each_other_in_sight():
+    counts = bt.Subject("x", [0.0, 0.3, 0.3], [0.3, 0.0, 0.3], [5, 5, 5], [10, 10, 10])
+    ax = order_panel(new_figure(6.4, 4.8).subplots(), counts, None, 0.0)
+    x = {one.get_label(): one.lines[0].get_transform().transform([0.3, 0.5])[0] for one in ax.containers}
+    step = ax.get_figure().dpi / 72 * 0.7 * 5.5
+    assert [x[one] - x["equal stimuli"] for one in ("weaker first", "stronger first")] == pytest.approx([-step, step])
+    assert ax.get_xlim()[0] < 0.3 < ax.get_xlim()[1]
+
+
+def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
+    assert main_weaker(bt.Subject("x", [0.0, 0.0, 0.1], [0.1, 0.3, 0.3], [1, 1, 1], [2, 2, 2])) == 0.0
+    assert main_weaker(bt.Subject("x", [0.0, 0.1], [0.0, 0.1], [1, 1], [2, 2])) is None
