@@ -33,19 +33,15 @@ def marked(ax):
 
 
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
-    truth = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
-    figure = bt.plots.corner(analysis.draws, "A", truths=truth, prior=bt.Prior())
+    figure = bt.plots.corner(analysis.draws, "A", truths=TRUE, prior=bt.Prior())
     axes = np.array(figure.axes).reshape(4, 4)
-    assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[k] for k in ("mu1", "sigma_p", "sigma_l", "q0")]
-    for i, value in enumerate(truth.values()):
-        low, high = axes[i, i].get_xlim()
-        assert low < value < high
-        quantiles = np.quantile(analysis.draws.values("A", list(truth)[i]), [0.05, 0.5, 0.95])
-        drawn = [line.get_xdata()[0] for line in axes[i, i].lines]
-        assert all(np.isclose(drawn, q).any() for q in quantiles)
-        assert np.isclose(drawn, value).any()
+    assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[name] for name in TRUE]
+    for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
+        assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
+        drawn = [line.get_xdata()[0] for line in ax.lines]
+        assert all(np.isclose(drawn, one).any() for one in (*np.quantile(analysis.draws.values("A", name), [0.05, 0.5, 0.95]), value))
     assert axes[3, 3].get_xlim()[1] <= 1.0
-    assert any("grey: prior" in text.get_text() for text in figure.texts)
+    assert "grey: prior" in words(figure)
 
 
 def held(areas, points):
@@ -78,15 +74,24 @@ def test_draws_that_are_one_point_have_one_level():
     assert found.levels == (found.values.max(),) * 2
 
 
-def test_corner_in_identified_or_any_coordinates(analysis):
-    assert len(bt.plots.corner(analysis.draws, "B", coordinates="identified").axes) == 16
-    assert len(bt.plots.corner(analysis.draws, "B", coordinates=["gain", "mu1"]).axes) == 4
-    with pytest.raises(InputError, match="must be one of"):
-        bt.plots.corner(analysis.draws, "B", coordinates="polar")
-    with pytest.raises(InputError, match="unknown parameter"):
-        bt.plots.corner(analysis.draws, "B", coordinates=["gain", "x"])
-    with pytest.raises(InputError, match="found none, allowed: natural"):
-        bt.plots.corner(analysis.draws, "B", coordinates=[])
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        ({"coordinates": "polar"}, "must be one of"),
+        ({"coordinates": ["gain", "x"]}, "unknown parameter"),
+        ({"coordinates": []}, "found none, allowed: natural"),
+        ({"truths": {"mu_1": 0.0}}, "unknown quantity 'mu_1'"),
+        ({"truths": {"mu1": float("nan")}}, "mu1=nan"),
+        ({"truths": {"sigma_p": 0.0}}, "a positive finite number"),
+        ({"truths": {"A": TRUE}}, "its own, such as truths"),
+        ({"subject": ["A"]}, "allowed: 2 to 4, each once"),
+        ({"subject": ["A", "A"]}, "found 'A', 'A'; allowed"),
+        ({"subject": ["A", "B"], "truths": TRUE}, "a mapping of each one's values by its name"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(analysis, asked, named):
+    with pytest.raises(InputError, match=named):
+        bt.plots.corner(analysis.draws, **{"subject": "A"} | asked)
 
 
 @pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], ["offset", "pull", "q0"], list(QUANTITIES)], ids=len)
@@ -140,26 +145,9 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
     assert "true value outside: $q_0$ = 0.001" in words(figure)
 
 
-@pytest.mark.parametrize(
-    ("truths", "named"),
-    [({"mu_1": 0.0}, "unknown quantity 'mu_1'"), ({"mu1": float("nan")}, "mu1=nan"), ({"sigma_p": 0.0}, "a positive finite number")],
-)
-def test_what_cannot_be_a_true_value_is_refused(analysis, truths, named):
-    with pytest.raises(InputError, match=named):
-        bt.plots.corner(analysis.draws, "A", truths=truths)
-
-
-def test_a_composition_with_every_part():
-    model = "constant error + sloped + both ways + exponent + beta-binomial"
-    draws = bt.sample(bt.example_study().select(["S05"]), model=model, draws=300, seed=1, workers=1)
-    figure = bt.plots.corner(draws, "S05", prior=draws.prior)
-    labels = {ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()}
-    assert labels >= {r"noise slope $b$", r"lapse rate $\lambda$", r"exponent $\nu$", "intra-class\ncorrelation"}
-    assert len(labels) == len(draws.posterior("S05").names.natural) == 7
-
-
-def test_a_noise_slope_may_be_negative_and_a_lapse_rate_is_a_share(small_study):
-    target = posterior_of(small_study["A"], model="none + sloped + both ways")
+def test_quantities_of_every_part_have_a_label_and_a_support(small_study):
+    target = posterior_of(small_study["A"], model="constant error + sloped + both ways + exponent + beta-binomial")
+    assert set(target.names.natural) <= set(LABELS)
     assert support(target, "noise_slope") == (-np.inf, np.inf)
     assert support(target, "lapse_rate") == (0.0, 1.0)
 
@@ -179,13 +167,12 @@ def test_several_subjects_share_their_panels(analysis):
         tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
     [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()]
-    assert (square.get_color(), float(square.get_xdata()[0])) == (OVERLAID[1][0], pytest.approx(float(derived_gain())))
+    assert (square.get_color(), float(square.get_xdata()[0])) == (
+        OVERLAID[1][0],
+        pytest.approx(float(derived(Natural(*map(np.float64, TRUE.values())))["gain"])),
+    )
     assert "A (solid)" in words(figure)
     assert "squares, triangles: true values" in words(figure)
-
-
-def derived_gain():
-    return derived(Natural(*map(np.float64, TRUE.values())))["gain"]
 
 
 def test_panels_of_several_subjects_are_those_of_one(analysis):
@@ -193,20 +180,6 @@ def test_panels_of_several_subjects_are_those_of_one(analysis):
     assert [ax.get_xlabel() for ax in drawn.axes[-4:]] == [LABELS[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
     styles = {text.get_color() for text in drawn.texts}
     assert {colour for colour, _ in OVERLAID[:3]} <= styles
-
-
-@pytest.mark.parametrize(
-    ("subjects", "truths", "said"),
-    [
-        (["A"], None, "allowed: 2 to 4, each once"),
-        (["A", "A"], None, "found 'A', 'A'; allowed"),
-        (["A", "B"], TRUE, "a mapping of each one's values by its name"),
-        ("A", {"A": TRUE}, "its own, such as truths"),
-    ],
-)
-def test_what_cannot_be_overlaid_is_refused(analysis, subjects, truths, said):
-    with pytest.raises(InputError, match=said):
-        bt.plots.corner(analysis.draws, subjects, truths=truths)
 
 
 _AT_ONCE = """
