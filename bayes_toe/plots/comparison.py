@@ -14,9 +14,8 @@ from matplotlib.patches import Patch, Rectangle
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.model_comparison import STUDY, ModelComparison, PartTable
 from bayes_toe.comparison.random_effects import ModelFrequencies
-from bayes_toe.errors import InputError
 from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, panel, plain
+from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, new_figure, plain
 
 #: Nats below the best model up to which a class of cells goes, what it is called, its colour (even steps of lightness), that of its number.
 CLASSES = (
@@ -42,9 +41,19 @@ _LEVEL = 0.95
 
 
 def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Figure:
-    """Parts and best compositions, then :func:`comparison_axes` above :func:`model_frequency_axes`, model under model.
+    """Probabilities of the levels of every part that varies, and best compositions; evidence of every subject and model; frequencies.
 
-    Where no part varies among the models compared, without the first.
+    Above, one bar a subject and part (%), averaged over the other parts, hatched where evidence is withheld; the row set apart, '*', is
+    that of a new subject, by random effects over families of models. In words, the best composition of each subject, its log evidence less
+    that of free frequencies (nats), its posterior predictive p; bold where it does not describe the answers.
+
+    In the middle, log evidence (nats) below the best model of each subject, the darker the better; ∞ where a bound on a withheld evidence
+    leaves it no weight. Hatched: evidence otherwise withheld; such a subject, in grey letters, has its best among the other models and does
+    not count for the study. The last row, set apart, is the sum over the subjects that count, as if all followed one model.
+
+    Below, expected frequency of every model among people, with its central 95 % interval, and exceedance probabilities: plain, that a model
+    is the most frequent one, if frequencies differ; protected, averaged over whether they do; and the probability that all models are
+    equally frequent. A single subject has no frequencies: its model probabilities are drawn.
     """
     cells, parts = _cells_height(table), table.parts
     bars = [_bars_height(table)] if parts else []
@@ -55,13 +64,14 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
     if parts:
         inner = grid[0].subgridspec(1, len(parts) + 1, width_ratios=[*map(_part_width, parts), _WORDS])
         for i, part in enumerate(parts):
-            part_axes(table, part.part, figure.add_subplot(inner[i])).tick_params(labelleft=i == 0)
-        best_axes(table, figure.add_subplot(inner[-1]))
+            _draw_part(figure.add_subplot(inner[i]), table, part)
+            figure.axes[i].tick_params(labelleft=i == 0)
+        _draw_best(figure.add_subplot(inner[-1]), table)
     heading = "parts: probability of each level (%), whatever the other parts are" if parts else "comparison of models"
     figure.suptitle(heading + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS + 1.0)
-    upper = comparison_axes(table, figure.add_subplot(grid[-2]))
-    lower = model_frequency_axes(table, figure.add_subplot(grid[-1]))
-    _name_classes(upper, table)
+    upper, lower = (figure.add_subplot(grid[place]) for place in (-2, -1))
+    _draw_cells(upper, table)
+    _draw_study(lower, table)
     marks, labels = lower.get_legend_handles_labels()
     if marks:
         figure.legend(marks, labels, loc="outside lower center", ncols=_columns_below(table), **_LEGEND)
@@ -71,21 +81,8 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
 # --- evidence of every subject and model --------------------------------------------------------------------------------------------
 
 
-def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
-    """Log evidence (nats) below the best model of each subject: one row a subject, one column a model, the darker the better.
-
-    Numbers are nats below the best, ∞ where a bound on a withheld evidence leaves it no weight. Hatched: evidence otherwise withheld; such
-    a subject, in grey letters, has its best among the other models and does not count for the study. The last row, set apart, is the sum
-    over the subjects that count, as if all followed one model.
-
-    Parameters
-    ----------
-    table : ModelComparison
-    ax : matplotlib Axes, optional
-        Drawn into, where given; its own Axes have a legend.
-    """
-    own = ax is None
-    ax = panel(ax, wide=_width(table), high=_cells_height(table) + _AROUND + _heads(table))
+def _draw_cells(ax: Axes, table: ModelComparison) -> None:
+    """Log evidence below the best model of each subject: one row a subject, one column a model."""
     evidence = table.weighed
     counted = np.asarray(~np.isnan(evidence).any(axis=1))
     for i, row in enumerate(evidence):
@@ -103,9 +100,7 @@ def comparison_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
     ax.spines[:].set_visible(False)
     for label, known in zip(ax.get_yticklabels(), counted, strict=False):
         label.set_color("black" if known else EQUAL)
-    if own:
-        _name_classes(ax, table)
-    return ax
+    _name_classes(ax, table)
 
 
 def _draw_row(ax: Axes, at: float, evidence: FloatArray, *, numbers: bool = True) -> None:
@@ -135,20 +130,8 @@ def _name_classes(ax: Axes, table: ModelComparison) -> None:
 # --- the study ----------------------------------------------------------------------------------------------------------------------
 
 
-def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
-    """Expected frequency of every model among people, with its central 95 % interval, and exceedance probabilities.
-
-    Plain: that a model is the most frequent one, if frequencies differ; protected: averaged over whether they do. The panel also says the
-    probability that all models are equally frequent. A single subject has no frequencies: its model probabilities are drawn.
-
-    Parameters
-    ----------
-    table : ModelComparison
-    ax : matplotlib Axes, optional
-        Drawn into, where given; its own Axes have a legend.
-    """
-    own = ax is None
-    ax = panel(ax, wide=_width(table), high=_STUDY + _heads(table))
+def _draw_study(ax: Axes, table: ModelComparison) -> None:
+    """Frequencies of the models, or the model probabilities of a single subject, or why there are neither."""
     found, alone, even = table.frequencies(), len(table.subjects) == 1, 1.0 / len(table.models)
     shares = np.array([row.model_probability for row in table], np.float64)
     said = ""
@@ -173,9 +156,6 @@ def model_frequency_axes(table: ModelComparison, ax: Axes | None = None) -> Axes
     ax.set(xlim=(-0.5, len(table.models) - 0.5), ylim=(0.0, 1.0), yticks=[0.0, 0.5, 1.0])
     ax.set_xticks(range(len(table.models)), [_broken(name) for name in table.models])
     dress(ax).tick_params(axis="x", length=0)
-    if own and not said:
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=_columns_below(table), **_LEGEND)
-    return ax
 
 
 def _draw_frequencies(ax: Axes, table: ModelComparison, found: ModelFrequencies) -> None:
@@ -195,28 +175,9 @@ def _draw_frequencies(ax: Axes, table: ModelComparison, found: ModelFrequencies)
 # --- parts --------------------------------------------------------------------------------------------------------------------------
 
 
-def part_axes(table: ModelComparison, part: str, ax: Axes | None = None) -> Axes:
-    """Probabilities (%) of the levels of one part, one bar a subject, averaged over the other parts; hatched where evidence is withheld.
-
-    The row set apart, '*', is that of a new subject, by random effects over families of models.
-
-    Parameters
-    ----------
-    table : ModelComparison
-    part : str
-        One that varies among the compositions compared: order, noise, lapses, curve or spread.
-    ax : matplotlib Axes, optional
-
-    Raises
-    ------
-    InputError
-        If the part does not vary.
-    """
-    found = next((one for one in table.parts if one.part == part), None)
-    if found is None:
-        raise InputError(f"part {part!r}: allowed are those that vary among the models compared: {[one.part for one in table.parts]}")
-    ax = panel(ax, wide=_part_width(found) + 0.9, high=_bars_height(table))
-    places, colours = _row_places(table), ORDER_COLOURS if part == "order" else OTHER_COLOURS
+def _draw_part(ax: Axes, table: ModelComparison, found: PartTable) -> None:
+    """Probabilities (%) of the levels of one part, one bar a subject."""
+    places, colours = _row_places(table), ORDER_COLOURS if found.part == "order" else OTHER_COLOURS
     rows = [*found.probability, *([] if found.study is None else [found.study])]
     least = _NEEDED / _part_width(found) if len(rows) <= _MOST_ROWS else 2.0
     for at, shares in zip(places, rows, strict=True):
@@ -231,17 +192,12 @@ def part_axes(table: ModelComparison, part: str, ax: Axes | None = None) -> Axes
     _dress_rows(ax, places)
     keys = zip(found.levels, colours, strict=False)
     handles = [Patch(facecolor=colour, edgecolor="#8C8C8C", lw=0.5, label=level) for level, (colour, _) in keys]
-    style = _LEGEND | {"handlelength": 1.0, "columnspacing": 0.9, "title": part, "title_fontsize": LETTERS, "borderpad": 0.0}
+    style = _LEGEND | {"handlelength": 1.0, "columnspacing": 0.9, "title": found.part, "title_fontsize": LETTERS, "borderpad": 0.0}
     ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(handles)), **style)
-    return ax
 
 
-def best_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
-    """In words, the best composition of each subject, its log evidence less that of free frequencies (nats), its posterior predictive p.
-
-    Bold where it does not describe the answers: p below 0.01, or a composition that free frequencies beat.
-    """
-    ax = panel(ax, wide=_WORDS, high=_bars_height(table))
+def _draw_best(ax: Axes, table: ModelComparison) -> None:
+    """In words, the best composition of each subject; bold: p below 0.01, or a composition that free frequencies beat."""
     best, places = table.best_compositions(), _row_places(table)
     heads = ((0.0, "left", "best composition"), (0.76, "right", "less H0"), (1.0, "right", "fit $p$"))
     for name, at in zip(table.subjects, places, strict=False):
@@ -262,7 +218,6 @@ def best_axes(table: ModelComparison, ax: Axes | None = None) -> Axes:
         ax.text(x, -0.75, head, ha=side, va="bottom", fontsize=SMALL)
     ax.set_yticks([])
     _dress_rows(ax, places)
-    return ax
 
 
 def _row_places(table: ModelComparison) -> list[float]:

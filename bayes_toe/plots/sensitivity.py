@@ -24,9 +24,7 @@ from bayes_toe.plots.style import (
     WEAKER_FIRST,
     dress,
     first_panels,
-    legend_above,
     new_figure,
-    panel,
     plain,
 )
 
@@ -43,27 +41,14 @@ _PART_WIDE, _PART_HIGH = 1.05, 0.72  # inches of a panel
 _MOST = 12  # subjects
 
 
-def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = None) -> Axes:
-    """Log Bayes factor (nats) of one subject against the factor on each scale of the prior, the other values as given.
-
-    Locations are shifted from left to right, by one prior standard deviation at the ends. Bands: two standard errors. Filled marks:
-    re-weighted draws; open ones: draws made anew under that prior. Dotted line: the prior given. Grey: less than 3 nats, no strong
-    evidence for either side. A cross marks where the sign turns, with the value of the prior there.
-
-    Parameters
-    ----------
-    table : SensitivityTable
-    subject : str
-    ax : matplotlib Axes, optional
-        Drawn into and titled, where given; its own Axes have a legend.
-    """
-    own = ax is None
-    ax = panel(ax, high=2.6)
+def _draw_subject(ax: Axes, table: SensitivityTable, subject: str) -> None:
+    """Log Bayes factor (nats) of one subject against the factor on each scale of the prior, the other values as given."""
     ax.axhspan(-STRONG, STRONG, color="#EEEEEE", lw=0, zorder=0, label=_WEAK)
     ax.axhline(0.0, color="black", lw=0.8, zorder=1)
     ax.axvline(1.0, color=EQUAL, lw=0.8, ls=":", zorder=1, label=_GIVEN)
     ax.set_xscale("log")
-    low, high = _factors(table, subject)
+    factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
+    low, high = min(factors), max(factors)
     scans = {varied: _Scan.of(table.of(subject, varied), getattr(table.prior, varied), high) for varied in table.varied}
     for place, scan in enumerate(scans.values()):
         _draw_scan(ax, scan, place)
@@ -72,22 +57,23 @@ def sensitivity_axes(table: SensitivityTable, subject: str, ax: Axes | None = No
     turns = {place: (scan, found) for place, (varied, scan) in enumerate(scans.items()) if (found := table.turns(subject, varied))}
     for rank, (place, (scan, found)) in enumerate(turns.items()):
         _mark_turns(ax, scan, found, _COLOURS[place % len(_COLOURS)], rank)
-    ax.set(xlabel="factor on the prior's scale", ylabel="log Bayes factor (nats)")
-    if own:
-        legend_above(ax, columns=2)
-    else:
-        ax.set_title(plain(subject, 20))
-    return dress(ax)
+    ax.set_title(plain(subject, 20))
+    dress(ax)
 
 
 def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> Figure:
-    """All subjects of :func:`sensitivity_axes`, each with an axis of its own, four beside each other."""
+    """Log Bayes factor (nats) of every subject against the factor on each scale of the prior, the other values as given.
+
+    Locations are shifted from left to right, by one prior standard deviation at the ends. Bands: two standard errors. Filled marks:
+    re-weighted draws; open ones: draws made anew under that prior. Dotted line: the prior given. Grey: less than 3 nats, no strong
+    evidence for either side. A cross marks where the sign turns, with the value of the prior there.
+    """
     names = table.names
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
     figure = new_figure(max(_WIDE * across + 0.4, 3.4), _HIGH * down + 1.0)
     for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
-        sensitivity_axes(table, name, ax).set(xlabel="", ylabel="")
+        _draw_subject(ax, table, name)
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
     words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else "")
     figure.supxlabel(fill(words, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=LETTERS)
@@ -95,14 +81,8 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     scans = [label for label in found if label not in _EXPLAINED]  # first, whichever subject has which of the others
     order = [*scans, *(label for label in _EXPLAINED if label in found)]
     columns = min(across, 3)
-    figure.legend(
-        [found[label] for label in order],
-        order,
-        loc="outside upper center",
-        ncols=columns,
-        frameon=False,
-        fontsize=LETTERS if columns > 1 else SMALL,
-    )
+    style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": LETTERS if columns > 1 else SMALL}
+    figure.legend([found[label] for label in order], order, loc="outside upper center", **style)
     return figure
 
 
@@ -133,12 +113,6 @@ class _Scan:
         if self._scale:
             return value / self.given
         return float(self.reach ** ((value - self.given) / self.half)) if self.half > 0.0 else 1.0
-
-
-def _factors(table: SensitivityTable, subject: str) -> tuple[float, float]:
-    """Smallest and largest factor on a scale."""
-    factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
-    return min(factors), max(factors)
 
 
 def _draw_scan(ax: Axes, scan: _Scan, place: int) -> None:

@@ -12,8 +12,7 @@ import bayes_toe as bt
 from bayes_toe.comparison.model_comparison import ModelComparison
 from bayes_toe.comparison.model_row import Checks, ModelRow
 from bayes_toe.model.ladder import COMPOSED, NAMES
-from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS, best_axes, comparison_axes, model_frequency_axes, part_axes
-from bayes_toe.plots.style import new_figure
+from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS, comparison_figure
 
 
 def made(evidence, models=NAMES, probability=None):
@@ -28,6 +27,12 @@ def made(evidence, models=NAMES, probability=None):
     return ModelComparison(tuple(rows), subjects, tuple(models), 1, bt.Prior())
 
 
+def panels(table):
+    """Panels of its parts and words, if there are parts, of the cells, and of the frequencies."""
+    *parts, upper, lower = comparison_figure(table).axes
+    return parts, upper, lower
+
+
 def cells(ax):
     """Rectangles of a panel as (row, column) -> patch; and the numbers likewise."""
     patches = [one for one in ax.patches if isinstance(one, Rectangle)]
@@ -40,7 +45,7 @@ EVIDENCE = np.array([[-100.0, -103.04, -100.4, -120.0], [-50.0, np.nan, -41.0, -
 
 def test_every_cell_has_its_number_and_its_class():
     table = made(EVIDENCE, NAMES[:4])
-    ax = comparison_axes(table)
+    ax = panels(table)[1]
     patches, numbers = cells(ax)
     assert len(patches) == 16  # three subjects and the sum
     below = {0: ["best", "3.0", "0.4", "20.0"], 1: ["9.0", None, "best", "1.0"], 2: ["best", "2.0", "1.0", "200"]}
@@ -60,14 +65,14 @@ def test_every_cell_has_its_number_and_its_class():
 
 
 def test_a_withheld_evidence_is_hatched_named_and_its_subject_grey():
-    ax = comparison_axes(made(EVIDENCE, NAMES[:4]))
+    ax = panels(made(EVIDENCE, NAMES[:4]))[1]
     patches, numbers = cells(ax)
     assert [place for place, one in patches.items() if one.get_hatch()] == [(1, 1)]
     assert (1, 1) not in numbers
     assert "withheld: subject not counted" in [text.get_text() for text in ax.get_legend().get_texts()]
     colours = [label.get_color() for label in ax.get_yticklabels()]
     assert colours[0] == colours[2] == "black" != colours[1]
-    whole = comparison_axes(made(EVIDENCE[[0, 2]], NAMES[:4]))
+    whole = panels(made(EVIDENCE[[0, 2]], NAMES[:4]))[1]
     assert "withheld" not in " ".join(text.get_text() for text in whole.get_legend().get_texts())
 
 
@@ -75,7 +80,7 @@ def test_a_rival_without_weight_counts():
     """Withheld, but bounded far below the best: no hatching, and the subject is one of the sum."""
     table = made(EVIDENCE, NAMES[:4])
     rows = [replace(row, bound=-300.0) if row.log_evidence is None else row for row in table]
-    ax = comparison_axes(replace(table, rows=tuple(rows)))
+    ax = panels(replace(table, rows=tuple(rows)))[1]
     patches, numbers = cells(ax)
     assert not any(one.get_hatch() for one in patches.values())
     assert numbers[1, 1] == numbers[ax.get_yticks()[-1], 1] == "∞"
@@ -95,7 +100,7 @@ def lines(ax):
 
 def test_the_study_panel_shows_model_frequencies():
     table = made(np.random.default_rng(2).normal(size=(9, 4)) * 2, NAMES[:4])
-    ax, found = model_frequency_axes(table), table.frequencies()
+    ax, found = panels(table)[2], table.frequencies()
     shown = lines(ax)
     assert np.array_equal(shown["expected frequency, 95 % interval"], found.expected)
     assert np.array_equal(shown["most frequent (exceedance)"], found.exceedance)
@@ -110,7 +115,7 @@ def test_the_study_panel_shows_model_frequencies():
 
 def test_one_subject_has_probabilities_and_no_sum():
     table = made(np.zeros((1, 8)), probability=0.125)
-    *_, upper, lower = bt.plots.comparison_figure(table).axes
+    _, upper, lower = panels(table)
     assert [label.get_text() for label in upper.get_yticklabels()] == ["P1"]
     assert lines(lower)["model probability, equal prior odds"].tolist() == [0.125] * 8
 
@@ -125,9 +130,9 @@ def test_one_subject_has_probabilities_and_no_sum():
     ],
 )
 def test_without_frequencies_the_panel_says_why(evidence, models, words):
-    ax = model_frequency_axes(made(evidence, models))
+    ax = panels(made(evidence, models))[2]
     assert words in " ".join(text.get_text() for text in ax.texts)
-    bt.plots.comparison_figure(made(evidence, models)).draw_without_rendering()
+    ax.figure.draw_without_rendering()
 
 
 SPACE = tuple(model.name for model in COMPOSED)
@@ -137,7 +142,7 @@ def test_bars_and_words_are_those_of_the_table():
     evidence = np.random.default_rng(5).normal(size=(3, 13)) * 2
     evidence[1, 4] = np.nan
     table = made(evidence, SPACE)
-    ax = part_axes(table, "order")
+    (ax, *_, best), _, _ = panels(table)
     assert [label.get_text() for label in ax.get_yticklabels()] == ["P1", "P2", "P3", "*"]
     bars = {at: [one.get_width() for one in ax.patches if round(one.get_y() + 0.41, 6) == at] for at in (0, 1, 2, 3.45)}
     order = table.parts[0]
@@ -146,13 +151,11 @@ def test_bars_and_words_are_those_of_the_table():
     assert bars[1] == [1.0]
     assert [one.get_hatch() is not None for one in ax.patches].count(True) == 1
     assert [text.get_text() for text in ax.get_legend().get_texts()] == list(order.levels)
-    words = [text.get_text() for text in best_axes(table).texts]
+    words = [text.get_text() for text in best.texts]
     for name, (row, against) in table.best_compositions().items():
         assert words[3 * table.subjects.index(name)] == row.model
         assert words[3 * table.subjects.index(name) + 1] == f"{against:+.1f}".replace("-", "−")
     assert "a new subject, random effects over 2 subjects" in words
-    with pytest.raises(bt.InputError, match="'curve': allowed are"):
-        part_axes(table, "curve")
 
 
 @pytest.mark.parametrize("colours", [ORDER_COLOURS, OTHER_COLOURS])
@@ -163,9 +166,9 @@ def test_levels_are_told_apart_without_colour(colours):
 
 
 def test_a_misfit_is_bold_and_says_so():
-    table = made([[0.0, 2.0]], SPACE[:2])
+    table = made([[0.0, 2.0, *[-9.0] * 11]], SPACE)
     table = replace(table, rows=tuple(replace(row, checks=Checks(p_predictive=0.002)) for row in table.rows))
-    bold = [text.get_text() for text in best_axes(table).texts if text.get_weight() == "bold"]
+    bold = [text.get_text() for text in panels(table)[0][-1].texts if text.get_weight() == "bold"]
     assert bold == ["misfit 0.002"]
 
 
@@ -206,9 +209,3 @@ def test_nothing_leaves_the_figure_or_meets(shape):
         assert max(box.y1 for box in heads) < min(patch.get_window_extent().y0 for ax in parts for patch in ax.patches)
         rows = [text.get_window_extent() for text in parts[-1].texts]
         assert not any(one.overlaps(two) for one, two in pairwise(rows))
-
-
-def test_given_axes_are_used():
-    ax = new_figure(3.0, 3.0).subplots()
-    assert comparison_axes(made(EVIDENCE, NAMES[:4]), ax) is ax
-    assert ax.get_legend() is None
