@@ -1,7 +1,7 @@
 """Finished work, kept on the disk until all of it is done: an interrupted command goes on where it was.
 
-Every result has a file of its own with a checksum, named after all that decides it: the job's function with counts, names, model, settings
-and seed, and the versions of the libraries. What does not fit is computed again.
+Every result has a file of its own, named after all that decides it: the job's function with counts, names, model, settings and seed, and
+the versions of the libraries. What cannot be read is computed again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, 
 
 Result = TypeVar("Result")
 _SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.zarr"
-_NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # or a lock that leads elsewhere would be written there
 
 
 @dataclass(frozen=True)
@@ -115,10 +114,15 @@ def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept]
     path = Path(folder)
     with ExitStack() as made:
         make_folders(path, made)
-        made.callback(_remove_unless_used, path)
         sweep(path)
         with _held(path):
-            yield Kept(path, what)
+            try:
+                yield Kept(path, what)
+            except BaseException:
+                if not kept_in(path):
+                    with suppress(OutputError):
+                        discard(path)
+                raise
         made.pop_all()
 
 
@@ -135,12 +139,6 @@ def discard(folder: Path) -> None:
             file.unlink(missing_ok=True)
         shutil.rmtree(folder / _DRAWS, ignore_errors=True)
     remove_empty(folder)
-
-
-def _remove_unless_used(folder: Path) -> None:
-    if not kept_in(folder):
-        with suppress(OutputError):
-            discard(folder)
 
 
 def _can_be_read(file: Path) -> bool:
@@ -163,22 +161,16 @@ def versions() -> tuple[str, ...]:
 def _held(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which says who has it; it ends with the process, however that ends."""
     with reporting(folder):
-        lock = os.fdopen(os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_APPEND | _NO_LINK, 0o666), "a+", encoding="utf-8")
+        lock = (folder / _LOCK).open("a+", encoding="utf-8")
     with lock:
-        lock.seek(0)
-        host, _, pid = lock.read(1000).partition(" ")
-        if not _locked(lock) or host not in ("", platform.node()):
-            who = f"process {pid} on {host}" if pid else "another process"
-            raise OutputError(f"{shown(folder)}: in use by {who}; wait for it, or remove {shown(folder / _LOCK)} if that is gone")
+        if not _locked(lock):
+            lock.seek(0)
+            raise OutputError(f"{shown(folder)}: in use by {lock.read(1000) or 'another process'}; wait for it")
         with reporting(folder):
             lock.truncate(0)
-            lock.write(f"{platform.node()} {os.getpid()}")
+            lock.write(f"process {os.getpid()} on {platform.node()}")
             lock.flush()
-        try:
-            yield
-        finally:
-            with suppress(OSError):
-                lock.truncate(0)
+        yield
 
 
 def _locked(lock: TextIO) -> bool:

@@ -1,4 +1,4 @@
-"""Results as bytes: records of arrays, numbers and texts, whole and exact to the bit; nothing in them can be run.
+"""Results as bytes in NumPy's npz format: records of arrays, numbers and texts, exact to the bit; nothing in them can be run.
 
 Records are the package's own dataclasses and named tuples. They are stored as what they are made from, and are made again from that.
 """
@@ -20,13 +20,11 @@ import numpy.typing as npt
 
 from bayes_toe.errors import InputError
 
-_MAGIC, _DIGEST = b"bayes-toe record 1\n", 32
 _OURS = "bayes_toe."
-_RECORD, _TUPLE, _DICT, _ARRAY, _SCALAR = "record", "tuple", "dict", "array", "scalar"
 
 
 def packed(value: object) -> bytes:
-    """A record, or a tuple, list or dict of such, as bytes that begin with their own checksum.
+    """A record, or a tuple, list or dict of such, as bytes with the checksums of the format.
 
     Raises
     ------
@@ -42,22 +40,18 @@ def packed(value: object) -> bytes:
     text = json.dumps(_plain(value, arrays, _refuse))
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, text=np.array(text), **{f"a{i}": array for i, array in enumerate(arrays)})
-    body = content.getvalue()
-    return _MAGIC + hashlib.sha256(body).digest() + body
+    return content.getvalue()
 
 
 def unpacked(content: bytes) -> Any:
-    """The inverse of :func:`packed`.
+    """The inverse of :func:`packed`; of bytes that are not whole NumPy says anything.
 
     Raises
     ------
     InputError
-        If the bytes are not whole, or hold something else than records of this package.
+        If they hold something else than records of this package.
     """
-    body = content[len(_MAGIC) + _DIGEST :]
-    if content[: len(_MAGIC) + _DIGEST] != _MAGIC + hashlib.sha256(body).digest():
-        raise InputError("damaged: it does not fit its checksum")
-    with np.load(io.BytesIO(body), allow_pickle=False) as members:
+    with np.load(io.BytesIO(content), allow_pickle=False) as members:
         return _made(json.loads(str(members["text"])), members)
 
 
@@ -83,17 +77,17 @@ def _plain(value: object, arrays: list[npt.NDArray[Any]], other: Callable[[objec
         return value
     if isinstance(value, np.ndarray | np.generic):
         arrays.append(np.asarray(value))
-        return {_ARRAY if isinstance(value, np.ndarray) else _SCALAR: len(arrays) - 1}
+        return {"array" if isinstance(value, np.ndarray) else "scalar": len(arrays) - 1}
     if isinstance(value, list):
         return [inner(one) for one in value]
     if isinstance(value, Mapping):
-        return {_DICT: [[inner(key), inner(one)] for key, one in value.items()]}
+        return {"dict": [[inner(key), inner(one)] for key, one in value.items()]}
     names = _fields(value)
     if names is not None:
         kind = type(value)
-        return {_RECORD: f"{kind.__module__}:{kind.__qualname__}", "fields": {name: inner(getattr(value, name)) for name in names}}
+        return {"record": f"{kind.__module__}:{kind.__qualname__}", "fields": {name: inner(getattr(value, name)) for name in names}}
     if isinstance(value, tuple):
-        return {_TUPLE: [inner(one) for one in value]}
+        return {"tuple": [inner(one) for one in value]}
     return inner(other(value))
 
 
@@ -120,20 +114,21 @@ def _named(value: object) -> object:
 
 def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:
     """The inverse of :func:`_plain`."""
-    if isinstance(plain, list):
-        return [_made(one, members) for one in plain]
-    if not isinstance(plain, dict):
-        return plain
-    ((kind, content),) = ((key, one) for key, one in plain.items() if key != "fields")
-    if kind == _ARRAY:
-        return members[f"a{content}"]
-    if kind == _SCALAR:
-        return members[f"a{content}"][()]
-    if kind == _TUPLE:
-        return tuple(_made(one, members) for one in content)
-    if kind == _DICT:
-        return {_made(key, members): _made(one, members) for key, one in content}
-    return _class(content)(**{name: _made(one, members) for name, one in plain["fields"].items()})
+    inner = partial(_made, members=members)
+    match plain:
+        case list():
+            return [inner(one) for one in plain]
+        case {"array": index}:
+            return members[f"a{index}"]
+        case {"scalar": index}:
+            return members[f"a{index}"][()]
+        case {"tuple": values}:
+            return tuple(map(inner, values))
+        case {"dict": pairs}:
+            return {inner(key): inner(one) for key, one in pairs}
+        case {"record": name, "fields": values}:
+            return _class(name)(**{key: inner(one) for key, one in values.items()})
+    return plain
 
 
 def _class(name: str) -> Any:
