@@ -7,7 +7,6 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import MODEL, UTILITIES, information
 from bayes_toe.planning.observers import observers_from, of_kind
-from bayes_toe.planning.optimal import DesignGoal
 from bayes_toe.planning.study_design import StudyDesign, each_once
 
 PAIRS = each_once([-0.5, 0.0, 0.7, 1.1, 0.2], [-0.2, 0.0, 0.5, 0.6, 1.9])
@@ -78,7 +77,5 @@ def test_who_does_not_update_counts_for_naming_alone(observers):
 
 
 def test_refusals(observers):
-    with pytest.raises(InputError, match="--for: found 'luck', allowed: update, gain"):
-        DesignGoal("luck")
     with pytest.raises(InputError, match="found nobody with a predictive update"):
         information(PAIRS, of_kind(observers, "none"), "update", Prior())

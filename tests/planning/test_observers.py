@@ -1,31 +1,42 @@
-"""Assumed observers: what they answer does not depend on who else is there, nor on the design's own mean."""
+"""Assumed observers: they depend on nobody else and on no zero of the stimuli; who would never say 'equal' is refused."""
 
 import numpy as np
 import pytest
+from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.planning.observers import DEFAULT, observers_from, of_kind, shares_from
-from bayes_toe.planning.study_design import StudyDesign, paper_study_design
+from bayes_toe.planning.observers import DEFAULT, assumed, middle_of, observers_from, of_kind, prior_of, shares_from
+from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, DesignGoal, grid, optimal_design
+from bayes_toe.planning.power import power
+from bayes_toe.planning.stopping import StoppingRule, stopping
+from bayes_toe.planning.study_design import StudyDesign, each_once, paper_study_design
+
+PAIRS = StudyDesign([0.0, 0.0, 0.4, 0.4, 0.2, 0.2, 0.5], [0.0, 0.4, 0.0, 0.4, 0.2, 0.5, 0.2], [10] * 7)
+WIDER = StudyDesign([-0.5, 1.0, 1.0], [-0.25, 1.0, 0.75], [10, 20, 30])
+FAR = 4.0
 
 
-def test_p_equal_is_the_closed_form():
-    [one] = of_kind(observers_from(None, 1, seed=3), "update")
-    design = StudyDesign([0.0, 0.7, -0.3], [0.2, 0.6, -0.3], [1, 1, 1])
-    given = [one.quantities[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
-    assert one.equal(design) == pytest.approx(bt.model.equal_probability(design.s1, design.s2, *given), rel=1e-12)
+@pytest.fixture
+def people_from(tmp_path):
+    """A file of observers with this text."""
+
+    def written(text):
+        (tmp_path / "people.toml").write_text(text, encoding="utf-8")
+        return tmp_path / "people.toml"
+
+    return written
 
 
-def test_an_observer_is_the_same_in_every_design():
-    wide = StudyDesign([-1.0, 0.0, 3.0], [-1.0, 0.2, 3.0], [1, 1, 1])
-    alone = StudyDesign([0.0], [0.2], [1])
-    for one in observers_from(None, 2, seed=5):
-        assert one.equal(wide)[1] == pytest.approx(one.equal(alone)[0], rel=1e-12)
-
-
-def test_more_observers_leave_the_first_ones_as_they_are():
+def test_p_equal_is_the_closed_form_and_the_same_in_every_design_whoever_else_there_is():
     few, many = (observers_from(None, size, seed=5) for size in (1, 3))
-    assert few[-1] == of_kind(many, "update")[0]
+    one = few[-1]
+    assert one == of_kind(many, "update")[0]
+    wide = each_once([-1.0, 0.0, 3.0], [-1.0, 0.2, 3.0])
+    given = [one.quantities[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
+    assert one.equal(wide) == pytest.approx(bt.model.equal_probability(wide.s1, wide.s2, *given), rel=1e-12)
+    for other in many:
+        assert other.equal(wide)[1] == pytest.approx(other.equal(each_once([0.0], [0.2]))[0], rel=1e-12)
 
 
 def test_defaults_lie_in_their_ranges():
@@ -37,13 +48,11 @@ def test_defaults_lie_in_their_ranges():
         assert abs(found["mu1"] - 0.25) * found["pull"] == pytest.approx(found["offset"])
 
 
-def test_a_file_may_ask_for_noise_and_lapses(tmp_path):
-    text = "at = 0.5\n['constant error']\noffset = -0.1\nwidth = 0.3\nq0 = 0.9\nlapse_rate = 0.1\nnoise_slope = -0.5\n"
-    (tmp_path / "people.toml").write_text(text, encoding="utf-8")
-    [one] = observers_from(tmp_path / "people.toml", 1, seed=1)
-    found = one.equal(StudyDesign([0.5, 2.5], [0.4, 9.0], [1, 1]))
-    width = 0.3 * np.exp(-0.5 * (0.45 - 0.5))
-    z = (-0.1 - -0.1) / width
+def test_a_file_may_ask_for_noise_and_lapses(people_from):
+    file = people_from("at = 0.5\n['constant error']\noffset = -0.1\nwidth = 0.3\nq0 = 0.9\nlapse_rate = 0.1\nnoise_slope = -0.5\n")
+    [one] = observers_from(file, 1, seed=1)
+    found = one.equal(each_once([0.5, 2.5], [0.4, 9.0]))
+    z = (-0.1 - -0.1) / (0.3 * np.exp(-0.5 * (0.45 - 0.5)))
     assert found == pytest.approx([0.09 + 0.81 * 2 ** -(z**2), 0.09], rel=1e-9)
 
 
@@ -61,23 +70,11 @@ def test_a_file_may_ask_for_noise_and_lapses(tmp_path):
         ("[none]\nwidth = 1\nq0 = 0.9\nshare = [1, 2]\n", "share: allowed: a number in every section, one of which is the largest"),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, said):
-    (tmp_path / "people.toml").write_text(text, encoding="utf-8")
+def test_a_wrong_file_is_refused_in_one_line(people_from, text, said):
     with pytest.raises(InputError) as caught:
-        observers_from(tmp_path / "people.toml", 1, seed=1)
+        observers_from(people_from(text), 1, seed=1)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_shares_change_no_observer(tmp_path):
-    ranges = "width = [0.2, 0.4]\nq0 = [0.8, 0.9]\n"
-    text = f"[none]\n{{}}{ranges}[update]\n{{}}pull = [0.1, 0.3]\noffset = 0\n{ranges}"
-    for name, shares in (("plain", ("", "")), ("mixed", ("share = 1\n", "share = 3\n"))):
-        (tmp_path / f"{name}.toml").write_text(text.format(*shares), encoding="utf-8")
-    plain, mixed = (observers_from(tmp_path / f"{name}.toml", 2, seed=1) for name in ("plain", "mixed"))
-    assert plain == mixed
-    assert shares_from(tmp_path / "mixed.toml") == {"none": 0.25, "update": 0.75}
-    assert shares_from(tmp_path / "plain.toml") == shares_from(None) == shares_from("prior") == {}
 
 
 def test_other_words_are_refused():
@@ -85,16 +82,130 @@ def test_other_words_are_refused():
         observers_from("people", 1, seed=1)
 
 
+def test_shares_change_no_observer(people_from):
+    ranges = "width = [0.2, 0.4]\nq0 = [0.8, 0.9]\n"
+    text, found = f"[none]\n{{}}{ranges}[update]\n{{}}pull = [0.1, 0.3]\noffset = 0\n{ranges}", []
+    for shares, expected in ((("", ""), {}), (("share = 1\n", "share = 3\n"), {"none": 0.25, "update": 0.75})):
+        file = people_from(text.format(*shares))
+        assert shares_from(file) == expected
+        found.append(observers_from(file, 2, seed=1))
+    assert found[0] == found[1]
+    assert shares_from(None) == shares_from("prior") == {}
+
+
 def test_draws_of_an_earlier_study_are_observers_and_their_likes_without_an_order_effect(tmp_path):
     subject = bt.Subject("S1", [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 30, 12, 47], [50, 50, 50, 50])
-    draws = bt.sample(bt.Study((subject,)), model="update + both ways", draws=500, seed=1, workers=1)
-    draws.save(tmp_path / "posterior.nc")
+    bt.sample(bt.Study((subject,)), model="update + both ways", draws=500, seed=1, workers=1).save(tmp_path / "posterior.nc")
     observers = observers_from(tmp_path / "posterior.nc", 2, seed=1)
     assert [one.model for one in observers[::2]] == [
         f"{kind} + Weber + both ways + bell + binomial" for kind in ("none", "constant error", "update")
     ]
-    of_update = np.stack([one.equal(paper_study_design()) for one in of_kind(observers, "update")])
-    assert of_update.shape == (2, 13)
-    assert np.all(of_kind(observers, "none")[0].equal(StudyDesign([0.0, 0.3], [0.3, 0.0], [1, 1])) > 0.0)
-    swapped = of_kind(observers, "none")[0].equal(StudyDesign([0.0, 0.3], [0.3, 0.0], [1, 1]))
-    assert swapped[0] == pytest.approx(swapped[1], rel=1e-12)
+    both_orders = each_once([0.0, 0.3], [0.3, 0.0])
+    first, second = of_kind(observers, "none")[0].equal(both_orders)
+    assert first == pytest.approx(second, rel=1e-12)
+    assert np.ptp(of_kind(observers, "update")[0].equal(both_orders)) > 0.0
+
+
+# --- Amid what is shown ---------------------------------------------------------------------------
+
+
+def moved(designs):
+    return {name: one.moved(FAR) for name, one in designs.items()}
+
+
+def test_a_constant_added_to_every_stimulus_changes_no_number_of_power_and_no_session():
+    given = {"narrow": PAIRS, "wider": WIDER}
+    here, there = (power(designs, [280], "prior", data_sets=1, seed=1, prior="stimuli", workers=1) for designs in (given, moved(given)))
+    assert (here.failed, there.failed) == ({}, {})
+    for one, other in zip(here.rows, there.rows, strict=True):
+        assert (one.design, one.observer) == (other.design, other.observer)
+        # the same answers; standard errors are below 0.02
+        assert other.judgement.log_evidence == pytest.approx(one.judgement.log_evidence, abs=0.05)
+        if one.judgement.widths is not None:
+            assert np.log(other.judgement.widths) == pytest.approx(np.log(one.judgement.widths), abs=0.1)
+    assert any(np.ptp(row.judgement.log_evidence) > 1.0 for row in there)  # they tell something
+    rule = StoppingRule(0.9, 140, 70)
+    here, there = (stopping(one, rule, data_sets=1, seed=1, prior="stimuli", workers=1) for one in (PAIRS, PAIRS.moved(FAR)))
+    assert [(row.trials, row.named) for row in there] == [(row.trials, row.named) for row in here]
+
+
+def test_a_constant_added_to_the_range_changes_no_chosen_pair():
+    """A range of 1.2 near ln 40, of a vibration's rate in Hz, was once refused as too narrow."""
+    here, there = (
+        optimal_design(grid(low, low + 1.2, 0.4), 280, DesignGoal(max_pairs=6), data_sets=1, seed=1, prior="stimuli", workers=1)
+        for low in (-0.35, 3.3)
+    )
+    assert there.design.s1 - 3.65 == pytest.approx(here.design.s1)
+    assert there.design.s2 - 3.65 == pytest.approx(here.design.s2)
+    assert np.array_equal(there.design.n_trials, here.design.n_trials)
+    assert there.candidates[OPTIMISED].utility == pytest.approx(here.candidates[OPTIMISED].utility, rel=1e-6)
+    assert there.candidates[MOVED].utility == pytest.approx(here.candidates[PAPER].utility, rel=1e-6)
+    assert there.candidates[MOVED].design.s1 == pytest.approx(paper_study_design().s1 + 3.65)
+    assert [row.judgement.named() for row in there.power] == [row.judgement.named() for row in here.power]
+    assert any("from 3.65 to 4.16, amid what can be shown" in line for line in there.said())
+
+
+def test_all_designs_share_one_middle_and_the_papers_stays_where_it_is_amid_them():
+    assert middle_of([paper_study_design(), WIDER]) == 0.25
+    assert middle_of([PAIRS.moved(FAR)]) == 4.25
+    assert middle_of([StudyDesign([0.2], [6.0], [1])]) == 3.1  # 0.25 is within the range, at its edge
+    people = assumed(None, moved({"narrow": PAIRS, "wider": WIDER}), 2, 1, None)
+    assert {one.centre for one in people} == {4.25}
+    assert assumed(None, {"paper": paper_study_design()}, 2, 1, None) == observers_from(None, 2, seed=1)
+
+
+def test_quantities_hold_over_the_designs_own_interval():
+    """One interval only, however long, changes nothing: it is the unit."""
+    timed = StudyDesign(PAIRS.s1, PAIRS.s2, PAIRS.n_trials, np.full(7, 0.3))
+    for observers in (None, "prior"):
+        with_, without = (assumed(observers, {"d": one}, 1, 1, "stimuli")[-1] for one in (timed, PAIRS))
+        assert (with_.interval, without.interval) == (0.3, 1.0)
+        assert with_.equal(timed) == pytest.approx(without.equal(PAIRS), rel=1e-12)
+    assert prior_of([timed, PAIRS], None).reference_interval == 0.3
+    assert prior_of([timed, WIDER], "stimuli").mu1_mean == prior_of([PAIRS, WIDER], "stimuli").mu1_mean
+
+
+STATED = "[none]\nwidth = 0.3\nq0 = 0.9\n[update]\npull = 0.35\nwidth = 0.3\nq0 = 0.9\n{}\n"
+
+
+def test_stated_observers_stay_as_stated_and_what_is_not_stated_is_amid(people_from):
+    for text, mu1 in (("mu1 = 3.0", 3.0), ("offset = 0", 4.25)):
+        people = assumed(people_from(STATED.format(text)), {"d": PAIRS.moved(FAR)}, 1, 1, None)
+        assert people[-1].quantities["mu1"] == pytest.approx(mu1)
+
+
+@pytest.mark.parametrize("lapses", ["", "lapse_rate = 0.1"])
+def test_who_would_find_identical_stimuli_different_is_refused(people_from, lapses):
+    file, designs = people_from(STATED.format("mu1 = 0.4\n" + lapses)), {"near": PAIRS, "far": PAIRS.moved(FAR)}
+    said = r"with far, stimuli from 4 to 4.5, P\(equal\) of all observers of the kind 'update' is below 0.01"
+    for given in (file, observers_from(file, 2, 1)):
+        with pytest.raises(InputError, match=said):
+            assumed(given, designs, 2, 1, None)
+    with pytest.raises(InputError, match=r"with near, stimuli from 0 to 0\.5, .*; allowed: designs of neighbouring stimuli"):
+        assumed(None, {"near": PAIRS, "far": PAIRS.moved(9.0)}, 2, 1, None)
+    few = StudyDesign([0.0, 3.0], [3.0, 0.0], [10, 10])  # of which nothing is told either, but by the pairs' fault
+    assert assumed(file, {"near": PAIRS, "few": few}, 1, 1, None)
+
+
+DESIGN = ("design", "--lowest", "3.3", "--highest", "4.5", "--step", "0.2", "-o", "o.csv")
+
+
+@pytest.mark.parametrize(
+    ("mu1", "asked", "said"),
+    [
+        (0.4, ("power", "d.csv"), "observers: with these pairs, stimuli from 4 to 4.5, P(equal) of all observers of the kind 'update'"),
+        (-9, DESIGN, "observers: with the pairs that can be shown, stimuli from 3.3 to 4.5, P(equal) of all"),
+        (0.4, DESIGN, "a wider range, or more trials, or observers nearer to it than these, whose mu1 is 0.4 (of 10"),
+    ],
+)
+def test_the_commands_refuse_them_in_one_line(tmp_path, people_from, mu1, asked, said):
+    people_from(STATED.format(f"mu1 = {mu1}"))
+    PAIRS.moved(FAR).save(tmp_path / "d.csv")
+    done = inside(*asked, "--observers", "people.toml", "--trials", "70", "--seed", "1", "--workers", "1", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+
+
+def test_a_session_takes_a_prior_of_the_stimuli():
+    session = bt.Adaptive(PAIRS.moved(FAR), prior="stimuli", seed=1, draws=512)
+    assert session.prior.mu1_mean == pytest.approx(FAR + np.mean([PAIRS.s1, PAIRS.s2]))

@@ -115,37 +115,26 @@ def test_the_command(tmp_path):
     assert (tmp_path / "d.md").read_text(encoding="utf-8").startswith("# A design of 100 trials, for: update\n\n* first stimuli")
 
 
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        (
-            ("--lowest", "0", "--highest", "0.05", "--step", "0.01"),
-            "650 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05",
-        ),
-        (("--lowest", "0", "--highest", "0.05", "--for", "gain"), "(the sd of gain falls from"),
-        (("--lowest", "-0.75", "--highest", "1.25", "--trials", "3"), "--trials 3: allowed is at least 4 to distribute"),
-        (
-            ("--lowest", "-0.75", "--highest", "1.25", "--trials", "6", "--step", "0.5"),
-            "6 trials between -0.75 and 1.25 tell next to nothing",
-        ),
-        (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers, the first the smaller one"),
-        (("--lowest", "0", "--highest", "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
-        (("--lowest", "0", "--highest", "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
-        (
-            (
-                "--lowest",
-                "0",
-            ),
-            "allowed: --lowest and --highest, natural-log intensity, or --levels",
-        ),
-        (("--lowest", "0", "--highest", "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
-        (("--lowest", "0", "--highest", "1", "--for", "luck"), "--for: found 'luck', allowed: update, gain, mu1, width, parameters"),
-        (("--lowest", "0", "--highest", "1", "--intensity", "2"), "--intensity: allowed with --levels levels.csv, or with --list"),
-        (("--levels", "l.csv", "--intensity", "-1"), "--intensity: found -1.0, allowed: a positive finite number"),
-        (("given.csv",), "given.csv: allowed with --list trials.csv, and without --lowest"),
-        (("--lowest", "0", "--highest", "1", "--isi", "-1"), "--isi: found '-1', allowed: positive numbers of seconds"),
-    ],
-)
+FROM_0, WIDE_RANGE = ("--lowest", "0", "--highest"), ("--lowest", "-0.75", "--highest", "1.25")
+REFUSED = [
+    ((*FROM_0, "0.05", "--step", "0.01"), "650 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05"),
+    ((*FROM_0, "0.05", "--for", "gain"), "(the sd of gain falls from"),
+    ((*WIDE_RANGE, "--trials", "3"), "--trials 3: allowed is at least 4 to distribute"),
+    ((*WIDE_RANGE, "--trials", "6", "--step", "0.5"), "6 trials between -0.75 and 1.25 tell next to nothing"),
+    (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers, the first the smaller one"),
+    ((*FROM_0, "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
+    ((*FROM_0, "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
+    (("--lowest", "0"), "allowed: --lowest and --highest, natural-log intensity, or --levels"),
+    ((*FROM_0, "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
+    ((*FROM_0, "1", "--for", "luck"), "--for: found 'luck', allowed: update, gain, mu1, width, parameters"),
+    ((*FROM_0, "1", "--intensity", "2"), "--intensity: allowed with --levels levels.csv, or with --list"),
+    (("--levels", "l.csv", "--intensity", "-1"), "--intensity: found -1.0, allowed: a positive finite number"),
+    (("given.csv",), "given.csv: allowed with --list trials.csv, and without --lowest"),
+    ((*FROM_0, "1", "--isi", "-1"), "--isi: found '-1', allowed: positive numbers of seconds"),
+]
+
+
+@pytest.mark.parametrize(("more", "said"), REFUSED)
 def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_path, more, said):
     done = inside("design", "-o", "d.csv", *more, "--seed", "1", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
