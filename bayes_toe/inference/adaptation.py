@@ -102,7 +102,13 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start 
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
-    return _finished(_adapting(posterior, rng, start, draws))
+    portions = _adapting(posterior, rng, start, draws)
+    while True:
+        try:
+            next(portions)
+        except StopIteration as end:
+            found: FittedProposal = end.value
+            return found
 
 
 def _adapting(posterior: Target, rng: np.random.Generator, start: Start, draws: int) -> Portions[FittedProposal]:
@@ -111,27 +117,18 @@ def _adapting(posterior: Target, rng: np.random.Generator, start: Start, draws: 
         start = find_maxima(posterior)
         yield _LARGE
     history = yield from _adapt(_first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage), stage, rng)
-    if _best(history).efficiency < _POOR:
+    if max(entry.efficiency for entry in history) < _POOR:
         stage = STAGES[1]
         history = yield from _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
-    best = _best(history)
+    best = max(entry.efficiency for entry in history)
     sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
     yield _LARGE
     judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
-    while len(judged) <= _REFITS and not _good(judged[-1], best.efficiency):
+    while len(judged) <= _REFITS and not _good(judged[-1], best):
         yield draws
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
-    chosen = judged[-1] if _good(judged[-1], best.efficiency) else max(judged, key=lambda fitted: fitted.efficiency)
+    chosen = judged[-1] if _good(judged[-1], best) else max(judged, key=lambda fitted: fitted.efficiency)
     return replace(chosen, independent=len(judged) == 1)
-
-
-def _finished(portions: Portions[Result]) -> Result:
-    while True:
-        try:
-            next(portions)
-        except StopIteration as end:
-            found: Result = end.value
-            return found
 
 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
@@ -194,10 +191,6 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> Portio
     return history
 
 
-def _best(history: list[_Round]) -> _Round:
-    return max(history, key=lambda entry: entry.efficiency)
-
-
 def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Proposal:
     """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
     levelling = posterior.levelling(maxima.x[maxima.value > maxima.value[0] - 3.0])
@@ -244,18 +237,14 @@ def _refitted(rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: 
     last = rounds[-1].proposal
     y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
     made = np.logaddexp.reduce([entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]) - np.log(len(rounds))
-    mixture = _updated(last.mixture, y, _tempered(log_posterior - made, least=0.05 * len(x)))
     flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
-    cover = _updated(last.cover, y, _tempered(flattened, least=0.02 * len(x)))
+    weights, flat = _tempered(log_posterior - made, least=0.05 * len(x)), _tempered(flattened, least=0.02 * len(x))
+    mixture, cover = last.mixture, last.cover
+    for _ in range(3):
+        mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)
     proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
     draws = WeightedDraws(x, log_prior, log_posterior, made)
     return _patched(proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights)))
-
-
-def _updated(mixture: StudentMixture, y: FloatArray, weights: FloatArray) -> StudentMixture:
-    for _ in range(3):
-        mixture = mixture.updated(y, weights)
-    return mixture
 
 
 def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int) -> Proposal:
@@ -268,20 +257,14 @@ def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume
     found: list[StudentMixture] = []
     for _ in range(patches):
         short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
-        found.append(_patch(y, white, short))
+        worst = short.argmax()  # a component there, shaped like the points around it
+        distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
+        near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
+        weights, around = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size, y[near] - y[worst]
+        scale = (weights[:, None] * around).T @ around
+        found.append(StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1])))
         of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y))
     return replace(proposal, mixture=proposal.mixture.joined(found, _PATCH_SHARE))
-
-
-def _patch(y: FloatArray, white: FloatArray, short: FloatArray) -> StudentMixture:
-    """A component at the point of the largest shortfall, shaped like the points around it; white are the points on a common scale."""
-    worst = short.argmax()
-    distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
-    near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
-    weights = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size
-    around = y[near] - y[worst]
-    scale = (weights[:, None] * around).T @ around
-    return StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1]))
 
 
 def _even(least: int, dim: int) -> int:

@@ -61,9 +61,12 @@ class StudentMixture:
         log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
         log_norm = gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
         log_tops = np.log(self.weights) + log_norm - log_volume
+        inverse = np.linalg.inv(factors)
+        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
+        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)  # dimension by dimension
         for key, value in {
             "_factors": factors,
-            "_whiteners": _stacked_whiteners(self.means, np.linalg.inv(factors), self.df),
+            "_whiteners": whiteners.reshape(-1, 1 + dim) / np.sqrt(self.df),
             "_tops": np.exp(log_tops - log_tops.max()),
             "_log_highest": float(log_tops.max()),
         }.items():
@@ -151,13 +154,6 @@ def _power(u: FloatArray, exponent: int) -> FloatArray:
         return u
     half = _power(u, exponent // 2)
     return half * half * u if exponent % 2 else half * half
-
-
-def _stacked_whiteners(means: FloatArray, whiteners: FloatArray, df: float) -> FloatArray:
-    """Rows that take 1 and the coordinates of a point to its whitened ones over df^(1/2), dimension by dimension, (D J, 1 + D)."""
-    offsets = -np.einsum("jab,jb->aj", whiteners, means)[:, :, None]
-    rows = np.concatenate([offsets, whiteners.transpose(1, 0, 2)], axis=2) / np.sqrt(df)
-    return np.asarray(rows.reshape(-1, rows.shape[2]))
 
 
 def _monomials(x: FloatArray) -> FloatArray:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,26 +48,6 @@ class Proposal:
         """Log density where mixture, cover (both in levelled coordinates) and prior have these log densities."""
         fitted = np.logaddexp(np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture, np.log(self.cover_share) + of_cover)
         return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
-
-    def sample(self, rng: Random, size: int) -> ProposalDraws:
-        """Independent draws with their densities under the prior and under this proposal; cheaper than one after the other."""
-        mark = rng.uniform(size=size)
-        y = self.mixture.sample(rng, size)
-        from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - self.cover_share
-        y[from_cover] = self.cover.sample(rng, int(from_cover.sum()))
-        x, log_volume = self.levelling.unlevel(y)
-        x[from_prior] = self.posterior.sample_prior(rng, int(from_prior.sum()))
-        y[from_prior], log_volume[from_prior] = self.levelling.level(x[from_prior])
-        log_prior = self.posterior.log_prior(x)
-        return ProposalDraws(x, log_prior, self.levelled_log_density(y, log_volume, log_prior))
-
-
-class ProposalDraws(NamedTuple):
-    """Draws x, shape (draws, k), their log prior and log proposal densities, each of shape (draws,)."""
-
-    x: FloatArray
-    log_prior: FloatArray
-    log_proposal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +100,16 @@ def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraw
     NumericalError
         If the log posterior is NaN somewhere.
     """
-    x, log_prior, log_proposal = proposal.sample(rng, size)
-    log_posterior = proposal.posterior.log_likelihood(x) + log_prior
-    require_defined(log_posterior, proposal.posterior)
+    target, mark, y = proposal.posterior, rng.uniform(size=size), proposal.mixture.sample(rng, size)
+    from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - proposal.cover_share
+    y[from_cover] = proposal.cover.sample(rng, int(from_cover.sum()))
+    x, log_volume = proposal.levelling.unlevel(y)
+    x[from_prior] = target.sample_prior(rng, int(from_prior.sum()))
+    y[from_prior], log_volume[from_prior] = proposal.levelling.level(x[from_prior])
+    log_prior = target.log_prior(x)
+    log_proposal = proposal.levelled_log_density(y, log_volume, log_prior)  # cheaper than to begin with x
+    log_posterior = target.log_likelihood(x) + log_prior
+    require_defined(log_posterior, target)
     return WeightedDraws(x, log_prior, log_posterior, log_proposal)
 
 

@@ -132,16 +132,6 @@ class Chains:
     reason: str
     imprecise: str = ""
 
-    @property
-    def least_ess(self) -> float:
-        """The smallest bulk or tail effective sample size of a judged quantity; all draws where they are independent."""
-        return min((min(one[:2]) for one in self.diagnostics.values()), default=float(self.log_posterior.size))
-
-    @property
-    def largest_r_hat(self) -> float:
-        """The largest R-hat of a judged quantity; 1 where draws are independent."""
-        return max((one.r_hat for one in self.diagnostics.values()), default=1.0)
-
 
 def independent_chains(target: Conjugate, settings: SamplerSettings, seed: int) -> Chains:
     """Draws of a posterior in closed form, in the shape of an ensemble's: independent, so that there is no convergence to judge."""

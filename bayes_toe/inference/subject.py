@@ -13,7 +13,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
 from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
-from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of, smoothed_weights
+from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of, smoothed_weights, worst
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
@@ -211,12 +211,13 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     found = target.quantities(chains.x)
     natural = {name: found[name] for name in target.names.natural}
+    (_, ess), (_, r_hat) = worst(chains.diagnostics) if chains.diagnostics else (("", chains.log_posterior.size), ("", 1.0))
     statistics: dict[str, float | int | str | None] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
         "imprecise": chains.imprecise,
-        "min_ess": chains.least_ess,
-        "max_r_hat": chains.largest_r_hat,
+        "min_ess": ess,
+        "max_r_hat": r_hat,
         "thin": chains.thin,
         "steps": chains.steps,
         "proposal_efficiency": result.efficiency,

@@ -1,13 +1,13 @@
 """Moves: known moments stay, weights, and the ratio of densities of the global one."""
 
-from dataclasses import replace
-from types import SimpleNamespace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.proposal import Proposal
 from bayes_toe.inference.sampling import GlobalMove, moves
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator, stream
@@ -97,9 +97,12 @@ def test_the_moment_test_catches_wrong_moves(wrong):
     target = Target(skewed=False)
     move = emcee.moves.DESnookerMove() if wrong == "snooker" else global_move(_fitted_for(target))
     if wrong == "global":
-        right = move.proposal.log_density
-        move.proposal = SimpleNamespace(posterior=move.proposal.posterior, sample=move.proposal.sample)
-        move.proposal.log_density = lambda x, log_prior: 0.9 * right(x, log_prior)  # of the old points and not of the new ones
+
+        class Wrong(Proposal):
+            def log_density(self, x, log_prior):  # of the old points; that of new ones is right
+                return 0.9 * super().log_density(x, log_prior)
+
+        move.proposal = Wrong(**{one.name: getattr(move.proposal, one.name) for one in fields(Proposal)})
     if wrong == "global" or emcee.__version__ == "3.1.6":
         assert _worst_moment(move, target, 9, runs=4) > 8.0
 
