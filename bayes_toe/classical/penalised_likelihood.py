@@ -170,7 +170,7 @@ class PenalisedLikelihood:
 
     @staticmethod
     def _answers(z: FloatArray, log_q0: FloatArray, different: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """T = ln2 z^2 and 1 - q, (pairs, points) each; 1 where nobody answered 'different', which contributes nothing then."""
+        """The exponent t = ln2 z^2 and 1 - q, (pairs, points) each; 1 where nobody answered 'different', which contributes nothing then."""
         t = LN2 * np.square(z)
         rest = -np.expm1(log_q0) - np.exp(log_q0) * np.expm1(-t)  # positive terms only
         return t, np.where(different == 0.0, 1.0, rest)

@@ -156,7 +156,8 @@ def _chains(joint: Joint, x: FloatArray) -> GroupChains:
     """Draws (draws, chains, D) with their diagnostics."""
     (n, k), lead = joint.approximation.location.shape, (x.shape[1], len(x))
     flat = np.ascontiguousarray(x.transpose(1, 0, 2)).reshape(-1, joint.dimension)
-    hyper, eta = joint.split(flat)[0], joint.eta(flat).reshape(*lead, n, k)
+    hyper, of_all = joint.split(flat)
+    eta = of_all.reshape(*lead, n, k)
     mean, scatter = hyper.mean.reshape(*lead, k), np.exp(hyper.log_scatter).reshape(*lead, k)
     effects, z = hyper.effects.reshape(*lead, -1, k), hyper.z.reshape(*lead, -1)
     judged = convergence_of({f"{i}, {j}": eta[:, :, i, j] for i in range(n) for j in range(k)})

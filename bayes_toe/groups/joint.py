@@ -150,48 +150,37 @@ class Joint:
         of_subjects = of_scores + (at.log_unit - hyper.log_scatter[:, None]).sum(axis=(1, 2))
         prior, of_prior = log_hyperprior(hyper, self.hyperprior)
         by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
-        by_coefficient = of_prior.coefficients + self._columns.T @ by_mean
+        by_coefficient = of_prior.coefficients + with_ones(self.x).T @ by_mean
         by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
         moved = coefficients * units.unit
         by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
-        gradient = self._joined(by_coefficient * units.unit, by_log_scatter, of_prior.z + by_z, steep * at.unit)
+        by_unit = by_coefficient * units.unit
+        parts = (by_unit[:, 0], by_log_scatter, by_unit[:, 1:], of_prior.z + by_z, steep * at.unit)
+        gradient = np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
         return of_answers.sum(axis=1) + of_subjects + prior + units.log_unit.sum(axis=(1, 2)), gradient
 
     def split(self, theta: FloatArray) -> tuple[Hyperparameters, FloatArray]:
-        """Hyperparameters, and xi of the subjects, (points, N, k)."""
+        """Hyperparameters, and parameters of the subjects, (points, N, k)."""
         given, xi = self._parts(theta)
-        return _out_of_units(given, self._units(given.log_scatter), given.coefficients), xi
-
-    def eta(self, theta: FloatArray) -> FloatArray:
-        """Parameters of the subjects, shape (points, N, k)."""
-        return self._place(*self.split(theta))[0].eta
+        hyper = _out_of_units(given, self._units(given.log_scatter), given.coefficients)
+        return hyper, self._place(hyper, xi)[0].eta
 
     @cached_property
     def without_funnel(self) -> NormalApproximation:
         """The approximation with mu1 itself in the place of its product with the pull."""
         return without_funnel(self.approximation, self.hyperprior)
 
-    @cached_property
-    def _columns(self) -> FloatArray:
-        return with_ones(self.x)
-
-    @cached_property
-    def _prior_of_coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Precision of the hyperprior, (1 + r, k), and its pull on the centre, (k,)."""
-        sd = np.stack([self.hyperprior.mean_sd, *[self.hyperprior.effect_sd] * self.x.shape[1]])
-        return sd**-2.0, self.hyperprior.mean / np.square(self.hyperprior.mean_sd)
-
     def _units(self, log_scatter: FloatArray) -> _Units:
         """Of means and effects at logs of scatters, (points, k)."""
-        (of_prior, pulled), squares, about = self._prior_of_coefficients, np.square(self._columns).T, self.without_funnel
+        prior, about, squares = self.hyperprior, self.without_funnel, np.square(with_ones(self.x)).T
         log_ratio = about.log_precision + 2.0 * log_scatter[:, None]
         log_share = -np.logaddexp(0.0, log_ratio)
         weight = np.exp(about.log_precision + log_share)
         slope = -2.0 * weight * np.exp(log_ratio + log_share)
-        precision = of_prior + squares @ weight
+        precision = np.stack([prior.mean_sd, *[prior.effect_sd] * self.x.shape[1]]) ** -2.0 + squares @ weight
         log_unit_slope = -0.5 * (squares @ slope) / precision
         centre, centre_slope = np.zeros(precision.shape), np.zeros(precision.shape)
-        centre[:, 0] = (pulled + (weight * about.location).sum(axis=1)) / precision[:, 0]
+        centre[:, 0] = (prior.mean / np.square(prior.mean_sd) + (weight * about.location).sum(axis=1)) / precision[:, 0]
         # The slope of sum w e less that of P times the centre: about the centre, so that locations far from 0 do not cancel.
         centre_slope[:, 0] = (slope * (about.location - centre[:, :1])).sum(axis=1) / precision[:, 0]
         log_unit = -0.5 * np.log(precision)
@@ -202,11 +191,6 @@ class Joint:
         (n, k), r = self.approximation.location.shape, self.x.shape[1]
         mean, log_scatter, effects, z, xi = np.split(theta, (k, 2 * k, (2 + r) * k, self.size), axis=1)
         return Hyperparameters(mean, log_scatter, effects.reshape(len(theta), r, k), z), xi.reshape(len(theta), n, k)
-
-    def _joined(self, coefficients: FloatArray, log_scatter: FloatArray, z: FloatArray, xi: FloatArray) -> FloatArray:
-        """Coordinates, or a gradient, of these parts, (points, D)."""
-        parts = (coefficients[:, 0], log_scatter, coefficients[:, 1:], z, xi)
-        return np.concatenate([part.reshape(len(xi), -1) for part in parts], axis=1)
 
     def _scores(self, score: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density of scores, (points, N, k), by point, its slopes in each of them, and in the coordinates of correlations."""

@@ -95,21 +95,22 @@ class StudentMixture:
         # Moments are counted from the points' mean: a component that is kept is at most 100 of their standard deviations away, and
         # what is subtracted below costs at most that squared in rounding errors, far less than the safeguard adds.
         centre = weights @ x
-        held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * (dim + 1) // 2))
+        held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
         for block in _blocks(len(x)):
             u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
             shares *= weights[block] / shares.sum(axis=0)
             held += shares.sum(axis=1)
             squares += np.einsum("jn,jn->j", shares, shares)
-            moments += (shares / u) @ _monomials(x[block] - centre).T
+            y = x[block] - centre
+            moments += (shares / u) @ np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
         # A component needs some points of its own for a covariance: the effective number behind its share.
         kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
         if not kept.any():
             return self
         held, moments = held[kept], moments[kept] * ((self.df + dim) / self.df)
         apart = moments[:, 1 : dim + 1] / moments[:, :1]
-        scales = (_symmetric(moments[:, dim + 1 :], dim) - moments[:, 0, None, None] * _outer(apart)) / held[:, None, None]
+        scales = (moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)) / held[:, None, None]
         spread = weights @ np.square(x - centre)
         # A thousandth of the overall spread is added, so that no component collapses onto a few points.
         return StudentMixture(held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df)
@@ -154,27 +155,6 @@ def _power(u: FloatArray, exponent: int) -> FloatArray:
         return u
     half = _power(u, exponent // 2)
     return half * half * u if exponent % 2 else half * half
-
-
-def _monomials(x: FloatArray) -> FloatArray:
-    """1, coordinates and their products, shape (monomials, N)."""
-    dim = x.shape[1]
-    result = np.empty((1 + dim + dim * (dim + 1) // 2, len(x)))
-    result[0] = 1.0
-    result[1 : dim + 1] = x.T
-    first = dim + 1
-    for row in range(1, dim + 1):
-        np.multiply(result[row], result[row : dim + 1], out=result[first : first + dim + 1 - row])
-        first += dim + 1 - row
-    return result
-
-
-def _symmetric(products: FloatArray, dim: int) -> FloatArray:
-    """Symmetric matrices from their upper triangles, (J, D (D + 1) / 2) -> (J, D, D)."""
-    rows, columns = np.triu_indices(dim)
-    full = np.empty((len(products), dim, dim))
-    full[:, rows, columns] = full[:, columns, rows] = products
-    return full
 
 
 def _outer(vectors: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayes_toe.classical.exact_test import BOSCHLOO_TRIALS, equality_test, holm, probability_greater
+from bayes_toe.classical.asymmetry import BOSCHLOO_TRIALS, equality_test, holm, probability_greater
 from bayes_toe.errors import InputError
 
 tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(

@@ -202,8 +202,8 @@ def drawn_without_answers(funnel):
     sampler = Hamiltonian(joint, 0.3 * rng.standard_normal((64, joint.dimension)), np.ones(joint.dimension), joint.size, rng)
     sampler.warm_up((20, 20))
     theta = sampler.advance(150).x[::15].reshape(-1, joint.dimension)
-    hyper, _ = joint.split(theta)
-    return hyper.mean, np.exp(hyper.log_scatter), joint.eta(theta)[:, 0]
+    hyper, eta = joint.split(theta)
+    return hyper.mean, np.exp(hyper.log_scatter), eta[:, 0]
 
 
 def farthest(mean, tau, eta):
