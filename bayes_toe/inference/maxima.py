@@ -176,8 +176,8 @@ class _Leaders:
 def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
 
-    -H is scaled to a unit diagonal, which the damping, (points,), raises. Eigenvalues enter by size, so that the step leads uphill, away from
-    a saddle too.
+    -H is scaled to a unit diagonal, which the damping, (points,), raises. Eigenvalues enter by size, so that the step leads uphill, away
+    from a saddle too.
     """
     diagonal = np.arange(len(gradient)), np.arange(len(gradient))
     size = np.abs(hessian[diagonal])

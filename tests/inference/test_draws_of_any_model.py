@@ -8,6 +8,7 @@ from conftest import grouped_csv
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.predictive_checks import deviance
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import MODELS, NAMES, posterior_of
 
@@ -48,8 +49,8 @@ def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
             assert draws.values(name, key) == pytest.approx(found[key], rel=1e-9)
 
 
-def test_summary_has_a_row_for_every_reported_quantity(draws):
-    frame = draws.summary()
+def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
+    frame, subject, target, fit = draws.summary(), draws.subject("A"), draws.posterior("A"), draws.fit("A")
     for name in draws.names:
         rows = frame[frame["subject"] == name]
         assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
@@ -57,28 +58,16 @@ def test_summary_has_a_row_for_every_reported_quantity(draws):
         assert (rows["contraction"] < 1.0).all()
         # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
         assert (rows["ess_bulk"] > 300).all()
-
-
-def test_predictions_are_those_of_the_stored_log_likelihood(draws):
-    subject = draws.subject("A")
+    x = draws.points("A").reshape(-1, len(target.coordinates))
+    assert fit.deviance == pytest.approx(deviance(target, x).sum(axis=1).min(), rel=1e-3, abs=1e-3)
+    assert (fit.degrees_of_freedom, 0.0 <= fit.worst_p <= 1.0) == (13 - len(target.coordinates), True)
     if draws.model == "free frequencies":
         with pytest.raises(InputError, match="says nothing of pairs and intervals that were not tested"):
             bt.predict_equal(draws, "A", subject.s1, subject.s2)
         return
-    found = bt.predict_equal(draws, "A", subject.s1, subject.s2)
-    stored = np.exp(draws.posterior("A").log_answers(draws.points("A").reshape(-1, len(draws.posterior("A").coordinates)))[0])
-    assert found["mean"].to_numpy() == pytest.approx(stored.mean(axis=0), rel=1e-9)
-    assert found["q95"].to_numpy() == pytest.approx(np.quantile(stored, 0.95, axis=0), rel=1e-9)
-
-
-def test_goodness_of_fit_is_that_of_the_draws(draws):
-    from bayes_toe.inference.predictive_checks import deviance
-
-    target, fit = draws.posterior("A"), draws.fit("A")
-    x = draws.points("A").reshape(-1, len(target.coordinates))
-    assert fit.deviance == pytest.approx(deviance(target, x).sum(axis=1).min(), rel=1e-3, abs=1e-3)
-    assert fit.degrees_of_freedom == 13 - len(target.coordinates)
-    assert 0.0 <= fit.worst_p <= 1.0
+    found, q = bt.predict_equal(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
+    assert found["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
+    assert found["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)
 
 
 def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
@@ -123,14 +112,10 @@ def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_
     assert "or: free frequencies, symmetric" in done.stderr
 
 
-def test_a_file_of_a_model_that_is_not_known_is_refused_with_its_name(two, tmp_path):
-    draws = bt.sample(two.select(["A"]), model="symmetric", draws=300, seed=1, workers=1)
-    draws.tree.attrs["model"] = "psychic"
-    with pytest.raises(InputError, match=r"other.nc: draws of model 'psychic': 'psychic'; allowed, joined by \+: .*; or: free"):
-        bt.load(draws.save(tmp_path / "other.nc"))
-
-
-def test_natural_parameters_are_refused_where_a_model_has_not_all_of_them(two):
+def test_what_a_model_does_not_have_and_a_model_that_is_not_known_are_refused(two, tmp_path):
     draws = bt.sample(two.select(["A"]), model="symmetric", draws=300, seed=1, workers=1)
     with pytest.raises(InputError, match="model 'symmetric' has no mu1, sigma_p, sigma_l; it has: q0, width"):
         draws.natural("A")
+    draws.tree.attrs["model"] = "psychic"
+    with pytest.raises(InputError, match=r"other.nc: draws of model 'psychic': 'psychic'; allowed, joined by \+: .*; or: free"):
+        bt.load(draws.save(tmp_path / "other.nc"))
