@@ -49,22 +49,12 @@ def require_belonging(
 
 
 def require_update(draws: Draws, what: str) -> None:
-    """Refuse draws of another model than the predictive update, for what knows no other.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse draws of another model than the predictive update, for what knows no other."""
     require_belonging(draws, what, model=PREDICTIVE_UPDATE.name)
 
 
 def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
-    """Refuse a table that is not of the draws' subjects; those that failed may be in it or not.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a table that is not of the draws' subjects; those that failed may be in it or not."""
     others = (set(names) ^ set(draws.names)) - draws.failed.keys()
     if others:
         whom = listed([*map(quoted, sorted(others))], 3)
@@ -72,12 +62,7 @@ def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
 
 
 def require_said_prior(source: str, said: str, wanted: str, but: str = "") -> None:
-    """Refuse a table that says another prior, in words, than that of the draws.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a table that says another prior, in words, than that of the draws."""
     if said != wanted:
         raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws{but}, {wanted}")
 
