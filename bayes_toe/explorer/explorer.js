@@ -150,8 +150,7 @@ window.explorer = (() => {
     const last = quantiles.length - 1, below = value => {
       if (value <= quantiles[0]) return 0;
       if (value >= quantiles[last]) return 1;
-      let left = 0, right = last;
-      while (right - left > 1) { const middle = (left + right) >> 1; if (quantiles[middle] <= value) left = middle; else right = middle; }
+      const right = quantiles.findIndex(one => one > value), left = right - 1;
       return (left + (value - quantiles[left]) / (quantiles[right] - quantiles[left])) / last;
     };
     const edges = range(BINS + 1).map(k => below(low + k * (high - low) / BINS));

@@ -111,16 +111,13 @@ def corner(
 
 def _truths_by_subject(truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]) -> Mapping[str, Values]:
     """True values by subject, of one or of several."""
-    given = truths or {}
-    nested = [name for name, value in given.items() if isinstance(value, Mapping)]
-    if isinstance(subject, str):
-        if nested:
-            own = f"truths[{nested[0]!r}]"
-            raise InputError(f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}")
-        return {subject: cast("Values", given)} if truths is not None else {}
-    if len(nested) < len(given):
+    nested = [name for name, value in (truths or {}).items() if isinstance(value, Mapping)]
+    if isinstance(subject, str) and nested:
+        own = f"truths[{nested[0]!r}]"
+        raise InputError(f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}")
+    if not isinstance(subject, str) and len(nested) < len(truths or {}):
         raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
-    return cast("Mapping[str, Values]", given)
+    return cast("Mapping[str, Values]", {} if truths is None else {subject: truths} if isinstance(subject, str) else truths)
 
 
 # --- what is shown of a subject -----------------------------------------------------------------------------------------------------
@@ -211,14 +208,8 @@ def known_from(truths: Values, target: Answering) -> dict[str, float]:
 class Density(NamedTuple):
     """Smoothed counts of draws in the bins of a panel, two more bins on every side, and the levels of its contours.
 
-    Attributes
-    ----------
-    x, y : array, shape (BINS + 4,)
-        Middles of the bins.
-    values : array, shape (BINS + 4 up, BINS + 4 across)
-        The outermost bins have the least of all values, the next ones those of their neighbours within.
-    levels : tuple of float
-        Densities above which the shares :data:`LEVELS` of all draws lie, linear between middles of bins.
+    Middles of the bins, shape (BINS + 4,) each; values, up and across: the outermost bins have the least of all, the next ones those of
+    their neighbours within; levels: densities above which the shares :data:`LEVELS` of all draws lie, linear between middles of bins.
     """
 
     x: FloatArray

@@ -34,14 +34,7 @@ _LINES = 200  # of error bars that can be told apart
 
 
 def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Which order effect every subject has, with misfits marked; beside it the log Bayes factor of H1 against H0.
-
-    Parameters
-    ----------
-    table : EvidenceTable
-    synthetic : bool
-        Whether to say that the data are synthetic.
-    """
+    """Which order effect every subject has, with misfits marked; beside it the log Bayes factor of H1 against H0."""
     crowded = len(table) > MOST_NAMED
     figure = new_figure(9.6, evidence_height(table))
     left, right = figure.subplots(1, 2, sharey=not crowded, width_ratios=(1.0, 0.8))
@@ -125,10 +118,9 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and without Laplace's.
     """
     rows = table.rows
-    y = list(range(len(rows)))
-    value = np.array([np.nan if row.log_bayes_factor is None else row.log_bayes_factor for row in rows])
-    error = np.array([np.nan if row.log_evidence_h1_se is None else row.log_evidence_h1_se for row in rows])
-    laplace = np.array([np.nan if row.log_bayes_factor_laplace is None else row.log_bayes_factor_laplace for row in rows])
+    y = range(len(rows))
+    keys = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
+    value, error, laplace = (np.array([getattr(row, key) for row in rows], np.float64) for key in keys)  # None becomes NaN
     ax.axvline(0.0, color="black", lw=1.0)
     ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: update (H1)")
     if len(rows) > MOST_NAMED:
@@ -161,14 +153,12 @@ def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
     ax.margins(x=0.08)
 
 
-def evidence_plane_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
+def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     """Log evidence of H1 (upward) against H0 (to the right), one point a subject, as the paper's figure in Appendix C.
 
     Per trial, so that studies and subjects of any length share one scale; above the diagonal one smooth curve does better than free
-    frequencies.
-    Subjects without a reliable estimate are left out and counted in the panel.
+    frequencies. Subjects without a reliable estimate are counted in the panel.
     """
-    ax = panel(ax, high=COLUMN)
     known = [(row.log_evidence_h0, row.log_evidence_h1, row.n_trials) for row in table.rows if row.log_evidence_h1 is not None]
     points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(-1, 2)
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)

@@ -18,6 +18,7 @@ from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.groups.regressors import Regressor
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, main_weaker, order_panel, pairs_along, which_weaker
 from bayes_toe.plots.style import (
     BAD,
@@ -230,20 +231,14 @@ def _main_interval(study: Study) -> float | None:
 
 def _curve(found: Population, isi: float | None) -> Curve:
     """P(equal) of pairs for draws of a new subject."""
-    posterior, columns, k = found.posterior(found.study.names[0]), found.regressors.x, len(found.names)
+    columns, k = found.regressors.x, len(found.names)
     some = slice(None, None, max(1, found.chains.mean[..., 0].size // CURVE_DRAWS))
     eta = found.new_subject().reshape(-1, k)[some]
-    effects = found.chains.effects.reshape(len(found.chains.mean) * found.chains.mean.shape[1], -1, k)[some]
+    effects = found.chains.effects.reshape(found.chains.mean[..., 0].size, -1, k)[some]
     whose = generator(found.settings.seed, "population", "whose covariates").integers(len(columns), size=len(eta))
-    x, _ = posterior.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))
-
-    def equal(s1: FloatArray, s2: FloatArray) -> FloatArray:
-        pairs, which = np.unique(np.column_stack([s1, s2]), axis=0, return_inverse=True)  # a subject has its pairs once, in this order
-        once = np.ones(len(pairs), np.int64)
-        asked = Subject("new", pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else np.full(len(pairs), isi))
-        return np.asarray(np.exp(posterior.for_subject(asked).log_answers(x)[0])[:, which.ravel()])
-
-    return equal
+    target = found.posterior(found.study.names[0])
+    fitted = Predictor(target, target.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))[0])
+    return lambda s1, s2: fitted.equal(s1, s2, None if isi is None else np.full(len(s1), isi))
 
 
 # --- the form of the population, and covariates -------------------------------------------------------------------------------------

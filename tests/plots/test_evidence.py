@@ -42,7 +42,7 @@ def test_long_names_leave_room_for_all_words(analysis):
 
 def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
     rows = [replace(row, log_evidence_h0=-0.604 * row.n_trials, log_evidence_h1=-0.498 * row.n_trials) for row in analysis.evidence]
-    ax = evidence_plane_axes(bt.EvidenceTable(tuple(rows)))  # a range with many numbers of three decimals
+    ax = evidence_plane_axes(bt.EvidenceTable(tuple(rows)), panel(None, high=3.4))  # a range with many numbers of three decimals
     drawn = [text for text in texts_of(ax.figure) if text in ax.get_xticklabels()]
     boxes = sorted((text.get_window_extent().x0, text.get_window_extent().x1) for text in drawn)
     assert len(boxes) > 1
