@@ -13,7 +13,7 @@ from scipy.special import betaln, expit, log_expit, logit
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.target import Names, log_likelihoods, require_points
 
 
@@ -37,7 +37,7 @@ class FreeFrequencies:
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> FrequencyPosterior:
         """The posterior of a subject."""
-        return FrequencyPosterior(subject, self, Prior() if prior is None else prior)
+        return FrequencyPosterior(subject, self, DEFAULT if prior is None else prior)
 
 
 FREE_FREQUENCIES = FreeFrequencies()
@@ -67,7 +67,7 @@ class FrequencyPosterior:
 
     subject: Subject
     model: FreeFrequencies = FREE_FREQUENCIES
-    prior: Prior = field(default_factory=Prior)
+    prior: Prior = DEFAULT
 
     @property
     def coordinates(self) -> tuple[str, ...]:

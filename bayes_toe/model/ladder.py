@@ -25,11 +25,15 @@ MODELS: tuple[Record, ...] = (
     *(NO_LAPSES, PREDICTIVE_UPDATE, FREE_WEIGHTING, MEAN_REVERTING),
 )
 NAMES = tuple(model.name for model in MODELS)
-#: What is compared by default: is there an order effect and of which kind, whatever noise and lapses are.
-COMPOSED: tuple[Record, ...] = (
-    FREE_FREQUENCIES,
-    *compositions(order=("none", "constant error", "update"), noise=("Weber", "sloped"), lapses=("misses", "both ways")),
+#: What is compared by default: is there an order effect and of which kind, whatever noise, lapses, curve and peak are.
+SPACE = compositions(
+    order=("none", "constant error", "update"),
+    noise=("Weber", "sloped"),
+    lapses=("misses", "both ways"),
+    curve=("bell", "differencing"),
+    peak=("one peak", "sloped peak"),
 )
+COMPOSED: tuple[Record, ...] = (FREE_FREQUENCIES, *SPACE)
 #: Spaces of models by name.
 SPACES = {"parts": COMPOSED, "ladder": MODELS}
 
@@ -92,6 +96,6 @@ def posterior_of(
     --------
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> posterior_of(subject, model="constant bias").coordinates
-    ('offset_score', 'log_width', 'logit_q0')
+    ('offset', 'log_width', 'logit_q0')
     """
     return model_named(model).posterior(subject, prior)

@@ -26,7 +26,7 @@ from bayes_toe.model.coordinates import (
 )
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import log_lost, log_lost_slope
-from bayes_toe.model.parameters import SPREAD, WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
+from bayes_toe.model.parameters import WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
 from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
 from bayes_toe.model.target import Names
 
@@ -43,41 +43,45 @@ class Update:
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
         """Whose distributions the prior is made of."""
-        return ("mu1", SPREAD, "gamma")
+        return ("mu1", prior.spread, "gamma")
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return ", ".join(f"{name} ~ {prior.distribution(name).describe()}" for name in ("mu1", SPREAD, "gamma"))
+        return ", ".join(f"{name} ~ {prior.said(name)}" for name in self.parameters(prior))
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """H1's log density but for the part of q0."""
+        """H1's log density but for the part of q0; where the width has a prior, not sigma_p, |d(mu1, gamma)/d(c, a)| is the Jacobian."""
         a, b = x[:, 1], x[:, 2]
-        of_mu1, of_sigma_p, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        of_mu1, of_spread, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        log_sigma_p = b + 1.5 * np.log1p(-MAX_PULL * expit(a))
+        seen = b if prior.spread == "width" else log_sigma_p
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
-            of_values = of_mu1.log_density(sbar + reach(x)) + of_sigma_p.log_density(np.exp(b) * (1.0 - MAX_PULL * expit(a)) ** 1.5)
-        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) + b)
+            of_values = of_mu1.log_density(sbar + reach(x)) + Log().log_density(of_spread, seen)
+        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) + b - log_sigma_p)
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
         a, b, p, down = x[:, 1], x[:, 2], MAX_PULL * expit(x[:, 1]), expit(-x[:, 1])
-        of_mu1, of_sigma_p, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        of_mu1, of_spread, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
+        narrowing = -1.5 * p * down / (1.0 - p)  # d log sigma_p / da
         with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
-            far, sigma_p = reach(x), np.exp(b) * (1.0 - p) ** 1.5
-            score, of_log_sigma = of_mu1.slope(sbar + far), of_sigma_p.slope(sigma_p) * sigma_p
-            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * p * down / (1.0 - p) * of_log_sigma
-            return np.stack([score * inverse_pull(a), of_pull + slope_of_noise_ratio(of_gamma, a), of_log_sigma + 1.0], axis=-1)
+            far = reach(x)
+            score = of_mu1.slope(sbar + far)
+            of_log_spread = Log().slope(of_spread, b if prior.spread == "width" else b + 1.5 * np.log1p(-p))
+            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - narrowing
+            of_pull += 0.0 if prior.spread == "width" else narrowing * of_log_spread
+            return np.stack([score * inverse_pull(a), of_pull + slope_of_noise_ratio(of_gamma, a), of_log_spread], axis=-1)
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 3).
 
         With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where gamma itself rounds to an edge.
         """
-        mu1, sigma_p = (prior.distribution(name).sample(rng, size) for name in ("mu1", SPREAD))
+        mu1, spread = (prior.distribution(name).sample(rng, size) for name in ("mu1", prior.spread))
         logit_gamma = Logit().sample(prior.distribution("gamma"), rng, size)
-        prior.distribution("q0").sample(rng, size)  # seen by nobody: so the same seed gives what it gave
         gamma = expit(logit_gamma)
-        p = pull(gamma)
-        return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(width(sigma_p, gamma))], axis=-1)
+        p, w = pull(gamma), spread if prior.spread == "width" else width(spread, gamma)
+        return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(w)], axis=-1)
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """Natural, derived and identified parameters."""
@@ -134,8 +138,9 @@ class Memory:
     The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
     everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.intervals`).
 
-    Priors: mu1 as in H1; sigma1, the spread of expected intensities, has the HalfNormal of the other widths; gain and rho are
-    Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density -ln(1 - p), independent.
+    Priors: mu1 as in H1; the width as in the other models, or, where sigma_p has the prior, sigma1, the spread of expected intensities, its
+    HalfNormal; gain and rho are Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density
+    -ln(1 - p), independent.
     """
 
     coordinates = ("offset", "logit_pull", "log_width", "logit_split")
@@ -144,14 +149,13 @@ class Memory:
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
         """Whose distributions the prior is made of."""
-        return ("mu1", SPREAD)
+        return ("mu1", prior.spread)
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return (
-            f"mu1 ~ {prior.distribution('mu1').describe()}, sigma1 ~ {prior.distribution(SPREAD).describe()}, "
-            "sigma1^2/(sigma1^2 + sigma_l^2) ~ Uniform(0, 1), rho ~ Uniform(0, 1)"
-        )
+        spread = "width" if prior.spread == "width" else "sigma1"
+        gain = "sigma1^2/(sigma1^2 + sigma_l^2) ~ Uniform(0, 1), rho ~ Uniform(0, 1)"
+        return f"mu1 ~ {prior.said('mu1')}, {spread} ~ {prior.said(prior.spread)}, {gain}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density; d mu1/dc = 1/p cancels against dp/d(logit p) = p (1 - p)."""
@@ -161,7 +165,8 @@ class Memory:
             of_mu1 = prior.distribution("mu1").log_density(sbar + far)
         of_pull = log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
-        return np.asarray(of_mu1 + Log().log_density(prior.distribution(SPREAD), b - self._log_stretch(x)) + of_pull + of_split)
+        stretch = 0.0 if prior.spread == "width" else self._log_stretch(x)
+        return np.asarray(of_mu1 + Log().log_density(prior.distribution(prior.spread), b - stretch) + of_pull + of_split)
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
@@ -172,17 +177,21 @@ class Memory:
             of_mu1 = prior.distribution("mu1").slope(sbar + far)
             of_offset, of_pull = of_mu1 * inverse, -of_mu1 * far * expit(-a)
         # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
-        of_spread = Log().slope(prior.distribution(SPREAD), b - self._log_stretch(x))
-        by_pull, by_split = self._stretch_slopes(a, v)
+        of_width = prior.spread == "width"
+        of_spread = Log().slope(prior.distribution(prior.spread), b if of_width else b - self._log_stretch(x))
+        by_pull, by_split = (np.zeros_like(a), np.zeros_like(a)) if of_width else self._stretch_slopes(a, v)
         of_pull += log_lost_slope(a) - expit(a) - of_spread * by_pull
         return np.stack([of_offset, of_pull, of_spread, -of_spread * by_split - np.tanh(0.5 * v)], axis=-1)
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 4)."""
         mu1 = prior.distribution("mu1").sample(rng, size)
-        log_sigma1 = np.log(prior.distribution(SPREAD).sample(rng, size))
+        log_spread = np.log(prior.distribution(prior.spread).sample(rng, size))
         log_rho, log_gain = (np.log1p(-rng.uniform(size=size)) for _ in range(2))
-        return self._point(mu1 - sbar, log_sigma1, log_rho, log_gain)
+        x = self._point(mu1 - sbar, log_spread, log_rho, log_gain)
+        if prior.spread == "width":
+            x[:, 2] = log_spread
+        return x
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """The natural parameters but q0, and the identified ones; gain is rho times that of the measurement, the weight of s1."""
@@ -213,7 +222,7 @@ class Memory:
         """Exact where the prior names the quantity."""
         if name == "rho":
             return probability
-        known = {"mu1": "mu1", "sigma1": SPREAD}
+        known = {"mu1": "mu1", "width" if prior.spread == "width" else "sigma1": prior.spread}
         return prior_quantile(prior, known[name], probability) if name in known else None
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:

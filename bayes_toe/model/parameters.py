@@ -1,7 +1,8 @@
 """Free parameters of the models: blocks of unconstrained coordinates with a proper, normalised prior.
 
 A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` says of a
-parameter, it says for every model: that of sigma_p holds for every width-like standard deviation, that of mu1 for every prior mean.
+parameter, it says for every model: that of the width for every width, or that of sigma_p for every width-like standard deviation; that of
+mu1 for every prior mean.
 """
 
 from __future__ import annotations
@@ -15,16 +16,12 @@ from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
-from bayes_toe.model.distributions import Beta, Distribution, Normal, Random
-from bayes_toe.model.offset_prior import offset_prior
+from bayes_toe.model.distributions import Beta, Distribution, Random
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Names
 
 #: Coordinates, and their derivatives in what they come from.
 Mapped = tuple[FloatArray, FloatArray]
-#: The parameter of the prior whose distribution every width-like standard deviation has.
-SPREAD = "sigma_p"
-_STANDARD = Normal(0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -243,7 +240,8 @@ class Single:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        return f"{self.name} ~ {self.distribution(prior).describe()}"
+        said = prior.said(self.parameter or self.name) if self.fixed is None else self.fixed.describe()
+        return f"{self.name} ~ {said}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density with respect to the coordinate."""
@@ -291,69 +289,31 @@ class Single:
     group_pull = None
 
 
-@dataclass(frozen=True)
-class Offset:
-    """Constant error c, natural-log intensity: the offset at the mean first stimulus, with the prior that the pull of H1 implies for it.
-
-    The coordinate is standard normal under the prior; see :mod:`bayes_toe.model.offset_prior`.
-    """
-
-    coordinates: ClassVar[tuple[str, ...]] = ("offset_score",)
-    names: ClassVar[Names] = Names(("offset",), ("offset",))
-
-    def parameters(self, prior: Prior) -> tuple[str, ...]:
-        """Whose distributions the prior is made of."""
-        return ("mu1", "gamma") if prior.offset_sd is None else ("offset",)
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        return f"offset ~ {offset_prior(prior, 0.0).describe()}"
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density of a standard normal."""
-        return _STANDARD.log_density(x[:, 0])
-
-    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Gradient of :meth:`log_prior`."""
-        return _STANDARD.slope(x)
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, 1)."""
-        return _STANDARD.sample(rng, size)[:, None]
-
-    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
-        """The offset."""
-        return {"offset": offset_prior(prior, sbar).offset(x[..., 0])[0]}
-
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
-        """Where the offset lies in its prior."""
-        return offset_prior(prior, sbar).score(quantities["offset"])[..., None]
-
-    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
-        """Of the implied prior."""
-        return float(offset_prior(prior, sbar).quantile(probability))
+class Offset(Single):
+    """Constant error c, natural-log intensity: the offset at the mean first stimulus."""
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Three offsets, off the round numbers at which a distance may be exactly 0."""
         return (starting_offsets(scale),)
 
-    group = ("offset",)
 
-    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """The offset itself."""
-        return offset_prior(prior, sbar).offset(x)[0]
+class Width(Single):
+    """Width w, natural-log intensity: at K = 1 it is sigma_p, and has the prior of that one where it has none of its own."""
 
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
-        """Where it lies in its prior."""
-        implied = offset_prior(prior, sbar)
-        x = implied.score(eta)
-        return x, 1.0 / implied.offset(x)[1][:, :, None]
+    def distribution(self, prior: Prior) -> Distribution:
+        """The width's, or sigma_p's."""
+        return prior.distribution(prior.spread)
 
-    group_pull = None
+    def parameters(self, prior: Prior) -> tuple[str, ...]:
+        """One of these two."""
+        return (prior.spread,)
+
+    def describe(self, prior: Prior) -> str:
+        """The prior in words."""
+        return f"{self.name} ~ {prior.said(prior.spread)}"
 
 
-#: Width w, natural-log intensity: at K = 1 the width is sigma_p and has its prior.
-WIDTH = Single("width", Log(), SPREAD)
+OFFSET, WIDTH = Offset("offset", Scale()), Width("width", Log())
 
 
 def starting_offsets(scale: float) -> tuple[float, ...]:

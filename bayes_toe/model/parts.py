@@ -1,8 +1,8 @@
-"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, spread.
+"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, peak, spread.
 
 P(equal) = f + (q0 - f) psi(z), f = lambda q0, z = ((s2 - s1) - c + p (s1 - sbar)) / w(s1, s2). The order part says what the first stimulus
 becomes (c, p), the noise part how the width depends on the stimuli, the lapses which answers do not depend on them (q0, lambda), the curve
-is psi, the spread says how counts scatter. Each level is a declaration; every combination is a model, and nothing else knows parts by name.
+is psi, the peak how q0 depends on the stimuli, the spread says how counts scatter. Each level is a declaration; every combination is a model, and nothing else knows parts by name.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from bayes_toe.model.distributions import Uniform
 from bayes_toe.model.intervals import MEAN_REVERSION, RANDOM_WALK, Propagator
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, Lapsing, Link
 from bayes_toe.model.memory import Memory, Update
-from bayes_toe.model.parameters import WIDTH, Block, Log, Logit, Offset, Scale, Single
+from bayes_toe.model.parameters import OFFSET, WIDTH, Block, Log, Logit, Scale, Single
 from bayes_toe.model.posterior import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
-#: q0, or the peak of the differencing model: uniform, as each frequency under H0.
+#: q0, or the peak of the differencing model.
 PEAK = Single("q0", Logit())
 #: Weight of the first stimulus, from none to twice that of the second, around "no effect" at 1 without preference.
 GAIN = Single("gain", Logit(2.0), fixed=Uniform(2.0), starts=(-0.8, 0.4))
@@ -73,11 +73,11 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
             RANDOM_WALK,
         ),
         Level("none", "no order effect", (WIDTH,), ("symmetric",)),
-        Level("constant error", "the second stimulus is judged with a constant error", (Offset(), WIDTH), ("constant bias",)),
+        Level("constant error", "the second stimulus is judged with a constant error", (OFFSET, WIDTH), ("constant bias",)),
         Level(
             "free weighting",
             "Hellstrom's sensation weighting: any gain, any constant error",
-            (Offset(), GAIN, WIDTH),
+            (OFFSET, GAIN, WIDTH),
             pull=Pull("logit_gain", 1.0, -2.0),  # p = 1 - K, K = 2 expit
         ),
         Level(
@@ -105,13 +105,21 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "curve": (
         Level("bell", "2^(-z^2), the paper's"),
-        # The peak 2 Phi(k) - 1 is uniform if and only if the criterion k is HalfNormal(1); the width is the noise of the difference.
+        # The peak is 2 Phi(k) - 1 with the criterion k; the width is the noise of the difference.
         Level("differencing", "signal detection: the difference against a criterion", link=DIFFERENCING),
         Level(
             "exponent",
             "2^(-abs(z)^nu) with a free exponent",
             (Single("exponent", Log(), starts=(float(np.log(2.0)), float(np.log(1.2)))),),
             link=EXPONENT,
+        ),
+    ),
+    "peak": (
+        Level("one peak", "equal pairs are called equal alike at every intensity"),
+        Level(
+            "sloped peak",
+            "equal pairs are called equal more often at some intensities",
+            (Single("peak_slope", Scale(), starts=(-1.5, 0.1, 1.5)),),
         ),
     ),
     "spread": (
@@ -147,7 +155,7 @@ def compose(**levels: str) -> Model:
     Examples
     --------
     >>> compose(order="constant error", lapses="both ways").coordinates
-    ('offset_score', 'log_width', 'logit_q0', 'logit_lapse_rate')
+    ('offset', 'log_width', 'logit_q0', 'logit_lapse_rate')
     """
     unknown = [part for part in levels if part not in PARTS]
     if unknown:
@@ -156,13 +164,15 @@ def compose(**levels: str) -> Model:
     order, lapses, curve = chosen["order"], chosen["lapses"], chosen["curve"]
     if curve.link is DIFFERENCING and PEAK not in lapses.free:
         raise InputError(f"model '{curve.name} + {lapses.name}': where every equal pair is called equal the criterion has no end")
+    if chosen["peak"].free and PEAK not in lapses.free:
+        raise InputError(f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope")
     departures = [level for part, level in chosen.items() if part == "order" or level is not PARTS[part][0]]
     text = " + ".join(level.name for level in departures)
     name, about = NAMED.get(text, (text, "; ".join(level.about for level in departures)))
     return Model(
         name,
         about,
-        tuple(block for part in ("order", "lapses", "noise", "curve", "spread") for block in chosen[part].free),
+        tuple(block for part in ("order", "lapses", "noise", "curve", "peak", "spread") for block in chosen[part].free),
         order.pull,
         lapses.lapsing(curve.link),
         chosen["spread"].spread,

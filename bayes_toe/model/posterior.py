@@ -1,9 +1,10 @@
 """The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
 One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v) with offset c, pull p and width w, noise
-slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to P(equal) that ends in a peak at z = 0, a spread of the counts about
-it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a record leaves out is fixed: no offset
-means c = 0, no pull K = 1 - p = 1, no slope b = 0, no peak q0 = 1, no propagator that the interval does not matter.
+slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to P(equal) that ends at z = 0 in a peak of logit q0 + g m, a spread of
+the counts about it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a record leaves out is
+fixed: no offset means c = 0, no pull K = 1 - p = 1, no slopes b = 0 and g = 0, no peak q0 = 1, no propagator that the interval does not
+matter.
 
 log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to unconstrained coordinates x, so that its
 integral over x is the evidence of the model.
@@ -29,15 +30,12 @@ from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval, typical_interval
 from bayes_toe.model.levelling import Funnel, Levelling
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
-from bayes_toe.model.offset_prior import NormalOffset, OffsetPrior, offset_prior
 from bayes_toe.model.parameters import Block
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.spread import BINOMIAL, Spread
 from bayes_toe.model.target import Levels, Names, require_points
 
-_PEAK, _SLOPE = "logit_q0", "noise_slope"
-#: The offset itself, where it comes with a pull, or its place in its own prior.
-_OFFSETS = ("offset", "offset_score")
+_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE = "offset", "logit_q0", "noise_slope", "peak_slope"
 PRIOR_DRAWS = 100_000
 _NONE = np.zeros((1, 1))
 
@@ -123,7 +121,7 @@ class Model:
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
         """The posterior of a subject under this model."""
-        return Posterior(subject, self, Prior() if prior is None else prior)
+        return Posterior(subject, self, (DEFAULT if prior is None else prior).at(subject))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +179,7 @@ class Posterior:
 
     @cached_property
     def _offset_place(self) -> int | None:
-        return next((self._places[name] for name in _OFFSETS if name in self._places), None)
+        return self._places.get(_OFFSET)
 
     @cached_property
     def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
@@ -211,12 +209,7 @@ class Posterior:
 
     def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
         """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
-        points, other = require_points(x, len(self.coordinates)), replace(self, prior=prior)
-        if "offset_score" not in self._places:
-            return other.log_prior(points)
-        (here, rise), moved = self._offset(points), points.copy()
-        moved[:, self._offset_place] = other._offset_prior.score(here)[:, 0]  # the coordinate itself depends on the prior
-        return np.asarray(other.log_prior(moved) + np.log(rise / other._offset(moved)[1])[:, 0])
+        return replace(self, prior=prior.at(self.subject)).log_prior(x)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
@@ -233,7 +226,7 @@ class Posterior:
     def log_answers(self, x: npt.ArrayLike) -> Answers:
         """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
         points = require_points(x, len(self.coordinates))
-        return self.model.link.log_answers(self.distance(points), *self._own(points, self.model.link))
+        return self.model.link.log_answers(self.distance(points), *self._of_link(points))
 
     def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
         """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
@@ -267,7 +260,7 @@ class Posterior:
         that moves both adds A_z (N_i e^(-L) - z L_i) for the slope A_z of the log likelihood of a pair in z.
         """
         link, spread = self.model.link, self.model.spread
-        own, of_spread = self._own(x, link), self._own(x, spread)
+        own, of_spread = self._of_link(x), self._own(x, spread)
         scales, offset, pull = self._scales(x), self._offset(x), self._pull(x)
         z, lever = self._distance(pull, scales, x), self.subject.s1 - self.sbar
         answers = link.log_answers(z, *own)
@@ -282,8 +275,7 @@ class Posterior:
             if name in self._places:
                 gradient[:, self._places[name]] += np.broadcast_to(values, z.shape).sum(axis=1)
 
-        for name in _OFFSETS:
-            add(name, -_finished(slopes.z, offset[1] * per))
+        add(_OFFSET, -_finished(slopes.z, per))
         if self.model.pull is not None:
             a = x[:, self._places[self.model.pull.coordinate], None]
             add(self.model.pull.coordinate, _finished(slopes.z, self.model.pull.span * expit(a) * expit(-a) * lever * per))
@@ -291,12 +283,14 @@ class Posterior:
         add(_SLOPE, _finished(steep, np.atleast_2d(self._middle)))
         propagator = self.model.propagator
         if self._intervals is not None and propagator is not None:
-            pulled, (intervals, which) = per * (pull * lever - offset[0]), self._intervals
+            pulled, (intervals, which) = per * (pull * lever - offset), self._intervals
             growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
             for name, of_pull, of_width in zip(propagator.coordinates, *growth, strict=True):
                 add(name, _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width))
         for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
             add(name, part)
+        if _PEAK_SLOPE in self._places:
+            add(_PEAK_SLOPE, _finished(slopes.own[link.coordinates.index(_PEAK)], np.atleast_2d(self._middle)))
         return spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1), gradient
 
     # --- What engines ask for -------------------------------------------------------------------------
@@ -315,8 +309,6 @@ class Posterior:
         peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
         points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if "offset_score" in self._places:
-            points[:, self._offset_place] = self._offset_prior.score(points[:, self._offset_place])
         if self._offset_place is not None and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
         if self._intervals is not None:  # offset and width are those at the typical interval: what they are at the reference
@@ -414,16 +406,9 @@ class Posterior:
         pull = self.model.pull
         return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
 
-    def _offset(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offset c and its derivative in its coordinate, shape (points, 1) each."""
-        if self._offset_place is None:
-            return _NONE, _NONE
-        c = x[:, self._offset_place, None]
-        return self._offset_prior.offset(c) if "offset_score" in self._places else (c, np.ones((1, 1)))
-
-    @cached_property
-    def _offset_prior(self) -> OffsetPrior | NormalOffset:
-        return offset_prior(self.prior, self.sbar)
+    def _offset(self, x: FloatArray) -> FloatArray:
+        """Offset c, shape (points, 1)."""
+        return _NONE if self._offset_place is None else x[:, self._offset_place, None]
 
     @property
     def _middle(self) -> FloatArray:
@@ -433,7 +418,7 @@ class Posterior:
     def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
         s1, s2 = np.atleast_2d(self.subject.s1).T, np.atleast_2d(self.subject.s2).T  # a column, or of a crowd a column a point
-        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x)[0].T)
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).T)
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
             h = self._per_width(x, scales).T
             return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
@@ -444,6 +429,13 @@ class Posterior:
         if _SLOPE in self._places:
             log_width = log_width + x[:, self._places[_SLOPE], None] * self._middle
         return np.asarray(np.exp(-log_width) / scales.width)
+
+    def _of_link(self, x: FloatArray) -> tuple[FloatArray, ...]:
+        """Own coordinates of the link, shape (points, 1) each, or (points, pairs) of a peak that depends on the pair."""
+        peak, *others = self._own(x, self.model.link)
+        if _PEAK_SLOPE in self._places:
+            peak = peak + x[:, self._places[_PEAK_SLOPE], None] * self._middle
+        return (peak, *others)
 
     def _own(self, x: FloatArray, of: Link | Lapsing | Spread) -> tuple[FloatArray, ...]:
         """Own coordinates of a link or a spread, shape (points, 1) each; a logit that is fixed is infinite."""
@@ -472,7 +464,7 @@ class Posterior:
         """
         walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
         moved, offsets = np.repeat(point[None], len(walls) - 1, axis=0), 0.5 * (walls[1:] + walls[:-1])
-        moved[:, self._offset_place] = self._offset_prior.score(offsets) if "offset_score" in self._places else offsets
+        moved[:, self._offset_place] = offsets
         return moved
 
 

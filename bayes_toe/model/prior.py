@@ -1,9 +1,12 @@
 """The prior over one observer's parameters: proper, stated, replaceable. The evidence depends on it.
 
-mu1 ~ Normal(mu1_mean, mu1_sd), sigma_p ~ HalfNormal(sigma_p_scale), gamma ~ Beta(gamma_a, gamma_b), q0 ~ Uniform(0, 1), independent.
-The defaults are the paper's V_1 = 10^2 for mu1 and its constraint 0 < sigma_l < sigma_p, gamma uniform; q0 has the prior that each
-frequency has under H0. Parameters that H1 does not have (noise slope, lapse rate, exponent, intra-class correlation) have theirs here too;
-the constant error's is in :mod:`bayes_toe.model.offset_prior`.
+The default takes location and scales from the stimuli that the subject felt, so that adding a constant to all stimuli, or multiplying them,
+changes no probability: with M the mean of all stimuli, R their standard deviation and D the root mean square of s2 - s1 over unequal pairs,
+mu1 ~ Normal(M, 2.5 R), log w ~ Normal(log D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1), a constant error c ~ Normal(0, D/2), slopes of the
+noise and of logit q0 ~ Normal(0, 0.5/R), a lapse rate ~ Beta(1, 9). Source of these numbers: measured, see docs/order_effect.md.
+
+`Prior()` is the paper's in H1's four parameters, whatever the stimuli are: mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma and q0
+uniform (V_1 = 10^2, 0 < sigma_l < sigma_p); the rest is as in the default.
 
 The numbers are declared in :mod:`bayes_toe.model.prior_fields`, the families in :attr:`Prior.families`; nothing else names them. Another
 prior is a subclass that declares its number, or its family, in one place.
@@ -12,21 +15,22 @@ prior is a subclass that declares its number, or its family, in one place.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
 from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, Uniform, share
-from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields, number_problems, real, toml_table
+from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields, Stimuli, number_problems, real, toml_table
 
 AnyPrior = TypeVar("AnyPrior", bound="Prior")
 _NODES = 200  # of an integral over gamma
@@ -39,16 +43,18 @@ class Prior(PriorFields):
     Parameters
     ----------
     mu1_mean, mu1_sd : float or "stimuli"
-        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for mean and range of the stimuli presented, here and
-        below, and becomes a number where the prior meets a study (:func:`bayes_toe.model.study_prior.prior_for`).
+        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for a property of what the subject felt, here and below,
+        and becomes a number where the prior meets the subject (:meth:`at`).
     sigma_p_scale : float or "stimuli"
-        Scale of the half-normal of sigma_p, natural-log intensity; the root mean square step between different stimuli.
-    gamma_a, gamma_b : float
-        Of the beta distribution of gamma.
-    offset_sd : float, optional
-        Standard deviation of a normal constant error, natural-log intensity, in the place of the prior that mu1 and gamma imply.
-    noise_slope_sd : float or "stimuli"
-        Of the normal about Weber's law, per natural-log intensity; one over the range.
+        Scale of the half-normal of sigma_p, natural-log intensity, where the width has no prior of its own.
+    width_median, width_sd : float or "stimuli"
+        Median of a lognormal prior of the width w, natural-log intensity, in the place of sigma_p's; standard deviation of its logarithm.
+    gamma_a, gamma_b, q0_a, q0_b : float
+        Of the beta distributions of gamma and q0.
+    offset_sd : float or "stimuli"
+        Standard deviation of the normal of a constant error, natural-log intensity.
+    noise_slope_sd, peak_slope_sd : float or "stimuli"
+        Of the normals about 0 of the slopes of the noise (Weber's law) and of logit q0, per natural-log intensity.
     lapse_rate_a, lapse_rate_b, icc_a, icc_b : float
         Of the beta distributions of the share of answers given without regard to the stimuli and of the intra-class correlation.
     exponent_median, exponent_sd : float
@@ -71,24 +77,53 @@ class Prior(PriorFields):
     families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
         "mu1": Normal,
         "sigma_p": HalfNormal,
+        "width": LogNormal,
         "gamma": share,
-        "q0": Uniform,
+        "q0": share,
+        "offset": partial(Normal, 0.0),
         "noise_slope": partial(Normal, 0.0),
+        "peak_slope": partial(Normal, 0.0),
         "lapse_rate": share,
         "exponent": LogNormal,
         "icc": share,
     }
 
-    @cached_property
-    def distributions(self) -> Mapping[str, Distribution]:
-        """Distribution of every parameter that has one of its own: mu1, sigma_p, gamma and q0 first, in this order."""
-        numbers: dict[str, list[float]] = {one.parameter: [] for one in self.declared()}
-        for one in self.declared():
-            value = getattr(self, one.name)
-            if value == STIMULI:
-                raise InputError(f"prior: {one.name} is that of the stimuli; bt.prior_for(study, prior) puts in the number")
-            numbers[one.parameter].append(value)
-        return {name: family(*numbers.get(name, ())) for name, family in self.families.items()}
+    @property
+    def of_h1(self) -> tuple[str, ...]:
+        """The parameters of the predictive update (H1) that have a distribution: the width's, or in its place sigma_p's, among them."""
+        return ("mu1", self.spread, "gamma", "q0")
+
+    @property
+    def spread(self) -> str:
+        """Whose distribution rules the width of the curve: "width", or "sigma_p"."""
+        return "sigma_p" if self.width_median is None else "width"
+
+    def at(self, *subjects: Subject) -> Self:
+        """This prior with numbers in the place of "stimuli", for a subject or for several together.
+
+        Raises
+        ------
+        InputError
+            If no pair has different stimuli and the prior of H1 asks for their scale.
+
+        Examples
+        --------
+        >>> Prior(mu1_mean="stimuli").at(Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])).mu1_mean
+        0.125
+        """
+        named = {one.name: one for one in self.declared() if getattr(self, one.name) == STIMULI}
+        if not named:
+            return self
+        found = Stimuli.of(*subjects)
+        if found is None:  # what only rivals of H1 need may stay open: whoever asks for it is refused
+            if any(one.parameter in self.of_h1 for one in named.values()):
+                raise InputError(
+                    f"subject {subjects[0].name!r}: the default prior takes its scale from pairs of different stimuli, found none; allowed: "
+                    "the prior 'paper' (--prior paper), or one of numbers"
+                )
+            return self
+        numbers: dict[str, Any] = {name: found.number(one.stimuli) for name, one in named.items()}
+        return replace(self, **numbers)
 
     def distribution(self, parameter: str) -> Distribution:
         """Distribution of one parameter.
@@ -96,16 +131,40 @@ class Prior(PriorFields):
         Raises
         ------
         InputError
-            For a parameter that has none of its own.
+            For a parameter that has none of its own, or whose numbers are still those of the stimuli.
 
         Examples
         --------
         >>> Prior(mu1_sd=2.0).distribution("mu1")
         Normal(mean=0.0, sd=2.0)
         """
-        if parameter not in self.distributions:
-            raise InputError(f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.distributions)}")
-        return self.distributions[parameter]
+        if parameter in self._known:
+            return self._known[parameter]
+        if parameter not in self.families:
+            raise InputError(f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}")
+        open_ones = ", ".join(name for name, value in self._numbers(parameter).items() if value in (STIMULI, None))
+        raise InputError(f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; allowed: a number")
+
+    @cached_property
+    def _known(self) -> Mapping[str, Distribution]:
+        """The distributions of which all is known."""
+        numbers = {parameter: [*self._numbers(parameter).values()] for parameter in self.families}
+        return {name: self.families[name](*values) for name, values in numbers.items() if not {STIMULI, None} & set(values)}
+
+    def _numbers(self, parameter: str) -> dict[str, Any]:
+        return {one.name: getattr(self, one.name) for one in self.declared() if one.parameter == parameter}
+
+    def said(self, parameter: str) -> str:
+        """The distribution of a parameter in words, as in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli."""
+        numbers = self._numbers(parameter)
+        symbols = {name: self.declared_as(name).stimuli for name, value in numbers.items() if value == STIMULI}
+        if not symbols:
+            return self.distribution(parameter).describe()
+        stand_in = self.families[parameter](*(1.0 if name in symbols else value for name, value in numbers.items())).describe()
+        family, own = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
+        first = len(own) - len(numbers)  # a family may begin with a number that is fixed
+        said = [*own[:first], *(symbols.get(name, word) for name, word in zip(numbers, own[first:], strict=True))]
+        return f"{family}({', '.join(said)})"
 
     @property
     def penalty(self) -> Normal:
@@ -123,27 +182,25 @@ class Prior(PriorFields):
 
     def describe(self) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return self._described() + self.remark
+        return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1) + self.remark
 
     def describe_orders(self) -> str:
-        """The same where H1 is weighed against a constant error, whose own prior is said where it has one: its evidence depends on it.
+        """The same with that of a constant error, against which H1 is weighed: its evidence depends on it.
 
         Examples
         --------
         >>> Prior(offset_sd=0.5).describe_orders().partition("q0")[2]
-        ' ~ Uniform(0, 1), offset of a constant error ~ Normal(0, 0.5)'
+        ' ~ Uniform(0, 1), offset ~ Normal(0, 0.5)'
         """
-        error = "" if self.offset_sd is None else f", offset of a constant error ~ {Normal(0.0, self.offset_sd).describe()}"
-        return self._described() + error + self.remark
-
-    def _described(self) -> str:
-        return ", ".join(f"{name} ~ {self.distributions[name].describe()}" for name in OF_H1)
+        return ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1, "offset")) + self.remark
 
     @property
     def remark(self) -> str:
-        """What else to know of its numbers, to be put behind a description: where they came from, and their unit of time."""
+        """What else to know of its numbers, to be put behind a description: what its symbols mean, and their unit of time."""
+        symbols = any(getattr(self, one.name) == STIMULI for one in self.declared() if one.parameter in self.of_h1)
+        stimuli = "M mean and R sd of the stimuli, D rms step" if symbols else ""
         time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
-        return "".join(f"; {part}" for part in (self.origin, time) if part)
+        return "".join(f"; {part}" for part in (stimuli, time) if part)
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
@@ -152,7 +209,7 @@ class Prior(PriorFields):
     def log_density(self, theta: Natural) -> FloatArray:
         """Log density with respect to (mu1, sigma_p, gamma, q0); -inf outside the support."""
         inside = (theta.sigma_p > 0) & (theta.gamma > 0) & (theta.gamma < 1) & (theta.q0 > 0) & (theta.q0 < 1)
-        return np.where(inside, self._log_densities(theta, theta.gamma), -np.inf)
+        return np.where(inside, self._log_densities(theta), -np.inf)
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
@@ -161,11 +218,15 @@ class Prior(PriorFields):
         """
         inside = (theta.sigma_p > 0) & (theta.gamma >= 0) & (theta.gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
         volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
-        return np.where(inside, self._log_densities(theta, theta.gamma) + volume, -np.inf)
+        return np.where(inside, self._log_densities(theta) + volume, -np.inf)
 
-    def _log_densities(self, theta: Natural, gamma: FloatArray) -> FloatArray:
-        values = {"mu1": theta.mu1, "sigma_p": theta.sigma_p, "gamma": gamma, "q0": theta.q0}
-        return np.asarray(sum(self.distributions[name].log_density(value) for name, value in values.items()))
+    def _log_densities(self, theta: Natural) -> FloatArray:
+        """With d width / d sigma_p = G^(3/2) where the width has the prior."""
+        gamma = theta.gamma
+        stretch = np.asarray(1.0) if self.spread == "sigma_p" else variance_ratio(gamma) ** 1.5
+        values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
+        densities = [self.distribution(name).log_density(value) for name, value in zip(self.of_h1, values, strict=True)]
+        return np.asarray(sum(densities) + np.log(stretch))
 
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,).
@@ -175,8 +236,9 @@ class Prior(PriorFields):
         >>> Prior().sample(np.random.default_rng(1), 3).q0.shape
         (3,)
         """
-        drawn = {name: self.distributions[name].sample(rng, size) for name in OF_H1}
-        return Natural(drawn["mu1"], drawn["sigma_p"], drawn["sigma_p"] * np.sqrt(drawn["gamma"]), drawn["q0"])
+        mu1, spread, gamma, q0 = (self.distribution(name).sample(rng, size) for name in self.of_h1)
+        sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
+        return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
 def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
@@ -207,23 +269,26 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
 def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
     """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width.
 
-    sigma_l, sigma1 and width are sigma_p h(gamma), so their distribution function is the average over gamma of sigma_p's at x / h(gamma),
-    one smooth integral over the quantiles of gamma; the gain falls with gamma and takes its quantiles.
+    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one of them has a distribution of its own:
+    another one's distribution function is the average over gamma of that one's at x / h(gamma), one smooth integral over the quantiles of
+    gamma. The gain falls with gamma and takes its quantiles.
 
     Examples
     --------
     >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
     [16.4485, 1.96, 0.95, 0.9545]
     """
-    if parameter in prior.distributions:
+    if parameter in prior.of_h1:
         return float(prior.distribution(parameter).quantile(probability))
-    of_sigma_p, of_gamma = prior.distribution("sigma_p"), prior.distribution("gamma")
+    of_gamma = prior.distribution("gamma")
     if parameter == "gain":
         return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
-    return _product_quantile(of_sigma_p, of_gamma, parameter, probability)
+    return _product_quantile(prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability)
 
 
+#: Over sigma_p, functions of gamma.
 _SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "sigma_p": np.ones_like,
     "sigma_l": np.sqrt,
     "sigma1": lambda gamma: np.sqrt(variance_ratio(gamma)),
     "width": lambda gamma: variance_ratio(gamma) ** 1.5,
@@ -231,15 +296,16 @@ _SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
 
 
 @cache
-def _product_quantile(of_sigma_p: Distribution, of_gamma: Distribution, parameter: str, probability: float) -> float:
-    """Quantile of sigma_p h(gamma): between the smallest and the largest h times sigma_p's own, so it is looked for in that unit."""
+def _product_quantile(of_spread: Distribution, of_gamma: Distribution, spread: str, parameter: str, probability: float) -> float:
+    """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     root = 0.5 * (nodes + 1.0)  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
-    shape = _SHAPES[parameter](of_gamma.quantile(np.square(root)))
-    unit = float(of_sigma_p.quantile(probability))
+    gamma = of_gamma.quantile(np.square(root))
+    shape = _SHAPES[parameter](gamma) / _SHAPES[spread](gamma)
+    unit = float(of_spread.quantile(probability))
 
     def excess(x: float) -> float:
-        return float(weights @ (root * of_sigma_p.cdf(x * unit / shape))) - probability
+        return float(weights @ (root * of_spread.cdf(x * unit / shape))) - probability
 
     return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
 
@@ -289,3 +355,7 @@ def example_file(kind: type[Prior] = Prior) -> str:
     lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
     width = max(map(len, lines))
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
+
+
+#: What is used where nothing is said: every scale is that of the stimuli that a subject felt.
+DEFAULT = Prior(mu1_mean=STIMULI, mu1_sd=STIMULI, width_median=STIMULI, q0_a=4.0)

@@ -11,9 +11,12 @@ import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
 
 from bayes_toe.data.messages import bare, quoted, visible
+from bayes_toe.data.study import Subject
 from bayes_toe.data.text_table import input_bytes
 from bayes_toe.errors import InputError
 
@@ -22,11 +25,59 @@ Kind = Literal["location", "scale", "shape"]
 #: Beyond these a square would leave the range of floats.
 SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
-#: What may stand for a number that a study's stimuli can give.
+#: What may stand for a number that a subject's stimuli give.
 STIMULI: Final = "stimuli"
+#: What that number is, in words, by its symbol: over the trials of a subject, M is the mean of all stimuli, R their standard deviation, D
+#: the root mean square of s2 - s1 over unequal pairs.
+OF_STIMULI = {
+    "M": "their mean",
+    "2.5 R": "2.5 times their standard deviation",
+    "D": "the root mean square step between different ones",
+    "D/2": "half the root mean square step between different ones",
+    "0.5/R": "0.5 over their standard deviation",
+}
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 #: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
 OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
+
+
+class Stimuli(NamedTuple):
+    """Location and scales of the stimuli that somebody felt, natural-log intensity; all are means over trials.
+
+    Attributes
+    ----------
+    mean : float
+        M, of all stimuli, first and second.
+    sd : float
+        R, their standard deviation.
+    step : float
+        D, root mean square of s2 - s1 over trials with different stimuli.
+    """
+
+    mean: float
+    sd: float
+    step: float
+
+    @classmethod
+    def of(cls, *subjects: Subject) -> Stimuli | None:
+        """Those of one subject, or of several together; None where no pair has different stimuli: there is no scale.
+
+        Examples
+        --------
+        >>> Stimuli.of(Subject("S", [0.0, 1.0], [3.0, 1.0], [1, 1], [5, 5]))
+        Stimuli(mean=1.25, sd=1.0897247358851685, step=3.0)
+        """
+        s1, s2, n = (np.concatenate([getattr(subject, name) for subject in subjects]) for name in ("s1", "s2", "n_trials"))
+        unequal = (s1 != s2) & (n > 0)
+        if not unequal.any():
+            return None
+        mean = float(np.average(0.5 * (s1 + s2), weights=n))
+        sd = np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n))
+        return cls(mean, float(sd), float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal]))))
+
+    def number(self, symbol: str) -> float:
+        """What a key of :data:`OF_STIMULI` stands for."""
+        return {"M": self.mean, "2.5 R": 2.5 * self.sd, "D": self.step, "D/2": 0.5 * self.step, "0.5/R": 0.5 / self.sd}[symbol]
 
 
 @dataclass(frozen=True)
@@ -49,7 +100,7 @@ class PriorField:
     smallest, largest : float
         What a prior file may say.
     stimuli : str
-        Which property of the stimuli "stimuli" stands for, see :class:`bayes_toe.model.study_prior.Stimuli`; empty where it may not.
+        What "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said.
     """
 
     name: str
@@ -76,7 +127,7 @@ class PriorField:
     def about(self) -> str:
         """Words, unit and sign in one line."""
         ending = ("; positive" if self.positive else "") + (
-            f'; or "{STIMULI}", their {self.stimuli.replace("_", " ")}' if self.stimuli else ""
+            f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else ""
         )
         return ", ".join(part for part in (self.words, self.unit) if part) + ending
 
@@ -87,7 +138,7 @@ class PriorField:
 
 
 def prior_field(
-    default: float | None,
+    default: float | str | None,
     *,
     parameter: str,
     kind: Kind,
@@ -119,38 +170,48 @@ class PriorFields:
     Examples
     --------
     >>> [field.name for field in PriorFields.varied()]
-    ['mu1_sd', 'sigma_p_scale', 'gamma_a', 'gamma_b', 'mu1_mean']
+    ['mu1_sd', 'sigma_p_scale', 'gamma_a', 'gamma_b', 'q0_a', 'q0_b', 'mu1_mean']
     >>> PriorFields.declared_as("gamma_a").label
     'a of gamma'
     """
 
     mu1_mean: float | Literal["stimuli"] = prior_field(
-        0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY, stimuli="mean"
+        0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY, stimuli="M"
     )
     mu1_sd: float | Literal["stimuli"] = prior_field(
-        10.0, parameter="mu1", kind="scale", words="its standard deviation", unit=LOG_INTENSITY, stimuli="range"
+        10.0, parameter="mu1", kind="scale", words="its standard deviation", unit=LOG_INTENSITY, stimuli="2.5 R"
     )
     sigma_p_scale: float | Literal["stimuli"] = prior_field(
-        1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY, stimuli="step"
+        1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY, stimuli="D"
     )
+    width_median: float | Literal["stimuli"] | None = prior_field(
+        None,
+        parameter="width",
+        kind="scale",
+        words="median of a lognormal prior of the width, in the place of sigma_p's; left out: sigma_p has its own",
+        unit=LOG_INTENSITY,
+        stimuli="D",
+    )
+    width_sd: float = prior_field(1.0, parameter="width", kind="scale", words="sd of the width's logarithm")
     gamma_a: float = _of_beta(1.0, "gamma", "a of the beta prior of gamma; 1 and 1 are uniform")
     gamma_b: float = _of_beta(1.0, "gamma", "its b")
-    offset_sd: float | None = prior_field(
-        None,
-        parameter="offset",
-        kind="scale",
-        words="sd of a normal prior of the constant error; left out: the one that mu1 and gamma imply",
-        unit=LOG_INTENSITY,
+    q0_a: float = _of_beta(1.0, "q0", "a of the beta prior of q0")
+    q0_b: float = _of_beta(1.0, "q0", "its b")
+    offset_sd: float | Literal["stimuli"] = prior_field(
+        STIMULI, parameter="offset", kind="scale", words="sd of the normal prior of a constant error", unit=LOG_INTENSITY, stimuli="D/2"
     )
     noise_slope_sd: float | Literal["stimuli"] = prior_field(
-        1.0,
+        STIMULI,
         parameter="noise_slope",
         kind="scale",
         words="sd of the normal prior of the noise's slope about 0, Weber's law",
-        stimuli="inverse_range",
+        stimuli="0.5/R",
+    )
+    peak_slope_sd: float | Literal["stimuli"] = prior_field(
+        STIMULI, parameter="peak_slope", kind="scale", words="sd of the normal prior of the slope of logit q0 about 0", stimuli="0.5/R"
     )
     lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
-    lapse_rate_b: float = _of_beta(1.0, "lapse_rate", "its b")
+    lapse_rate_b: float = _of_beta(9.0, "lapse_rate", "its b")
     exponent_median: float = prior_field(2.0, parameter="exponent", kind="scale", words="median of the lognormal prior of the exponent")
     exponent_sd: float = prior_field(0.5, parameter="exponent", kind="scale", words="sd of its logarithm")
     icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
@@ -163,9 +224,6 @@ class PriorFields:
         words="interval that the priors of sigma_p, gamma and rho refer to; left out: the geometric mean of the study's",
         unit="s",
     )
-    #: Which numbers came from where, in words.
-    origin: str = field(default="", compare=False)
-
     def __post_init__(self) -> None:
         for one in self.declared():
             value = getattr(self, one.name)

@@ -28,7 +28,7 @@ RANGE = (0.05, 0.95)
 DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
-    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "lapse_rate", "exponent", "icc"),
+    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "exponent", "icc"),
     *("gamma", "sigma1", "gain", "width", "offset", "pull"),
 )
 
