@@ -10,7 +10,6 @@ from .classical.fit import uncertainty_table as uncertainty_table
 from .comparison.average import average as average
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.model_comparison import compare as compare
-from .comparison.parts_sensitivity import parts_sensitivity as parts_sensitivity
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .data.covariates import read_covariates as read_covariates
 from .data.options import ReadOptions as ReadOptions

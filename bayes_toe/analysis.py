@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.comparison.reweighting import UnderPresets, under_presets
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
+from bayes_toe.errors import ConvergenceWarning, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
@@ -36,7 +35,7 @@ from bayes_toe.inference.subject import (
 from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import PRESETS, prior_for
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.workers import Cluster, Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
@@ -58,7 +57,6 @@ class Analysis:
     evidence: EvidenceTable
     settings: Settings
     fits: FitTable
-    presets: tuple[UnderPresets, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
 
     def __repr__(self) -> str:
@@ -95,7 +93,7 @@ def run(
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
-        Or a preset, "paper" (the default) or "stimuli", see :func:`bayes_toe.model.study_prior.prior_for`.
+        Or a preset, "default" or "paper", see :func:`bayes_toe.model.study_prior.prior_for`.
     workers : int or distributed.Client, optional
         Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
         it.
@@ -111,15 +109,13 @@ def run(
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
-        presets = _presets(study)
-        jobs = [partial(_analysed, subject, settings, wanted, presets) for subject in study]
+        jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    moved = tuple(one.presets for one in small if one.presets is not None)
     summary = tuple(row for one in small for row in one.summary)
-    return Analysis(study, made, _table(small, settings, failed), settings, fits, moved, summary)
+    return Analysis(study, made, _table(small, settings, failed), settings, fits, summary)
 
 
 def sample(
@@ -261,7 +257,6 @@ class _Analysed:
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
-    presets: UnderPresets | None
     summary: tuple[SummaryRow, ...] = ()
 
 
@@ -275,19 +270,11 @@ class _Drawn:
         return (one.drawn for one in self.done if one.drawn is not None)
 
 
-def _presets(study: Study) -> dict[str, Prior]:
-    """Every preset in numbers for the study; none where its stimuli have no scale."""
-    try:
-        return {name: prior_for(study, name) for name in PRESETS}
-    except InputError:
-        return {}
-
-
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
     return subject_draws(infer(model_named(settings.model).posterior(subject, settings.prior), settings.seed, wanted))
 
 
-def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Mapping[str, Prior] | None = None) -> _Analysed:
+def _analysed(subject: Subject, settings: Settings, wanted: Wanted) -> _Analysed:
     """H1 with all that is wanted, and the evidences of the models that differ from it in their order effect alone."""
     result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted)
     asked = Wanted(evidence_draws=wanted.evidence_draws)
@@ -296,14 +283,13 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, presets: Map
     if subject.isi is None:  # the maximum-likelihood fit knows one interval only
         fit = None if wanted.chains is None else subject_fit(subject, settings.prior, seed=settings.seed)
         made = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES) if fit is None else fit.bootstrap
-        by_bootstrap = bootstrap_evidence(made, settings.prior)
+        by_bootstrap = bootstrap_evidence(made, settings.prior.at(subject))
     described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
     none, constant = (found.evidence for found, _ in rivals)
     assert none is not None  # they were asked for
     assert constant is not None
     row = subject_evidence(result, fitted, by_bootstrap, others=(none, constant), fit=described)
-    moved = under_presets((*(one for _, one in rivals), fitted), presets, settings.seed) if presets else None
-    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, moved)
+    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit)
 
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:

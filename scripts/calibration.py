@@ -11,7 +11,17 @@ from pathlib import Path
 
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, CalibrationTable, EvidenceRow, calibrate
+from reference.calibration import (
+    ABOUT,
+    DEFAULT,
+    DESIGNS,
+    DRAWS,
+    FALSE_ALARM,
+    CalibrationTable,
+    EvidenceRow,
+    calibrate,
+    calibration_settings,
+)
 from reference.calibration_statistics import MARGIN
 
 import bayes_toe as bt
@@ -57,7 +67,7 @@ def _text(table: CalibrationTable) -> str:
         table=table,
         plan=table.outcome.plan,
         verdict=verdict_lines(table),
-        prior=bt.Prior().describe(),
+        prior=calibration_settings(table.outcome.plan.seed).prior.describe(),
         designs=" and ".join(f"{name} ({batches} batches)" for name, batches in DESIGNS.items()),
         draws=DRAWS,
         about=ABOUT,

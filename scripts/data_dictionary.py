@@ -19,8 +19,6 @@ from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
-from bayes_toe.comparison.parts_sensitivity import COLUMNS as PARTS_SENSITIVITY_COLUMNS
-from bayes_toe.comparison.parts_sensitivity import PartsRow
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.no_difference import Ratio
@@ -196,10 +194,6 @@ FILES = (
         {f"{name}_{key}": f"{key[1:].lstrip('0')} % quantile of {name} under that prior." for name in _SHOWN for key in ("q05", "q50", "q95")}
         | {"method": COMMON["method"], "log_bayes_factor": COMMON["log_bayes_factor"] + " Empty where k-hat is too large."},
     ),
-    File("sensitivity_parts.csv", "`sensitivity --compare`", "subject, value of the prior, part and level", PARTS_SENSITIVITY_COLUMNS, [PartsRow], {
-        "subject": "Name of the subject; `*` is the study, by random effects over families of models.",
-        "probability": COMMON["probability"] + " Empty where the evidence of some model is withheld.",
-    }),
     File(
         "population.csv", "`population`, `run --population`", "quantity of the population", PopulationRow._fields, [PopulationRow], {
             "quantity": "`mean`, `sd` (between subjects), `correlation`, `effect`, `asymmetry` or `new_subject` (a further one).",

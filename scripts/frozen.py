@@ -23,15 +23,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+#: Under which all was made: H1's is the paper's, nothing depends on the unit of intensity.
+PRIOR = "offset_sd = 1.0\nnoise_slope_sd = 1.0\nlapse_rate_b = 1.0\n"
+_COMPARED = (
+    "free frequencies",
+    *(f"{order}{noise}{lapses}" for order in ("none", "update") for noise in ("", " + sloped") for lapses in ("", " + both ways")),
+)
 #: By command: its words, and of every table it writes what names a row.
 COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "run": (
-        ("-o", "results", "--pictures", "none"),
+        ("-o", "results", "--pictures", "none", "--prior", "prior.toml"),
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
-    "compare": (("-o", "compare.csv"), {"compare.csv": ("subject", "model"), "compare_parts.csv": ("subject", "part", "level")}),
-    "population": (("-o", "population.nc"), {"population.csv": ("parameter", "quantity", "level")}),
-    "fit": (("-o", "fit.csv"), {"fit.csv": ("subject",)}),
+    "compare": (
+        ("-o", "compare.csv", "--prior", "prior.toml", *(word for name in _COMPARED for word in ("--model", name))),
+        {"compare.csv": ("subject", "model")},
+    ),
+    "fit": (("-o", "fit.csv", "--prior", "prior.toml"), {"fit.csv": ("subject",)}),
     "asymmetry": (("-o", "asymmetry.csv"), {"asymmetry.csv": ("subject", "s_weak", "s_strong")}),
 }
 #: Numbers that say how well others are known, or are not numbers of the study.
@@ -64,12 +72,10 @@ def main() -> int:
 
 
 def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(COMMANDS)) -> None:
-    """All commands on one study; a group needs more than one subject."""
+    """All commands on one study."""
     folder.mkdir(parents=True, exist_ok=True)
-    alone = pd.read_csv(study, comment="#", dtype=str)["subject"].nunique() == 1
+    (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
     for command in commands:
-        if command == "population" and alone:
-            continue
         seeded = [] if command == "asymmetry" else ["--seed", str(seed), "--workers", "1"]
         words = [sys.executable, "-m", "bayes_toe", command, str(study), *COMMANDS[command][0], *seeded, "--overwrite"]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True)

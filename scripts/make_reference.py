@@ -21,15 +21,17 @@ from reference.hard_cases import hard_cases
 from reference.lattice_quantiles import LEVELS
 from reference.quadrature import METHOD, QUANTITIES, integrate
 from reference.tempering import METHOD as TEMPERING
-from reference.tempering import composed_evidence
+from reference.tempering import PRIOR, composed_evidence
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.model.ladder import COMPOSED, posterior_of
+from bayes_toe.model.ladder import SPACE, model_named
 
-#: The default space of `compare`, and every other level in some composition.
+#: Order, noise and lapses of the default space of `compare`, and every other level in some composition.
 COMPOSITIONS = (
-    *(model.name for model in COMPOSED[1:]),
+    *(model.name for model in SPACE if {("curve", "bell"), ("peak", "one peak")} <= {*model.levels}),
+    "constant error + sloped peak",
+    "update + sloped + both ways + differencing + sloped peak",
     "none + exponent",
     "constant error + differencing + both ways",
     "free weighting + sloped + beta-binomial",
@@ -47,7 +49,7 @@ def fingerprint(subject: bt.Subject) -> str:
 
 def case(subject: bt.Subject) -> dict[str, object]:
     """One subject's reference as plain numbers."""
-    found = integrate(bt.posterior_of(subject))
+    found = integrate(bt.posterior_of(subject, bt.Prior()))
     arrays = ("means", "means_error", "sds", "sds_error", "quantiles", "quantiles_error")
     return {
         "counts": fingerprint(subject),
@@ -63,7 +65,7 @@ def case(subject: bt.Subject) -> dict[str, object]:
 def composed_case(subject: bt.Subject, name: str) -> dict[str, object]:
     """Evidence of one subject under a composition."""
     value, error = composed_evidence(subject, name)
-    prior = posterior_of(subject, model=name).model.describe(bt.Prior())
+    prior = model_named(name).describe(PRIOR)
     return {"counts": fingerprint(subject), "prior": prior, "method": TEMPERING, "log_evidence": value, "log_evidence_error": error}
 
 
@@ -73,7 +75,7 @@ def tasks(compositions: bool) -> Iterator[tuple[str, tuple[str, str, str], Calla
     if compositions:
         for subject in map(subjects.__getitem__, COMPOSED_SUBJECTS):
             for model in COMPOSITIONS:
-                prior = posterior_of(subject, model=model).model.describe(bt.Prior())
+                prior = model_named(model).describe(PRIOR)
                 yield f"{subject.name}: {model}", (fingerprint(subject), prior, TEMPERING), partial(composed_case, subject, model)
         return
     for name, subject in subjects.items():

@@ -73,8 +73,8 @@ def known_observers(names):
 
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
-    """Draws and evidence of the small study, in this process."""
-    return bt.run(small_study, draws=2000, seed=5, workers=1)
+    """Draws and evidence of the small study under the paper's prior, in this process."""
+    return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
 
 
 @pytest.fixture(scope="module")

@@ -73,13 +73,29 @@ def log_likelihood(spread, equal, different, k, n, at):
     return mpmath.fsum(drawn) - mpmath.fsum(log(1 + j * eps) for j in range(n))
 
 
+def of_spread(own, width, prior):
+    """Log density of the log of what has the prior: the model's own spread, or the width."""
+    if prior.width_median is None:
+        return half_normal(own, prior.sigma_p_scale) + log(own)
+    return normal(log(width), log(mpf(prior.width_median)), prior.width_sd)
+
+
+def beta(x, a, b):
+    """Log density of the logit of a share."""
+    return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
+
+
+def numbers(prior, name):
+    return mpf(getattr(prior, f"{name}_a")), mpf(getattr(prior, f"{name}_b"))
+
+
 def prior_terms(order, at, prior, sbar):
     if order == "update":
         p = mpf(MAX_PULL) * expit(at["logit_pull"])
         gain, width = 1 - p, exp(at["log_width"])
         yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
-        yield half_normal(width * gain ** mpf(1.5), prior.sigma_p_scale)
-        yield log((1 + p) / gain ** mpf(1.5) * (1 - p / mpf(MAX_PULL)) * width)
+        yield of_spread(width * gain ** mpf(1.5), width, prior)
+        yield log((1 + p) / gain**3 * (1 - p / mpf(MAX_PULL)))  # d(mu1, gamma)/d(c, a)
     elif order == "mean-reverting":
         p, split = expit(at["logit_pull"]), expit(at["logit_split"])
         lost = -log(1 - p)
@@ -87,34 +103,34 @@ def prior_terms(order, at, prior, sbar):
         weight = rho * gain
         sigma1 = exp(at["log_width"]) * gain * sqrt(1 - weight * rho) / (1 - weight * weight)
         yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
-        yield half_normal(sigma1, prior.sigma_p_scale)
-        yield log(sigma1 * weight * lost * split * (1 - split))  # d(mu1, sigma1, rho, K)/dx: 1/p, sigma1, and rho K l p split (1 - split)
+        yield of_spread(sigma1, exp(at["log_width"]), prior)
+        yield log(weight * lost * split * (1 - split))  # d(mu1, rho, K)/dx: 1/p and rho K l p split (1 - split)
     else:
-        yield half_normal(exp(at["log_width"]), prior.sigma_p_scale) + at["log_width"]
-        if "offset_score" in at:
-            yield normal(at["offset_score"], 0, 1)
-    yield from (log(expit(at[key]) * (1 - expit(at[key]))) for key in ("logit_q0", "logit_lapse_rate", "logit_gain") if key in at)
-    if "noise_slope" in at:
-        yield normal(at["noise_slope"], 0, prior.noise_slope_sd)
+        yield of_spread(exp(at["log_width"]), exp(at["log_width"]), prior)
+        if "offset" in at:
+            yield normal(at["offset"], 0, prior.offset_sd)
+    if "logit_gain" in at:
+        yield log(expit(at["logit_gain"]) * (1 - expit(at["logit_gain"])))
+    yield from (beta(at[f"logit_{key}"], *numbers(prior, key)) for key in ("q0", "lapse_rate", "icc") if f"logit_{key}" in at)
+    yield from (normal(at[key], 0, getattr(prior, f"{key}_sd")) for key in ("noise_slope", "peak_slope") if key in at)
     if "log_exponent" in at:
         yield normal(at["log_exponent"], log(mpf(prior.exponent_median)), prior.exponent_sd)
-    if "logit_icc" in at:  # Beta(1, 9)
-        yield log(9 * expit(at["logit_icc"]) * (1 - expit(at["logit_icc"])) ** 9)
 
 
 def terms(target, x):
-    """Every term of the log posterior, of which the constant error is a normal's: one for each pair, and those of the prior."""
+    """Every term of the log posterior: one for each pair, and those of the prior."""
     levels, s, sbar = dict(target.model.levels), target.subject, mpf(target.sbar)
     at = dict(zip(target.coordinates, x, strict=True))
-    offset = at.get("offset", at["offset_score"] * target.prior.offset_sd if "offset_score" in at else mpf(0))
-    peak = expit(at["logit_q0"]) if "logit_q0" in at else mpf(1)
-    criterion = sqrt(2) * mpmath.erfinv(peak) if levels["curve"] == "differencing" else None
+    offset = at.get("offset", mpf(0))
     seconds = np.full(s.n_pairs, target.reference) if s.isi is None else s.isi
     found = []
     for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_equal, s.n_trials, seconds, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
         r, v = scales(levels["order"], at, mpf(float(t)) / mpf(target.reference))
-        log_width = at["log_width"] + at.get("noise_slope", 0) * ((first + second) / 2 - sbar)
+        middle = (first + second) / 2 - sbar
+        log_width = at["log_width"] + at.get("noise_slope", 0) * middle
+        peak = expit(at["logit_q0"] + at.get("peak_slope", 0) * middle) if "logit_q0" in at else mpf(1)
+        criterion = sqrt(2) * mpmath.erfinv(peak) if levels["curve"] == "differencing" else None
         z = ((second - first) + r * (pull_of(at) * (first - sbar) - offset)) * exp(-log_width) / v
         found.append(log_likelihood(levels["spread"], *answers(levels["curve"], z, peak, criterion, at), int(k), int(n), at))
     return [*found, *prior_terms(levels["order"], at, target.prior, sbar)]

@@ -56,6 +56,6 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
 )
 def test_every_verb_says_what_a_study_is(given, said):
     verbs = (bt.run, bt.sample, bt.evidence, bt.compare, bt.sensitivity, bt.fit, bt.asymmetry, bt.population, bt.average, bt.prior_for)
-    for verb in (*verbs, bt.parts_sensitivity, bt.prior_predictive, bt.check_study, bt.check_answers):
+    for verb in (*verbs, bt.prior_predictive, bt.check_study, bt.check_answers):
         with pytest.raises(bt.InputError, match=said):
             verb(given)

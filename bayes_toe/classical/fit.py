@@ -24,7 +24,7 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -162,7 +162,7 @@ def bootstrap_subject(
     """
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
-    penalty = Prior() if prior is None else prior
+    penalty = DEFAULT if prior is None else prior
     own = fit_subject(subject, penalty) if fitted is None else fitted
     equal = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     design, counts = Design.of(subject, penalty), Counts.of(equal, subject.n_trials)
@@ -175,11 +175,12 @@ def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> Int
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 
-def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tuple[float | None, str]:
+def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | None, str]:
     """Log evidence of H1 by Appendix C's own recipe, and what is to be said of it.
 
     log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the covariance of the replicates, both in the
-    paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0); the prior density is transformed to them. Natural log, no binomial coefficients.
+    paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0); the density of the prior, which is one of numbers, is transformed to them.
+    Natural log, no binomial coefficients.
     None, with the reason, where there is no such number. Where theta* lies on an edge the number is the paper's, and the second value
     says that the Gaussian then reaches beyond the edge. Source: Eq. app:evidapprox.
     """
@@ -196,7 +197,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior | None = None) -> tup
     if still or np.linalg.eigvalsh(covariance / sd[:, None] / sd[None, :])[0] < _SINGULAR:
         return None, f"{_LABEL} does not exist: the covariance of the replicates is singular"
     half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
-    density = (Prior() if prior is None else prior).log_density_variances(Natural(*theta))
+    density = prior.log_density_variances(Natural(*theta))
     value = float(fitted.log_likelihood[0] + density + half_log_det)
     return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
 
@@ -284,7 +285,7 @@ def fit(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> FitTable:
-    """Maximum-likelihood fit of every subject, with the paper's penalty on mu1, and percentile bootstrap intervals.
+    """Maximum-likelihood fit of every subject, with a penalty on mu1 as in the paper, and percentile bootstrap intervals.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ def fit(
     seed : int, optional
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
     prior : Prior, optional
-        Its normal of mu1 is the penalty; the default is the paper's V_1 = 10^2 around 0.
+        Its normal of mu1 is the penalty; the paper's, V_1 = 10^2 around 0, is that of "paper".
     workers, progress
         As in :func:`bayes_toe.analysis.run`.
 

@@ -23,7 +23,7 @@ from bayes_toe.classical.penalised_likelihood import Counts, Design, PenalisedLi
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.maxima import ascend
 from bayes_toe.model.closed_form import LN2, MAX_PULL
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 
 #: Logarithmic curvature, in nats, below which a direction counts as flat: a change by a factor e costs nothing that could be seen.
 _FLAT = 1e-6
@@ -93,7 +93,7 @@ def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
     >>> found.at_edge, bool(found.arrived[0])
     (('q0=1',), True)
     """
-    design = Design.of(subject, Prior() if prior is None else prior)
+    design = Design.of(subject, DEFAULT if prior is None else prior)
     counts = Counts.of(subject.n_equal, subject.n_trials)
     return fit_counts(design, counts, first_starts(design, counts))
 

@@ -73,7 +73,7 @@ class Design:
         """Pairs of a subject; of the prior only the normal of mu1 is used."""
         refuse_intervals([subject], "maximum-likelihood fit")
         sbar = float(np.average(subject.s1, weights=subject.n_trials))
-        return cls(subject.s1, subject.s2, sbar, prior.penalty)
+        return cls(subject.s1, subject.s2, sbar, prior.at(subject).penalty)
 
     @property
     def scale(self) -> float:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from bayes_toe.comparison.model_comparison import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
-    from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 
 _MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
@@ -68,7 +67,6 @@ def sensitivity(
     output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
     reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
     steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
-    compare: Annotated[bool, typer.Option("--compare", help="Of the parts' probabilities too: NAME_parts.csv and NAME_parts.png.")] = False,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
@@ -78,10 +76,9 @@ def sensitivity(
     """
     from bayes_toe.comparison.prior_sensitivity import require_range
     from bayes_toe.plots.figure_files import picture_beside, save_figure
-    from bayes_toe.plots.sensitivity import parts_sensitivity_figure, sensitivity_figure
+    from bayes_toe.plots.sensitivity import sensitivity_figure
 
-    picture, parts = picture_beside(output), output.with_name(f"{output.stem}_parts{output.suffix}")
-    files = [output, picture, *((parts, picture_beside(parts)) if compare else ())]
+    files = [output, picture_beside(output)]
     require_range(reach, steps)
     task.require_files(*files)
     if posterior is None:
@@ -93,24 +90,10 @@ def sensitivity(
     with task.progress("re-weighting", len(read)) as tick:
         table = bt.sensitivity(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
     say_sensitivity(task.console, table)
-    of_parts = _parts_sensitivity(read, prior, reach, table.seed, task) if compare else None
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
-        save_figure(sensitivity_figure(table, synthetic=read.synthetic), folder / picture.name)
-        if of_parts is not None:
-            of_parts.save(folder / parts.name, **task.saving)
-            save_figure(parts_sensitivity_figure(of_parts, synthetic=read.synthetic), picture_beside(folder / parts.name))
+        save_figure(sensitivity_figure(table, synthetic=read.synthetic), folder / files[1].name)
     task.say_written("written:", *files, seed=table.seed)
-
-
-def _parts_sensitivity(study: bt.Study, prior: bt.Prior, reach: float, seed: int, task: Task) -> PartsSensitivity:
-    """How the probabilities of parts move with the prior, in five steps; a line a subject on the order effect, marked where it turns."""
-    factors = tuple(reach**power for power in (-1.0, -0.5, 0.0, 0.5, 1.0))
-    with task.progress("re-weighting every model", len(study)) as tick:
-        table = bt.parts_sensitivity(study, prior=prior, factors=factors, seed=seed, workers=task.workers, progress=tick)
-    lines = zip(table.subjects, table.summary(), strict=True)
-    say_lines(task.console, ((line, "yellow" if table.turns(subject) else None) for subject, line in lines))
-    return table
 
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:

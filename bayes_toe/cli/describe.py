@@ -28,8 +28,9 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     """
     from bayes_toe.experiments.answers_check import NOTES
     from bayes_toe.experiments.checks import described
+    from bayes_toe.model.study_prior import preset_or_file
 
-    read, prior = task.read(study)
+    prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
     say_study(task.console, read)
     say_prior(task.console, prior)
     rows = [{**row, "fraction_equal": f"{row['fraction_equal']:.3f}"} for row in map(described, read)]
@@ -85,7 +86,7 @@ def fit(
     level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Maximum-likelihood fit of every subject, as in the paper, with percentile bootstrap intervals.
+    """Maximum-likelihood fit of every subject (as in the paper with --prior paper), with percentile bootstrap intervals.
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """

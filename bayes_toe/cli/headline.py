@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.reweighting import Orders, UnderPresets
 from bayes_toe.comparison.words import KINDS, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study
@@ -25,10 +24,10 @@ FIT = (
 )
 
 #: What is said of them all.
-FLAGGED = "misfit, draws not converged, evidence withheld, or an order effect that the prior presets name differently"
+FLAGGED = "misfit, draws not converged, or evidence withheld"
 
 
-def flagged(table: EvidenceTable, not_converged: Collection[str] = (), presets: Sequence[UnderPresets] = ()) -> dict[str, tuple[str, ...]]:
+def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
     """Subjects that someone must look at, in the order of the table, with the reasons in a word or two.
 
     Examples
@@ -36,13 +35,11 @@ def flagged(table: EvidenceTable, not_converged: Collection[str] = (), presets: 
     >>> flagged(EvidenceTable(()))
     {}
     """
-    moved = {one.subject for one in presets if one.differ}
     found = {
         row.subject: {
             "misfit": row.misfit,
             "not converged": row.subject in not_converged,
             "evidence withheld": row.log_evidence_orders is None,
-            "prior decides": row.subject in moved,
         }
         for row in table
     }
@@ -58,11 +55,10 @@ def tally(table: EvidenceTable) -> str:
     return ", ".join(f"{word} for {found[word]}" for word in words) + f" of {len(table)} subjects"
 
 
-def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence[UnderPresets] = ()) -> str:
+def in_short(table: EvidenceTable, *, synthetic: bool = False) -> str:
     """What a study supports, in one sentence: who has an order effect, among those whose answers the model describes, and what next.
 
-    An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it. `presets` tell
-    about whom the two presets of the prior disagree: not on the kind of effect, but on whether there is one.
+    An effect is counted where its evidence is at least positive, as :func:`~bayes_toe.comparison.words.order_effect` has it.
     """
     described, whose = [row for row in table if not row.misfit], "synthetic subject" if synthetic else "subject"
     if not described:
@@ -70,20 +66,16 @@ def in_short(table: EvidenceTable, *, synthetic: bool = False, presets: Sequence
     found, wrong = Counter(_whether(row.log_evidence_orders) for row in described), len(table) - len(described)
     effect, none, undecided, unknown = (found[word] for word in (_SOME, KINDS[0], "undecided", "no estimate"))
     among = f"the {counted(len(described), whose)} whose answers H1 describes" if wrong else counted(len(described), whose)
-    differ = {one.subject for one in presets if len({_whether(orders) for orders in one.orders.values()}) > 1}
-    moved = Counter(_whether(row.log_evidence_orders) == _SOME for row in described if row.subject in differ)
     parts = [f"{effect} of {among} {'has' if 1 in (effect, len(described)) else 'have'} an order effect"]
-    parts[0] += f" (about {moved[True]} of them the choice of the prior decides)" if moved[True] else ""
     parts += [f"{none} {'has' if none == 1 else 'have'} none"] if none else []
     parts += [f"{undecided} {'is' if undecided == 1 else 'are'} undecided"] if undecided else []
     parts += [f"{unknown} {'has' if unknown == 1 else 'have'} no estimate"] if unknown else []
-    parts += [f"and about {moved[False]} of these the choice of the prior decides"] if moved[False] else []
     untold = sum(row.fit is None or row.fit.describes is None for row in described)
     last = f"{wrong} more {'is' if wrong == 1 else 'are'} not described, {NEXT}" if wrong else _describes(len(described), untold)
     return f"{', '.join(parts)} (counted where evidence is at least positive: P above 0.73 against each rival); {last}"
 
 
-def _whether(orders: Orders) -> str:
+def _whether(orders: tuple[float, ...] | None) -> str:
     """Whether there is an order effect, of whatever kind, in a word or two."""
     word = order_effect(orders)
     return _SOME if word in KINDS[1:] else word
@@ -109,9 +101,7 @@ def scale_first(study: Study, prior: Prior) -> str:
     from bayes_toe.experiments.checks import prior_scale
 
     found = prior_scale(study, prior)
-    return (
-        "first mend the unit of the stimuli, or use --prior stimuli: the prior's scale is not theirs (see the warning); " if found else ""
-    )
+    return "first mend the unit of the stimuli, or use the default prior: the scale of this one is not theirs; " if found else ""
 
 
 def misfits(table: EvidenceTable) -> str:

@@ -22,7 +22,6 @@ from bayes_toe.cli.terminal import (
     say,
     say_doubts,
     say_footnote,
-    say_lines,
     say_notes,
     say_prior,
     say_smaller_models,
@@ -59,7 +58,6 @@ def run(
     """
     from bayes_toe.cli.headline import in_short, scale_first
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
-    from bayes_toe.comparison.reweighting import say_presets
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
     if explore:
@@ -79,7 +77,6 @@ def run(
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     first = scale_first(read, prior)
     say_evidence(task.console, analysis.evidence, "evidence.csv", first)
-    say_lines(task.console, ((line, None) for line in say_presets(analysis.presets)), "the report")
     say_draws(task.console, analysis.draws, "summary.csv")
     group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
@@ -87,7 +84,7 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    short = in_short(analysis.evidence, synthetic=read.synthetic, presets=analysis.presets)
+    short = in_short(analysis.evidence, synthetic=read.synthetic)
     say(task.console, f"[bold]in short[/bold]: {first}{short}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **analysis.draws.imprecise, **missed})

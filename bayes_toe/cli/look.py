@@ -245,7 +245,7 @@ def methods(
     ] = None,
     sensitivity: Annotated[
         Path | None,
-        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity; NAME_parts.csv beside it is told of."),
+        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity."),
     ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:

@@ -17,9 +17,8 @@ from markupsafe import Markup
 from bayes_toe.cli.methods_of_models import compared_facts, other_priors, varied_facts
 from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit, templates
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
-from bayes_toe.comparison.saved_tables import ComparisonFile, read_comparison, read_evidence, read_parts_sensitivity, read_sensitivity
+from bayes_toe.comparison.saved_tables import ComparisonFile, read_comparison, read_evidence, read_sensitivity
 from bayes_toe.data.messages import counted, listed, shown
 from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
@@ -51,8 +50,8 @@ class Methods:
         Whether corner plots lie beside them.
     notes : tuple of str
         What is there and is not told of, and why.
-    compared, varied, varied_parts : ComparisonFile, SensitivityTable, PartsSensitivity or None
-        Of compare.csv, sensitivity.csv and sensitivity_parts.csv, where these lie beside the draws or are named.
+    compared, varied : ComparisonFile, SensitivityTable or None
+        Of compare.csv and sensitivity.csv, where these lie beside the draws or are named.
     """
 
     draws: Draws
@@ -62,7 +61,6 @@ class Methods:
     notes: tuple[str, ...]
     compared: ComparisonFile | None = None
     varied: SensitivityTable | None = None
-    varied_parts: PartsSensitivity | None = None
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -103,7 +101,6 @@ def read_methods(results: Path, compared: Path | None = None, varied: Path | Non
     evidence = _about_h1(_there(beside / "evidence.csv"), draws, notes)
     scan = _table(varied, beside, "sensitivity.csv")
     scan = _about_h1(scan, draws, notes) if varied is None else scan
-    parts = None if scan is None else _there(scan.with_name(f"{scan.stem}_parts{scan.suffix}"))
     models = _table(compared, beside, "compare.csv")
     return Methods(
         draws,
@@ -113,7 +110,6 @@ def read_methods(results: Path, compared: Path | None = None, varied: Path | Non
         tuple(notes),
         None if models is None else read_comparison(models, draws),
         None if scan is None else read_sensitivity(scan, draws),
-        None if parts is None else read_parts_sensitivity(parts, draws),
     )
 
 
@@ -218,7 +214,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         "weighed": None if evidence is None else _weighed(evidence, draws),
         "in_short": None if evidence is None else scale_first(draws.study, draws.prior) + in_short(evidence, synthetic=draws.synthetic),
         "compared": None if told.compared is None else compared_facts(told.compared, draws),
-        "varied": None if told.varied is None else varied_facts(told.varied, told.varied_parts),
+        "varied": None if told.varied is None else varied_facts(told.varied),
         "group": None if told.group is None else _group_facts(told.group),
     }
 

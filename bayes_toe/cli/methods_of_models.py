@@ -10,8 +10,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.cli.headline import p_value
-from bayes_toe.comparison.model_comparison import STUDY, PartTable
-from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
+from bayes_toe.comparison.model_comparison import PartTable
 from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 from bayes_toe.comparison.reweighting import RESAMPLED
 from bayes_toe.comparison.saved_tables import ComparisonFile
@@ -22,6 +21,7 @@ from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.ladder import Record, model_named
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.posterior import Model
+from bayes_toe.model.prior_fields import STIMULI
 
 _MOST_NAMED = 10
 #: The levels of the part order for which there are words of their own, and those words that are no level.
@@ -96,7 +96,7 @@ def _level(logs: FloatArray | None, levels: tuple[str, ...]) -> str:
     return levels[logs.argmax()] if order[-1] - order[-2] >= POSITIVE else UNDECIDED
 
 
-def varied_facts(table: SensitivityTable, parts: PartsSensitivity | None) -> dict[str, Any]:
+def varied_facts(table: SensitivityTable) -> dict[str, Any]:
     """Over which priors, by which means, and whose conclusion is another one under some of them."""
     turning = {name: [f"{varied} = {listed([f'{value:.3g}' for value in table.turns(name, varied)], 3)}" for varied in table.varied
                       if table.turns(name, varied)] for name in table.names}  # fmt: skip
@@ -109,16 +109,14 @@ def varied_facts(table: SensitivityTable, parts: PartsSensitivity | None) -> dic
         "turning": listed([f"{name} ({', '.join(where)})" for name, where in turning.items() if where], _MOST_NAMED),
         "many": sum(bool(where) for where in turning.values()),
         "withheld": listed(withheld, _MOST_NAMED),
-        "parts": None if parts is None else _moving(parts),
     }
 
 
 def _range(table: SensitivityTable, varied: str) -> str:
-    values = [row.value for row in table.of(table.names[0], varied)]
+    rows = table.of(table.names[0], varied)
+    values, factors = [row.value for row in rows], [row.factor for row in rows if row.factor is not None]
+    if getattr(table.prior, varied) == STIMULI:  # another one for each subject
+        return (
+            f"{varied} {min(factors):g} to {max(factors):g} times that of the stimuli" if factors else f"{varied} by mu1_sd to both sides"
+        )
     return f"{varied} {min(values):g} to {max(values):g}"
-
-
-def _moving(parts: PartsSensitivity) -> dict[str, Any]:
-    subjects = [name for name in parts.subjects if name != STUDY]
-    moving = [name for name in subjects if parts.turns(name)]
-    return {"still": len(subjects) - len(moving), "subjects": counted(len(subjects), "subject"), "moving": listed(moving, _MOST_NAMED)}

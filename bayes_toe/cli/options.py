@@ -23,10 +23,10 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
     Examples
     --------
     >>> prior_help()[:82]
-    'paper (default), stimuli (their location and scales), or a file of any of mu1_mean'
+    'default (scales are those of the stimuli), paper, or a file of any of mu1_mean, mu'
     """
     names = ", ".join(one.name for one in kind.declared())
-    return f"paper (default), stimuli (their location and scales), or a file of any of {names}; see check --prior."
+    return f"default (scales are those of the stimuli), paper, or a file of any of {names}; see check --prior."
 
 
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
@@ -36,7 +36,7 @@ Processes = Annotated[
 ]
 Engine = Annotated[Literal["local", "dask"], typer.Option("--engine", help="Processes of this machine, or the workers of a Dask cluster.")]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
-PriorFile = Annotated[str | None, typer.Option("--prior", metavar="paper|stimuli|prior.toml", help=prior_help())]
+PriorFile = Annotated[str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=prior_help())]
 SpreadsheetSafe = Annotated[
     bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
 ]

@@ -20,7 +20,6 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
-from bayes_toe.comparison.reweighting import say_presets
 from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
@@ -159,7 +158,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "index": sorted(rows, key=lambda row: len(rows) > MOST_IN_ONE and row[0].subject not in facts.flagged),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "in_short": first + headline.in_short(table, synthetic=study.synthetic, presets=analysis.presets),
+        "in_short": first + headline.in_short(table, synthetic=study.synthetic),
         "next": following[0].upper() + following[1:],
         "terms": TERMS,
         "settings": {
@@ -171,7 +170,6 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         },
         "tally": headline.tally(table),
         "misfits": headline.misfits(table),
-        "presets": say_presets(analysis.presets),
         "said": {"scale": STATED, "fit": headline.FIT, "appendix_c": headline.APPENDIX_C, "flagged": headline.FLAGGED},
         "findings": findings,
         "before_pooling": check_answers(study, prior),
@@ -210,7 +208,6 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Any]) -> Iter
     for finding in findings:
         messages[finding.subject].append(finding.message)
     fits = {fit.subject: fit for fit in analysis.fits}
-    moved = {one.subject: one.describe() for one in analysis.presets if one.differ}
     summaries = {str(name): part.to_dict("records") for name, part in facts.summary.groupby("subject", sort=False)}
     for i, (counts, row, asymmetry) in enumerate(zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)):
         name, fit = counts.name, None if counts.isi is not None else fits[counts.name]
@@ -225,7 +222,6 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Any]) -> Iter
             "fitted": {key: (best, *limit) for key, best, limit in limits},
             "parameters": [{**one, "quantiles": allowed_quantiles(one, 3)} for one in summaries[name]],
             "remarks": [*messages[name], *row.notes],
-            "moved": moved.get(name, ""),
             "prior_dominated": [
                 one["parameter"] for one in summaries[name] if one["parameter"] in (*NATURAL, "gamma") and one["contraction"] < DOMINATED
             ],

@@ -125,7 +125,7 @@ def write_results(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged, analysis.presets)
+    draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
     files, posterior = corner_files(draws, drawn), f"posterior.{store}"
     required = [posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in files.values())]

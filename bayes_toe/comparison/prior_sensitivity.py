@@ -118,8 +118,12 @@ class SensitivityTable(Table[SensitivityRow]):
         return found
 
     def default(self, subject: str) -> SensitivityRow:
-        """The row of the prior that was given, of one subject."""
-        return next(row for row in self.of(subject, self.varied[0]) if row.prior == self.prior)
+        """The row of the prior that was given, of one subject: with one of a scale's factors, 1."""
+        return next(row for row in self.of(subject, self.scales[0]) if row.factor == 1.0)
+
+    def given(self, subject: str, varied: str) -> float:
+        """The value of the prior that was given: with the numbers of this subject's stimuli."""
+        return float(getattr(self.default(subject).prior, varied))
 
     def turns(self, subject: str, varied: str, level: float = 0.0) -> tuple[float, ...]:
         """Values of the prior at which the log Bayes factor crosses a level, between neighbouring rows.
@@ -157,7 +161,7 @@ def sensitivity(
     ----------
     study : Study
     prior : Prior, optional
-        The middle of the range.
+        The middle of the range, with the numbers of each subject's stimuli.
     reach : float
         Scales and shapes are multiplied by factors from 1/reach to reach, evenly in their logarithm; larger than 1. Locations are shifted
         by up to one prior standard deviation of their parameter to both sides.
@@ -177,8 +181,8 @@ def sensitivity(
     --------
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> table = sensitivity(Study([one]), steps=3, seed=1, workers=1)
-    >>> [(row.varied, row.value) for row in table.of("S01", "mu1_sd")]
-    [('mu1_sd', 2.5), ('mu1_sd', 10.0), ('mu1_sd', 40.0)]
+    >>> [(row.varied, row.value) for row in table.of("S01", "width_median")]
+    [('width_median', 0.075), ('width_median', 0.3), ('width_median', 1.2)]
     """
     require_range(reach, steps)
     root, middle = root_seed(seed), prior_for(study, prior)
@@ -205,10 +209,11 @@ def require_range(reach: float, steps: int) -> None:
 def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
+    middle = posterior.prior  # in numbers
     fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
     own = reweighted(fitted, posterior, posterior)
     rows = []
-    for varied, power in product(middle.varied(), powers):
+    for varied, power in product(middle.varied(middle.of_h1), powers):
         wanted = posterior_of(subject, moved(middle, varied, power, reach))
         found = own if wanted.prior == middle else under(fitted, posterior, wanted, seed)
         rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))

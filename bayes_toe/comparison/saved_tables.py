@@ -12,8 +12,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, ORDERS, EvidenceTable, SubjectEvidence
-from bayes_toe.comparison.model_comparison import STUDY, PartTable, part_tables
-from bayes_toe.comparison.parts_sensitivity import PartsRow, PartsSensitivity
+from bayes_toe.comparison.model_comparison import PartTable, part_tables
 from bayes_toe.comparison.prior_sensitivity import QUANTILES, SUMMARISED, SensitivityRow, SensitivityTable
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.validation import read_rows
@@ -159,39 +158,18 @@ def read_sensitivity(path: str | Path, draws: Draws) -> SensitivityTable:
         given, value, *found, k = (float(values[i]) for values in numbers.values())
         factor, bayes_factor, error = (None if isnan(one) else one for one in (given, *found))
         draws.prior.declared_as(varied)
-        prior = replace(draws.prior, **{varied: value})  # type: ignore[arg-type]  # a number of the prior
+        prior = replace(draws.prior.at(draws.subject(subject)), **{varied: value})
         require_said_prior(source, said, prior.describe(), f" but for {varied}")
         rows.append(SensitivityRow(subject, varied, factor, prior, bayes_factor, error, k, method, nothing))
     table = SensitivityTable(tuple(rows), prior=draws.prior, seed=draws.seed)
-    _require_middle(source, table)
+    _require_middle(source, table, draws)
     return table
 
 
-def read_parts_sensitivity(path: str | Path, draws: Draws) -> PartsSensitivity:
-    """The table, with the seed of the draws; the file does not say which prior it is about, but where it is in the middle.
-
-    Raises
-    ------
-    InputError
-        If the file is not such a table, or is of other subjects or a range about another prior than the draws.
-    """
-    source = bare(Path(path).name)
-    texts, numbers = read_rows(path, ("subject", "varied", "part", "level"), ("factor", "value", "probability", "pareto_k", "sampled_anew"))
-    require_subjects(source, (name for name in texts["subject"] if name != STUDY), draws)
-    rows = []
-    for i, (subject, varied, part, level) in enumerate(zip(*texts.values(), strict=True)):
-        by, value, p, k, anew = (float(values[i]) for values in numbers.values())
-        factor, probability = (None if isnan(one) else one for one in (by, p))
-        rows.append(PartsRow(subject, varied, factor, value, part, level, probability, k, int(anew)))
-    found = PartsSensitivity(tuple(rows), prior=draws.prior, seed=draws.seed)
-    _require_middle(source, found)
-    return found
-
-
-def _require_middle(source: str, found: SensitivityTable | PartsSensitivity) -> None:
+def _require_middle(source: str, found: SensitivityTable, draws: Draws) -> None:
     """Whether every range has the value of the draws' own prior, which conclusions are compared with."""
-    values = {(row.varied, row.value) for row in found.rows}
-    for varied in dict.fromkeys(row.varied for row in found.rows):
-        given = getattr(found.prior, varied, None)
-        if (varied, given) not in values:
+    values = {(row.subject, row.varied, row.value) for row in found.rows}
+    for subject, varied in dict.fromkeys((row.subject, row.varied) for row in found.rows):
+        given = getattr(draws.prior.at(draws.subject(subject)), varied)
+        if (subject, varied, given) not in values:
             raise InputError(f"{source}: found a range of {quoted(varied)} about another prior, allowed: about that of the draws, {given}")

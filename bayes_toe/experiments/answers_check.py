@@ -59,6 +59,8 @@ def _raw(study: Study) -> _Rule:
 
 
 def _far(study: Study, prior: Prior) -> _Rule:
+    if prior.of_stimuli("mu1"):
+        return
     mu1 = prior.distribution("mu1")
     low, high = (float(mu1.quantile(p)) for p in (0.05, 0.95))
     centre = float(np.mean([np.average((subject.s1 + subject.s2) / 2, weights=subject.n_trials) for subject in study]))

@@ -19,7 +19,7 @@ from bayes_toe.data.study import Study, Subject, require_study, said_intervals
 from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import Stimuli
+from bayes_toe.model.prior_fields import Stimuli
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,7 +91,7 @@ def doubts(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
 
 
 def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
-    """Where stimuli and prior have different units: hardly a sigma_p of the prior is of the size of the stimuli's steps.
+    """Where stimuli and a prior of numbers have different units: hardly a sigma_p of the prior is of the size of the stimuli's steps.
 
     A width far from the steps has all pairs answered alike, so that where the data ask for a sigma_p that the prior hardly has, evidence
     and posterior tell about the prior. With a half-normal sigma_p that is so below 1/80 of its scale and above 16 times it.
@@ -102,18 +102,17 @@ def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
     >>> [finding.code for finding in prior_scale(study, Prior())]
     ['prior_scale']
     """
-    unequal = any((subject.s1 != subject.s2).any() for subject in study)
-    # Scales that are the stimuli's own are in their unit.
-    if prior is None or not unequal or "sigma_p" in prior.origin:
+    stimuli = Stimuli.of(*study)
+    if prior is None or stimuli is None or prior.of_stimuli(prior.spread):
         return []
-    step, sigma_p = Stimuli.of(study).step, prior.distribution("sigma_p")
-    near = float(sigma_p.cdf(_NEAR * step) - sigma_p.cdf(step / _NEAR))
+    step, spread = stimuli.step, prior.distribution(prior.spread)
+    near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
     if near >= _SELDOM:
         return []
-    how = "wide" if sigma_p.cdf(step) < 0.5 else "narrow"
+    how = "wide" if spread.cdf(step) < 0.5 else "narrow"
     message = (
-        f"The prior is far too {how} for these stimuli, sigma_p ~ {sigma_p.describe()} with steps of {step:.2g} (root mean square of "
-        "s2 - s1): are they natural logs of intensity? If they are, --prior stimuli takes its scales from them."
+        f"The prior is far too {how} for these stimuli, {prior.spread} ~ {spread.describe()} with steps of {step:.2g} (root mean square of "
+        "s2 - s1): are they natural logs of intensity? If they are, the default prior takes its scales from them."
     )
     return [Finding("", "prior_scale", message)]
 

@@ -86,7 +86,7 @@ def prior_predictive(
     ----------
     study : Study
     prior : Prior or str, optional
-        As :func:`~bayes_toe.model.study_prior.prior_for` takes it.
+        As :func:`~bayes_toe.model.study_prior.prior_for` takes it; its scales are those of all stimuli of the study together.
     model : str
         A model's name or composition.
     seed, draws : int

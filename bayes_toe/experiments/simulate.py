@@ -149,7 +149,7 @@ def prior_population(size: int, rng: np.random.Generator, design: Design, prior:
     """
     counts = np.zeros(len(design.s1), np.int64), np.full(len(design.s1), design.batches)
     pairs = Subject.from_counts("design", design.s1, design.s2, *counts, design.isi)
-    numbers = prior_for(Study((pairs,), "design", synthetic=True), prior)
+    numbers = prior_for(Study((pairs,), "design", synthetic=True), prior).at(pairs)
     drawn = numbers.sample(rng, size)
     interval = numbers.reference_interval or 1.0  # without intervals there is no unit of time
     return drawn._replace(sigma_p=drawn.sigma_p / np.sqrt(interval))

@@ -28,14 +28,15 @@ from bayes_toe.model.prior_fields import (
     STIMULI,
     Kind,
     PriorField,
+    Stimuli,
     number_problems,
     real,
     shown,
     toml_table,
 )
 
-#: A number, or the property of :class:`bayes_toe.model.study_prior.Stimuli` that gives it.
-Default = float | Literal["mean_s1", "four_ranges", "inverse_range", "step", "log_step"]
+#: A number, or the key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` that gives it.
+Default = float | Literal["M", "10 R", "0.5/R", "D", "log D"]
 
 #: The numbers of every group parameter, on its scale.
 NUMBERS: tuple[tuple[str, Kind, str], ...] = (
@@ -109,21 +110,20 @@ class GroupParameter(NamedTuple):
 
 
 _DECLARED = (
-    GroupParameter("mu1", "mean of the prior belief", "identity", "mean_s1", "four_ranges", "four_ranges", LOG_INTENSITY),
+    GroupParameter("mu1", "mean of the prior belief", "identity", "M", "10 R", "10 R", LOG_INTENSITY),
     GroupParameter("gamma", "noise ratio (sigma_l/sigma_p)^2", "probit", 0.0, 1.0, 1.0),
-    GroupParameter("width", "width w of the curve", "log", "log_step", 1.0, 0.7),
+    GroupParameter("width", "width w of the curve", "log", "log D", 1.0, 0.7),
     GroupParameter("q0", "P(equal) of equal stimuli", "probit", 1.0, 1.0, 1.0),
-    # Here the population's mean has what a single subject's prior is by default, Uniform(0, 1) and Beta(1, 9), on this scale.
-    GroupParameter("lapse_rate", "share of answers that do not depend on the stimuli", "probit", 0.0, 1.0, 0.7),
+    # Here the population's mean has what a single subject's prior is by default, Beta(1, 9), on this scale.
+    GroupParameter("lapse_rate", "share of answers that do not depend on the stimuli", "probit", -1.5, 0.6, 0.7),
     GroupParameter("icc", "intra-class correlation of answers", "probit", -1.5, 0.6, 0.7),
     GroupParameter("pull", "pull of a memory that decays", "probit", 0.0, 1.0, 1.0),
     GroupParameter("split", "share v of the decay in that pull, rho = g^v and K = g^(1 - v)", "probit", 0.0, 1.0, 1.0),
     GroupParameter("gain", "weight of the first stimulus", "probit", 0.0, 1.0, 1.0, top=2.0),
     GroupParameter("exponent", "exponent of the curve", "log", log(2.0), 0.5, 0.5),
-    GroupParameter(
-        "noise_slope", "slope of the noise, 0 for Weber's law", "identity", 0.0, "inverse_range", "inverse_range", f"1/({LOG_INTENSITY})"
-    ),
-    GroupParameter("offset", "constant error", "identity", 0.0, "step", "step", LOG_INTENSITY),
+    GroupParameter("noise_slope", "slope of the noise, 0 for Weber's law", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
+    GroupParameter("offset", "constant error", "identity", 0.0, "D", "D", LOG_INTENSITY),
+    GroupParameter("peak_slope", "slope of logit q0, 0 for one peak", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
 )
 #: Those that a population can be asked for, by name.
 GROUP_PARAMETERS = {one.name: one for one in _DECLARED}
@@ -202,15 +202,15 @@ class Hyperprior:
         >>> from bayes_toe.data.study import Subject
         >>> study = Study([Subject("S", [0.0, 0.5], [0.0, 2.0], [9, 4], [10, 10])])
         >>> Hyperprior().for_study(study).describe(["mu1"])[0]
-        'mu1: mean ~ Normal(0.25, 8), sd between subjects ~ HalfNormal(8), effect ~ Normal(0, 8), natural-log intensity'
+        'mu1: mean ~ Normal(0.625, 8.1968), sd between subjects ~ HalfNormal(8.1968), effect ~ Normal(0, 8.1968), natural-log intensity'
         """
         found = {name: {key: value for key, value in section.items() if value == STIMULI} for name, section in self.as_dict().items()}
         if not any(found.values()):
             return self
-        from bayes_toe.model.study_prior import Stimuli  # with SciPy, and the help of commands asks for the declaration above
-
-        stimuli = Stimuli.of(study)
-        return self.changed({name: {key: getattr(stimuli, _FIELDS[name][key].stimuli) for key in keys} for name, keys in found.items()})
+        stimuli = Stimuli.of(*study)
+        if stimuli is None:
+            raise InputError(f"{STIMULI!r} in a hyperprior needs pairs of different stimuli, found none; allowed: numbers")
+        return self.changed({name: {key: stimuli.number(_FIELDS[name][key].stimuli) for key in keys} for name, keys in found.items()})
 
     def numbers(self, names: Sequence[str]) -> HyperpriorNumbers:
         """Those of some parameters, in this order.
@@ -245,7 +245,7 @@ class Hyperprior:
         law = "{}: mean ~ Normal({mean}, {mean_sd}), sd between subjects ~ HalfNormal({sd_scale}), effect ~ Normal(0, {effect_sd})"
         lines = []
         for name, section in self._sections(names).items():
-            known = {key: f"the stimuli's {field.stimuli.replace('_', ' ')}" for key, field in _FIELDS[name].items()}
+            known = {key: field.stimuli for key, field in _FIELDS[name].items()}
             said = {key: known[key] if value == STIMULI else f"{value:g}" for key, value in section.items()}
             parameter = GROUP_PARAMETERS[name]
             lines.append(", ".join(part for part in (law.format(parameter.label, **said), parameter.unit) if part))
@@ -311,7 +311,7 @@ def example_file() -> str:
     --------
     >>> print(*example_file().splitlines()[:2], sep="\n")
     [mu1]  # mean of the prior belief
-    mean = "stimuli"           # mean of the normal prior of the population mean of mu1, natural-log intensity; or "stimuli", their mean s1
+    mean = "stimuli"           # mean of the normal prior of the population mean of mu1, natural-log intensity; or "stimuli", their mean
     """
     words = {one.name: one.words for one in _DECLARED} | {CORRELATIONS: "of parameters between subjects, where they are asked for"}
     texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}

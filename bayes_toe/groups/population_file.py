@@ -29,7 +29,7 @@ from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
 from bayes_toe.inference.draws_file import as_netcdf
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import stored_prior
 from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
@@ -192,8 +192,9 @@ def _population(tree: xr.DataTree) -> Population:
     effects, z = (drawn[key].values if key in drawn else np.empty((*lead, 0, *rest)) for key, rest in (("effect", size[1:]), ("z", ())))
     judged = tree["sample_stats"].to_dataset()["convergence"].values
     chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, **record["chains"])
-    settings["prior"] = Prior(**settings["prior"])
-    settings["hyperprior"] = Hyperprior(tuple(map(tuple, settings["hyperprior"]["values"])))
+    settings["prior"] = stored_prior(settings["prior"])
+    *values, together = map(tuple, settings["hyperprior"]["values"])
+    settings["hyperprior"] = Hyperprior((*values, *Hyperprior().values[len(values) : -1], together))  # parameters that there were not yet
     x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
     return Population(
         Study(subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ())),

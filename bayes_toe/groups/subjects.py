@@ -59,9 +59,8 @@ class GroupLikelihood:
         rows = list(subjects) * copies
         size = max(1, _BLOCK // max(one.n_pairs for one in subjects))
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
-        plain = Prior(offset_sd=1.0, reference_interval=prior.reference_interval)  # an offset is then its own coordinate
         self._blocks = [
-            (slice(i, i + size), crowd_posterior(model, plain, rows[i : i + size], centre, interval)) for i in range(0, len(rows), size)
+            (slice(i, i + size), crowd_posterior(model, prior, rows[i : i + size], centre, interval)) for i in range(0, len(rows), size)
         ]
 
     def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,8 @@ from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 
 _COLUMNS = ("s1", "s2", "isi", "n_equal", "n_trials")
@@ -40,7 +41,7 @@ def require_belonging(
     if study is not None and (wrong := _other_study(draws, study)):
         made = "" if draws.study.changes == study.changes else f", read with {' '.join(draws.study.changes) or 'no change'}"
         raise InputError(f"{where}: {wrong}{made}; allowed: the posterior of {study.source}")
-    if prior is not None and draws.prior != prior:
+    if prior is not None and not _same_prior(draws, prior):
         raise InputError(
             f"{where}: found draws under {draws.prior.describe_orders()}; allowed: that prior, or none, given {prior.describe_orders()}"
         )
@@ -65,6 +66,14 @@ def require_said_prior(source: str, said: str, wanted: str, but: str = "") -> No
     """Refuse a table that says another prior, in words, than that of the draws."""
     if said != wanted:
         raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws{but}, {wanted}")
+
+
+def _same_prior(draws: Draws, prior: Prior) -> bool:
+    """Whether the model's parameters have the same prior; what only other models have does not count."""
+    record, own = model_named(draws.model), draws.prior
+    used = {"interval"}.union(*(record.parameters(one) for one in (prior, own))) if isinstance(record, Model) else {"interval"}
+    same = (getattr(own, one.name) == getattr(prior, one.name) for one in own.declared() if one.parameter in used)
+    return type(prior) is type(own) and all(same)
 
 
 def _other_study(draws: Draws, study: Study) -> str:

@@ -33,7 +33,7 @@ from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
 _OF_QUANTILES = "a 5 or 95 % quantile"
@@ -89,12 +89,7 @@ class Draws:
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
         values = json.loads(self.tree.attrs["settings"])["prior"]
-        unknown = sorted(set(values) - {one.name for one in fields(Prior)})
-        if unknown:
-            raise InputError(
-                f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
-            )
-        return Prior(**{"offset_sd": 1.0, "reference_interval": 1.0 if self.intervals else None, **values})  # as before these could be said
+        return stored_prior({"reference_interval": 1.0 if self.intervals else None, **values})  # as before this could be said
 
     @property
     def sampler(self) -> SamplerSettings:

@@ -20,7 +20,7 @@ from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
 from bayes_toe.model.intervals import reference_interval
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.target import Answering, Conjugate, Target, contraction
 from bayes_toe.seeds import generator
 
@@ -60,7 +60,7 @@ class Settings:
     """
 
     seed: int
-    prior: Prior = field(default_factory=Prior)
+    prior: Prior = DEFAULT
     sampler: SamplerSettings = field(default_factory=SamplerSettings)
     model: str = ""
 

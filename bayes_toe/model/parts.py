@@ -2,7 +2,8 @@
 
 P(equal) = f + (q0 - f) psi(z), f = lambda q0, z = ((s2 - s1) - c + p (s1 - sbar)) / w(s1, s2). The order part says what the first stimulus
 becomes (c, p), the noise part how the width depends on the stimuli, the lapses which answers do not depend on them (q0, lambda), the curve
-is psi, the peak how q0 depends on the stimuli, the spread says how counts scatter. Each level is a declaration; every combination is a model, and nothing else knows parts by name.
+is psi, the peak how q0 depends on the stimuli, the spread says how counts scatter. Each level is a declaration; every combination is a
+model, and nothing else knows parts by name.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ integral over x is the evidence of the model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Never
@@ -121,7 +121,7 @@ class Model:
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
         """The posterior of a subject under this model."""
-        return Posterior(subject, self, (DEFAULT if prior is None else prior).at(subject))
+        return Posterior(subject, self, DEFAULT if prior is None else prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,7 @@ class Posterior:
         The counts.
     model : Model
     prior : Prior
+        In the place of "stimuli" it gets the numbers of this subject's.
     centre : float, optional
         Intensity from which the offset counts, natural-log units; the mean first stimulus by default.
     interval : float, optional
@@ -149,9 +150,12 @@ class Posterior:
 
     subject: Subject
     model: Model
-    prior: Prior = field(default_factory=Prior)
+    prior: Prior = DEFAULT
     centre: float | None = None
     interval: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prior", self.prior.at(self.subject))
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -209,7 +213,7 @@ class Posterior:
 
     def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
         """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
-        return replace(self, prior=prior.at(self.subject)).log_prior(x)
+        return replace(self, prior=prior).log_prior(x)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""

@@ -29,8 +29,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
-from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, Uniform, share
-from bayes_toe.model.prior_fields import OF_H1, STIMULI, PriorFields, Stimuli, number_problems, real, toml_table
+from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, share
+from bayes_toe.model.prior_fields import STIMULI, PriorFields, Stimuli, number_problems, real, toml_table
 
 AnyPrior = TypeVar("AnyPrior", bound="Prior")
 _NODES = 200  # of an integral over gamma
@@ -118,12 +118,16 @@ class Prior(PriorFields):
         if found is None:  # what only rivals of H1 need may stay open: whoever asks for it is refused
             if any(one.parameter in self.of_h1 for one in named.values()):
                 raise InputError(
-                    f"subject {subjects[0].name!r}: the default prior takes its scale from pairs of different stimuli, found none; allowed: "
-                    "the prior 'paper' (--prior paper), or one of numbers"
+                    f"subject {subjects[0].name!r}: the prior takes its scale from pairs of different stimuli, found none; allowed: the "
+                    "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
         numbers: dict[str, Any] = {name: found.number(one.stimuli) for name, one in named.items()}
         return replace(self, **numbers)
+
+    def of_stimuli(self, parameter: str) -> bool:
+        """Whether a number of a parameter's distribution is that of the stimuli, and so in their unit."""
+        return STIMULI in self._numbers(parameter).values()
 
     def distribution(self, parameter: str) -> Distribution:
         """Distribution of one parameter.
@@ -197,14 +201,14 @@ class Prior(PriorFields):
     @property
     def remark(self) -> str:
         """What else to know of its numbers, to be put behind a description: what its symbols mean, and their unit of time."""
-        symbols = any(getattr(self, one.name) == STIMULI for one in self.declared() if one.parameter in self.of_h1)
+        symbols = any(map(self.of_stimuli, self.of_h1))
         stimuli = "M mean and R sd of the stimuli, D rms step" if symbols else ""
         time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
         return "".join(f"; {part}" for part in (stimuli, time) if part)
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
-        return f"mu1 ~ {self.penalty.describe()}"
+        return f"mu1 ~ {self.said('mu1')}" + ("; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else "")
 
     def log_density(self, theta: Natural) -> FloatArray:
         """Log density with respect to (mu1, sigma_p, gamma, q0); -inf outside the support."""
@@ -342,6 +346,26 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
         raise InputError(problems)
     numbers: dict[str, Any] = {key: value if value == STIMULI else real(value) for key, value in found.items()}
     return kind(**numbers)
+
+
+def stored_prior(values: Mapping[str, Any]) -> Prior:
+    """The prior that a file of results holds; before the width could have one it was the paper's with what the file says.
+
+    Raises
+    ------
+    InputError
+        For numbers that only a prior of somebody's own has.
+
+    Examples
+    --------
+    >>> stored_prior({"mu1_sd": 2.0, "offset_sd": 1.5, "origin": ""}).describe_orders()
+    'mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1), offset ~ Normal(0, 1.5)'
+    """
+    unknown = sorted(values.keys() - {one.name for one in Prior.declared()} - {"origin"})
+    if unknown:
+        raise InputError(f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back")
+    before = {} if "width_median" in values else {"offset_sd": 1.0, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0}
+    return Prior(**{name: value for name, value in {**before, **values}.items() if value is not None and name != "origin"})
 
 
 def example_file(kind: type[Prior] = Prior) -> str:

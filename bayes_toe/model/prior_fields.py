@@ -35,6 +35,8 @@ OF_STIMULI = {
     "D": "the root mean square step between different ones",
     "D/2": "half the root mean square step between different ones",
     "0.5/R": "0.5 over their standard deviation",
+    "10 R": "10 times their standard deviation",
+    "log D": "the logarithm of the root mean square step between different ones",
 }
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 #: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
@@ -77,7 +79,8 @@ class Stimuli(NamedTuple):
 
     def number(self, symbol: str) -> float:
         """What a key of :data:`OF_STIMULI` stands for."""
-        return {"M": self.mean, "2.5 R": 2.5 * self.sd, "D": self.step, "D/2": 0.5 * self.step, "0.5/R": 0.5 / self.sd}[symbol]
+        scales = {"2.5 R": 2.5 * self.sd, "10 R": 10.0 * self.sd, "0.5/R": 0.5 / self.sd, "D": self.step, "D/2": 0.5 * self.step}
+        return {"M": self.mean, "log D": float(np.log(self.step)), **scales}[symbol]
 
 
 @dataclass(frozen=True)
@@ -126,9 +129,7 @@ class PriorField:
     @property
     def about(self) -> str:
         """Words, unit and sign in one line."""
-        ending = ("; positive" if self.positive else "") + (
-            f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else ""
-        )
+        ending = ("; positive" if self.positive else "") + (f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else "")
         return ", ".join(part for part in (self.words, self.unit) if part) + ending
 
     @property
@@ -224,6 +225,7 @@ class PriorFields:
         words="interval that the priors of sigma_p, gamma and rho refer to; left out: the geometric mean of the study's",
         unit="s",
     )
+
     def __post_init__(self) -> None:
         for one in self.declared():
             value = getattr(self, one.name)

@@ -277,7 +277,7 @@ def contraction(target: Answering, parameter: str, low: float, high: float) -> f
     >>> from bayes_toe.data.study import Subject
     >>> from bayes_toe.model.ladder import posterior_of
     >>> round(contraction(posterior_of(Subject("S01", [0.0], [0.3], [20], [50])), "q0", 0.5, 0.59), 2)
-    0.99
+    0.97
     """
     before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
     return 1.0 - ((high - low) / before) ** 2

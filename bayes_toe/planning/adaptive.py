@@ -19,7 +19,7 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.planning.observers import prior_of
 from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.study_design import StudyDesign, each_once
@@ -251,7 +251,7 @@ class Adaptive:
     @classmethod
     def _of(cls, content: dict[str, Any]) -> Adaptive:
         made = cls(
-            content["pairs"], content["model"], Prior(**content["prior"]),
+            content["pairs"], content["model"], stored_prior(content["prior"]),
             seed=content["seed"], about=content["about"], draws=content["draws"],
         )  # fmt: skip
         for *pair, equal in content["answers"]:

@@ -347,9 +347,10 @@ def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
     subjects = [replace(one.unanswered, name=str(number)) for number, one in enumerate(shown)]
     timed, rest = ([one for one in subjects if (one.isi is not None) == has] for has in (True, False))
     if not (timed and rest):
-        return prior_for(Study(tuple(subjects)), prior)
+        return prior_for(Study(tuple(subjects)), prior).at(*subjects)
     untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_equal, one.n_trials) for one in subjects)
-    return replace(prior_for(Study(untimed), prior), reference_interval=prior_for(Study(tuple(timed)), prior).reference_interval)
+    interval = prior_for(Study(tuple(timed)), prior).reference_interval
+    return replace(prior_for(Study(untimed), prior), reference_interval=interval).at(*untimed)
 
 
 def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:

@@ -12,5 +12,4 @@ from .planning import design_figure as design_figure
 from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
 from .prior_predictive import prior_predictive_figure as prior_predictive_figure
-from .sensitivity import parts_sensitivity_figure as parts_sensitivity_figure
 from .sensitivity import sensitivity_figure as sensitivity_figure

@@ -31,7 +31,7 @@ def prior_predictive_figure(
     ----------
     study : Study
     prior : Prior or str, optional
-        As :func:`bayes_toe.prior_for` takes it; the paper's by default.
+        As :func:`bayes_toe.prior_for` takes it.
     model : str
         A model's name or composition.
     seed : int

@@ -11,17 +11,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.comparison.model_comparison import STUDY
-from bayes_toe.comparison.parts_sensitivity import PartsSensitivity
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable
 from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.comparison.words import STRONG
+from bayes_toe.model.prior_fields import STIMULI
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
     SMALL,
     STRONGER_FIRST,
-    WEAKER_FIRST,
     dress,
     first_panels,
     new_figure,
@@ -29,16 +27,14 @@ from bayes_toe.plots.style import (
 )
 
 #: Of the values of a prior in their order; a prior with more of them starts anew.
-_COLOURS, _MARKERS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333"), ("o", "s", "^", "D", "v")
+_COLOURS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333", "#56B4E9", "#7B3294", "#8B4513")
+_MARKERS = ("o", "s", "^", "D", "v", "<", ">", "P")
 _GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
 _ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
 _EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
 _LETTERS_AN_INCH = 15.0  # of words below
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
-_LINES = ((EQUAL, "D"), (WEAKER_FIRST, "o"), (STRONGER_FIRST, "s"), ("#CC79A7", "^"), ("#009E73", "v"))
-_PART_WIDE, _PART_HIGH = 1.05, 0.72  # inches of a panel
-_MOST = 12  # subjects
 
 
 def _draw_subject(ax: Axes, table: SensitivityTable, subject: str) -> None:
@@ -49,7 +45,7 @@ def _draw_subject(ax: Axes, table: SensitivityTable, subject: str) -> None:
     ax.set_xscale("log")
     factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
     low, high = min(factors), max(factors)
-    scans = {varied: _Scan.of(table.of(subject, varied), getattr(table.prior, varied), high) for varied in table.varied}
+    scans = {varied: _Scan.of(table, subject, varied, high) for varied in table.varied}
     for place, scan in enumerate(scans.values()):
         _draw_scan(ax, scan, place)
     _dress_factors(ax, low, high)
@@ -94,14 +90,18 @@ class _Scan:
     given: float
     half: float
     reach: float
+    of_stimuli: bool
 
     @classmethod
-    def of(cls, rows: Sequence[SensitivityRow], given: float, reach: float) -> _Scan:
-        return cls(rows, given, max(abs(row.value - given) for row in rows), reach)
+    def of(cls, table: SensitivityTable, subject: str, varied: str, reach: float) -> _Scan:
+        rows, given = table.of(subject, varied), table.given(subject, varied)
+        return cls(rows, given, max(abs(row.value - given) for row in rows), reach, getattr(table.prior, varied) == STIMULI)
 
     @property
     def label(self) -> str:
         label = self.rows[0].prior.declared_as(self.rows[0].varied).label
+        if self.of_stimuli and not self._scale:  # another one for each subject
+            return f"{label}, shifted by its sd"
         return label if self._scale else f"{label}, from {self.rows[0].value:.3g} to {self.rows[-1].value:.3g}".replace("-", "−")
 
     @property
@@ -161,54 +161,3 @@ def _set_limits(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
     ax.set_ylim(low - pad, high + pad)
     if not known:
         ax.text(0.5, 0.5, "no reliable estimate", transform=ax.transAxes, ha="center", va="center", fontsize=SMALL, color=EQUAL)
-
-
-# --- parts of the model -------------------------------------------------------------------------------------------------------------
-
-
-def parts_sensitivity_figure(table: PartsSensitivity, part: str = "order", *, synthetic: bool = False) -> Figure:
-    """Probabilities of a part's levels against each number of the prior, the others as given (dotted line).
-
-    One row for the study, where there is one, then one for each subject whose most probable level changes within the range, at most 12 (the
-    first of them); where it changes for none, the first subjects. A gap: an evidence that is withheld.
-    """
-    shown = _shown(table, part)
-    columns = len(table.varied)
-    figure = new_figure(max(_PART_WIDE * columns + 0.9, 3.4), _PART_HIGH * len(shown) + 0.95)
-    axes = figure.subplots(len(shown), columns, squeeze=False, sharey=True)
-    for row, subject in zip(axes, shown, strict=True):
-        for ax, varied in zip(row, table.varied, strict=True):
-            _draw_part(ax, table, subject, varied, part)
-        row[0].set_ylabel("study" if subject == STUDY else plain(subject, 10), rotation=0, ha="right", va="center", fontsize=LETTERS)
-    for ax, varied in zip(axes[-1], table.varied, strict=True):
-        ax.set_xlabel(varied, fontsize=SMALL)
-        ax.tick_params(labelbottom=True)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=LETTERS)
-    figure.supxlabel("value of the prior" + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS)
-    figure.supylabel("probability", fontsize=LETTERS)
-    return figure
-
-
-def _shown(table: PartsSensitivity, part: str) -> list[str]:
-    own = [name for name in table.subjects if name != STUDY]
-    turning = [name for name in own if table.turns(name, part)] or own
-    return [*((STUDY,) if STUDY in table.subjects else ()), *turning[:_MOST]]
-
-
-def _draw_part(ax: Axes, table: PartsSensitivity, subject: str, varied: str, part: str) -> None:
-    positive = table.prior.declared_as(varied).positive
-    given = float(getattr(table.prior, varied))
-    for (level, rows), (colour, marker) in zip(table.of(subject, varied, part).items(), _LINES, strict=False):
-        values = np.array([row.probability for row in rows], np.float64)  # None becomes NaN: a gap
-        ax.plot([row.value for row in rows], values, "-", marker=marker, ms=2.6, lw=0.9, color=colour, label=level)
-    ax.axvline(given, color="black", lw=0.6, ls=":", zorder=0)
-    if positive:
-        ax.set_xscale("log")
-    ticks = [rows[0].value, given, rows[-1].value]
-    ax.set_xticks(ticks, [f"{value:.3g}".replace("-", "−") for value in ticks])
-    ax.minorticks_off()
-    ax.set_yticks([0.0, 1.0])
-    ax.set_ylim(-0.06, 1.06)
-    ax.tick_params(labelbottom=False)
-    dress(ax)

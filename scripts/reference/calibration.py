@@ -10,7 +10,7 @@ right, of the data sets with posterior probability P(H1 | data) near p a share p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 
 import numpy as np
@@ -29,6 +29,7 @@ from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Workers, run_in_order
@@ -176,7 +177,10 @@ def calibrate(*, studies: int = 1000, data_sets: int = 2000, seed: int | None = 
 
 def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
     """Settings of every analysis: the defaults, but for fewer draws."""
-    return Settings(root_seed(seed), Prior() if prior is None else prior, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
+    design = reference_design()
+    shown = Subject("design", design.s1, design.s2, np.zeros(len(design.s1), np.int64), np.ones(len(design.s1), np.int64))
+    numbers = (DEFAULT_PRIOR if prior is None else prior).at(shown)  # which observers are drawn from as well
+    return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +193,7 @@ class Job:
     with_draws: bool
     with_evidence: bool
     settings: Settings
-    truth: Prior = field(default_factory=Prior)  # what observers are drawn from; the tests analyse under another prior
+    truth: Prior | None = None  # what observers are drawn from, if not the prior of the analysis: tests analyse under another one
 
 
 def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
@@ -222,7 +226,7 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        theta = job.truth.sample(rng, 1)
+        theta = (job.settings.prior if job.truth is None else job.truth).sample(rng, 1)
         trials = simulate_trials([name], theta, design, seed)[0]
         return Subject.from_trials(name, trials.s1, trials.s2, trials.equal), theta
     counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))

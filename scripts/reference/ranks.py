@@ -16,7 +16,7 @@ from bayes_toe.inference.adaptation import adapt_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
 from reference.calibration_statistics import place
 
@@ -35,7 +35,7 @@ def ranks(name: str, seed: int, *, prior: Prior | None = None, truth: Prior | No
     """
     model = model_named(name)
     assert isinstance(model, Model)
-    rng, prior = generator(seed, name, "observer"), Prior() if prior is None else prior
+    rng, prior = generator(seed, name, "observer"), DEFAULT if prior is None else prior
     design = reference_design()
     empty = Subject("made", design.s1, design.s2, np.zeros(len(design.s1), int), np.full(len(design.s1), design.batches))
     maker = model.posterior(empty, prior if truth is None else truth)

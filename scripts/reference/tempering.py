@@ -5,7 +5,7 @@ no modes, no fitted proposal. Between two powers of the likelihood, chosen so th
 resampled and moved by differences of two others (ter Braak's differential evolution) and in one direction; the mean weights multiply
 to the evidence (Del Moral, Doucet and Jasra 2006). Importance sampling about these particles then makes it precise.
 
-The constant error is not integrated by its own prior but as c = p (mu1 - sbar) over mu1 and gamma, from which that prior is made.
+The prior is stated here, in numbers: H1's is the paper's.
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, log_ndtr, logsumexp, ndtr, ndtri
+from scipy.special import expit, gammaln, log_ndtr, logit, logsumexp, ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.parts import composition
+from bayes_toe.model.prior import Prior
 
+#: The prior of the references; :data:`_NATURAL` says the same.
+PRIOR = Prior(offset_sd=0.3, noise_slope_sd=1.0, peak_slope_sd=1.0, lapse_rate_b=1.0)
 #: Changes whenever a change of the method can change a number; stored references carry it.
 METHOD = "tempering 1"
 _KEPT = 0.66  # share of the particles that count after a change of the power
@@ -30,7 +33,7 @@ LogLikelihood = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Log likelihood of a composition at normal scores of its natural parameters under the default prior.
+    """Log likelihood of a composition at normal scores of its natural parameters under :data:`PRIOR`.
 
     Parameters
     ----------
@@ -51,11 +54,12 @@ class Scored:
     def parameters(self) -> tuple[str, ...]:
         """Natural parameters, one score each."""
         levels = self.levels
-        of_order = {"none": (), "constant error": ("mu1", "gamma"), "update": ("mu1", "gamma"), "free weighting": ("mu1", "gamma", "gain")}
+        of_order = {"none": (), "constant error": ("c",), "update": ("mu1", "gamma"), "free weighting": ("c", "gain")}
         wanted = {
             "b": levels["noise"] == "sloped",
             "q0": levels["lapses"] != "no lapses",
             "rate": levels["lapses"] == "both ways",
+            "g": levels["peak"] == "sloped peak",
             "nu": levels["curve"] == "exponent",
             "icc": levels["spread"] == "beta-binomial",
         }
@@ -73,15 +77,16 @@ class Scored:
         s, order, curve = self.subject, self.levels["order"], self.levels["curve"]
         sbar = np.average(s.s1, weights=s.n_trials)
         shift, width = s.s2 - s.s1, theta["spread"]
-        if order != "none":
+        if order == "update":
             big = (1.0 + np.sqrt(1.0 + 4.0 * theta["gamma"])) / 2.0  # sigma_1^2 / sigma_p^2
-            pull = 1.0 - 1.0 / big
-            if order == "update":
-                shift, width = s.s2 - s.s1 / big - pull * theta["mu1"], theta["spread"] * big**1.5
-            else:
-                shift = shift - pull * (theta["mu1"] - sbar) + (1.0 - theta.get("gain", 1.0)) * (s.s1 - sbar)
-        z = shift / (width * np.exp(theta.get("b", 0.0) * (0.5 * (s.s1 + s.s2) - sbar)))
+            shift, width = s.s2 - s.s1 / big - (1.0 - 1.0 / big) * theta["mu1"], theta["spread"] * big**1.5
+        elif order != "none":
+            shift = shift - theta["c"] + (1.0 - theta.get("gain", 1.0)) * (s.s1 - sbar)
+        middle = 0.5 * (s.s1 + s.s2) - sbar
+        z = shift / (width * np.exp(theta.get("b", 0.0) * middle))
         q0, rate = theta.get("q0", np.ones((1, 1))), theta.get("rate", 0.0)
+        if "g" in theta:
+            q0 = expit(logit(q0) + theta["g"] * middle)
         if curve == "differencing":
             k = ndtri(0.5 + 0.5 * q0)
             attended = ndtr(k - z) - ndtr(-k - z)
@@ -102,7 +107,7 @@ class Scored:
         return np.asarray(np.where(total > 1e8, binomial, rising[0] + rising[1] - rising[2]))
 
 
-#: From a normal score to a natural parameter of the default prior.
+#: From a normal score to a natural parameter of the prior.
 _NATURAL: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "mu1": lambda x: 10.0 * x,
     "spread": lambda x: np.asarray(-ndtri(0.5 * ndtr(-x))),  # HalfNormal(1): sigma_p, or the width
@@ -111,6 +116,8 @@ _NATURAL: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "q0": ndtr,
     "rate": ndtr,
     "b": lambda x: x,
+    "g": lambda x: x,
+    "c": lambda x: 0.3 * x,
     "nu": lambda x: np.asarray(2.0 * np.exp(0.5 * x)),
     "icc": lambda x: np.asarray(-np.expm1(log_ndtr(-x) / 9.0)),  # Beta(1, 9)
 }
@@ -212,7 +219,7 @@ def _moved(
 
 
 def composed_evidence(subject: Subject, name: str, *, runs: int = 8, particles: int = 2000, size: int = 30_000) -> tuple[float, float]:
-    """Log evidence of a composition under the default prior and its standard error, the larger of what weights and runs say of it."""
+    """Log evidence of a composition under :data:`PRIOR` and its standard error, the larger of what weights and runs say of it."""
     scored = Scored(subject, name)
     found = []
     for run in range(runs):

@@ -11,6 +11,7 @@ from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_sub
 from bayes_toe.classical.maximum_likelihood import EDGES, Fits
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
+from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 
 CASES = hard_cases()
@@ -19,7 +20,7 @@ SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}
 
 @pytest.fixture(scope="module")
 def replicates():
-    return bootstrap_subject(SUBJECTS["S01"], seed=3, replicates=400)
+    return bootstrap_subject(SUBJECTS["S01"], seed=3, prior=Prior(), replicates=400)
 
 
 def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
@@ -46,7 +47,7 @@ def test_resampled_counts_are_beta_binomial():
 @pytest.mark.parametrize("name", ["S01", "S06", "S07", "S16", "funnel"])
 def test_optima_are_those_of_a_loop_over_a_general_optimiser(name):
     subject, count = SUBJECTS[name], 6
-    found = bootstrap_subject(subject, seed=1, replicates=count).fits
+    found = bootstrap_subject(subject, seed=1, prior=Prior(), replicates=count).fits
     counts = resample(subject, generator(1, name, "bootstrap"), count)
     for i, row in enumerate(counts):
         other = best_of_random_starts(Subject(name, subject.s1, subject.s2, row, subject.n_trials), 6)
@@ -88,7 +89,7 @@ def test_evidence_by_appendix_c_is_the_formula():
     rng = np.random.default_rng(2)
     values = np.array([0.1, 0.3, 0.1, 0.9]) + rng.normal(size=(500, 4)) * [0.2, 0.02, 0.01, 0.02]
     made = made_up(values)
-    value, note = bootstrap_evidence(made)
+    value, note = bootstrap_evidence(made, Prior())
     mu1, v_p, v_l = 0.1, 0.09, 0.01
     squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
     # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
@@ -100,8 +101,8 @@ def test_evidence_by_appendix_c_is_the_formula():
 
 
 def test_evidence_says_what_is_wrong_with_it():
-    on_edge = bootstrap_subject(SUBJECTS["S02"], seed=1, replicates=200)
-    value, note = bootstrap_evidence(on_edge)
+    on_edge = bootstrap_subject(SUBJECTS["S02"], seed=1, prior=Prior(), replicates=200)
+    value, note = bootstrap_evidence(on_edge, Prior())
     assert np.isfinite(value)
     assert "gamma=1" in note
     for name, word in (
@@ -110,11 +111,11 @@ def test_evidence_says_what_is_wrong_with_it():
         ("one batch", "infinite"),
         ("perfect observer", "sigma_p=0"),
     ):
-        value, note = bootstrap_evidence(bootstrap_subject(CASES[name], seed=1, replicates=200))
+        value, note = bootstrap_evidence(bootstrap_subject(CASES[name], seed=1, prior=Prior(), replicates=200), Prior())
         assert value is None
         assert word in note
     same = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [0, 0.3, 0.5, 0.5]
-    value, note = bootstrap_evidence(made_up(same))
+    value, note = bootstrap_evidence(made_up(same), Prior())
     assert value is None
     assert note.endswith("singular")
 
@@ -133,11 +134,11 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
 
 
 def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):
-    open_ = bootstrap_subject(CASES["single pair"], seed=1, replicates=50)
+    open_ = bootstrap_subject(CASES["single pair"], seed=1, prior=Prior(), replicates=50)
     assert np.isnan(open_.intervals()[1:]).all()
     assert (open_.covariance(), open_.ellipse()) == (None, None)
     assert "leaves a parameter open" in open_.remarks()[0]
-    blunt = bootstrap_subject(CASES["all equal"], seed=1, replicates=200)
+    blunt = bootstrap_subject(CASES["all equal"], seed=1, prior=Prior(), replicates=200)
     assert blunt.intervals()[1, 1] == np.inf
     assert any("infinite sigma_p" in text for text in blunt.remarks())
     for options in ({"replicates": 0}, {"level": 1.0}, {"level": float("nan")}, {"seed": -1}, {"workers": 0}):

@@ -21,7 +21,7 @@ STARTS = 9
 
 @pytest.mark.parametrize("name", sorted(SUBJECTS))
 def test_never_below_a_general_optimiser(name):
-    found, other = fit_subject(SUBJECTS[name]), best_of_random_starts(SUBJECTS[name], STARTS)
+    found, other = fit_subject(SUBJECTS[name], Prior()), best_of_random_starts(SUBJECTS[name], STARTS)
     assert found.arrived[0]
     assert found.objective[0] >= other - 1e-9 * (1 + 1e-5 * abs(other))
 
@@ -29,12 +29,12 @@ def test_never_below_a_general_optimiser(name):
 def test_never_below_a_general_optimiser_on_real_studies(real_data):
     for file in ("vibrotactile_rate/trials.csv", "morse_rothkopf_1957/dots.csv"):
         for subject in bt.read_study(real_data / file):
-            assert fit_subject(subject).objective[0] >= best_of_random_starts(subject, 4) - 1e-9
+            assert fit_subject(subject, Prior()).objective[0] >= best_of_random_starts(subject, 4) - 1e-9
 
 
 @pytest.mark.parametrize("name", ["S01", "S07", "S12", "funnel", "stimuli offset by 100"])
 def test_value_and_stationarity_with_fifty_digits(name):
-    subject, found = SUBJECTS[name], fit_subject(SUBJECTS[name])
+    subject, found = SUBJECTS[name], fit_subject(SUBJECTS[name], Prior())
     with mpmath.workdps(50):
 
         def objective(mu1, log_sigma_p, gamma, q0):
@@ -68,7 +68,7 @@ def test_value_and_stationarity_with_fifty_digits(name):
     ],
 )
 def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
-    found, subject = fit_subject(CASES[name]), CASES[name]
+    found, subject = fit_subject(CASES[name], Prior()), CASES[name]
     assert found.at_edge == (edge,)
     assert found.parameters[0] == pytest.approx(np.array(parameters, float), abs=1e-6, nan_ok=True)
     k = subject.n_equal.sum() / subject.n_trials.sum()
@@ -88,7 +88,7 @@ def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
     ],
 )
 def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
-    found = fit_subject(Subject("x", s1, s2, n_equal, [50] * len(s1)))
+    found = fit_subject(Subject("x", s1, s2, n_equal, [50] * len(s1)), Prior())
     assert found.at_edge == (edge,)
     assert np.isnan(found.parameters[0]).tolist() == open_
     assert np.isfinite(found.objective[0])
@@ -96,7 +96,7 @@ def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
 
 @pytest.mark.parametrize("name", ["S01", "S02", "S06", "S07", "one batch"])
 def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
-    s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name])
+    s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name], Prior())
     up = fit_subject(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
     assert up.objective == pytest.approx(plain.objective, rel=1e-12)
     assert up.parameters[0] == pytest.approx(plain.parameters[0] + [3, 0, 0, 0], abs=1e-5)
@@ -127,7 +127,7 @@ def test_rows_together_are_rows_alone():
 
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_curves_have_the_likelihood_that_is_claimed(name):
-    subject, found = CASES[name], fit_subject(CASES[name])
+    subject, found = CASES[name], fit_subject(CASES[name], Prior())
     q = found.equal_probability(subject.s1, subject.s2)[0]
     assert ((q >= 0) & (q <= 1)).all()
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -148,7 +148,7 @@ def test_few_starts_lead_as_high_as_many(name):
     grid = np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths])], axis=1)  # with the edge gamma = 0
     top = np.log(((counts.equal + 1) / (counts.equal + counts.different + 2)).max(axis=1))
     many = np.stack([*np.broadcast_arrays(*grid[:, None, :], top[:, None])])
-    own = replicate_starts(design, fit_subject(subject).identified[0], counts)
+    own = replicate_starts(design, fit_subject(subject, Prior()).identified[0], counts)
     best, first, again = (fit_counts(design, counts, starts).objective for starts in (many, first_starts(design, counts), own))
     assert (first >= best - 1e-8).all()
     assert (again < best - 1e-8).sum() <= 1

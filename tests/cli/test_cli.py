@@ -278,7 +278,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
         ("figures study.csv --format gif", "allowed: pdf, png, svg"),
         ("figures three.csv --posterior POSTERIOR", "found no draws of subject 'C'; allowed: the posterior of three.csv"),
         ("figures --posterior POSTERIOR --seed 2", "found draws of seed 1, allowed: that seed, or none, given 2"),
-        ("sensitivity --posterior POSTERIOR --prior wide.toml", "found draws under mu1 ~ Normal(0, 10)"),
+        ("sensitivity --posterior POSTERIOR --prior wide.toml", "found draws under mu1 ~ Normal(M, 2.5 R)"),
         ("sensitivity", "STUDY.csv: missing"),
         ("run study.csv --pictures some", "allowed are all, flagged, none"),
         ("run study.csv -o study.csv/new", "study.csv"),
@@ -383,10 +383,10 @@ def test_a_prior_file_is_used_shown_and_stored(folder):
 
 
 def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
-    (folder / "stimuli").write_text("mu1_sd = 7.0\n", encoding="utf-8")
-    said = [good("check", "study.csv", "--prior", given, cwd=folder) for given in ("paper", "stimuli", "./stimuli")]
+    (folder / "default").write_text("mu1_sd = 7.0\n", encoding="utf-8")
+    said = [good("check", "study.csv", "--prior", given, cwd=folder) for given in ("paper", "default", "./default")]
     assert "mu1 ~ Normal(0, 10)" in said[0]
-    assert "mu1_mean, mu1_sd, sigma_p_scale, noise_slope_sd from the stimuli" in " ".join(said[1].split())
+    assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in " ".join(said[1].split())
     assert "mu1 ~ Normal(0, 7)" in said[2]
 
 

@@ -50,12 +50,3 @@ def test_where_it_cannot_be_told_whether_h1_describes_the_answers_it_is_not_said
     judged, not_judged = table((EFFECT, False)), table((EFFECT, False), (EFFECT, False), fit=fit)
     assert in_short(not_judged).endswith("whether H1 describes the answers cannot be told")
     assert in_short([*judged, *not_judged]).endswith("H1 describes the answers of 1, of 2 it cannot be told")
-
-
-def test_about_whom_the_choice_of_the_prior_decides_is_said_of_those_who_are_counted():
-    # Of S1 the presets name another kind only; S3's answers are not described.
-    kinds = [(EFFECT, OPEN), (EFFECT, (-9.0, 0.0, -3.0)), (NONE, OPEN), (EFFECT, OPEN)]
-    presets = [SimpleNamespace(subject=f"S{i}", orders=dict(zip(("paper", "stimuli"), two, strict=True))) for i, two in enumerate(kinds)]
-    said = in_short(table((EFFECT, False), (EFFECT, False), (NONE, False), (EFFECT, True)), presets=presets)
-    assert "have an order effect (about 1 of them the choice of the prior decides), 1 has none, and about 1 of these the choice" in said
-    assert "decides" not in in_short(table((EFFECT, False), (NONE, False)), presets=presets[1:2])

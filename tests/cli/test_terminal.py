@@ -41,9 +41,9 @@ def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that
 
 def test_a_wrong_unit_comes_before_compare(many, capsys):
     study = bt.Study([bt.Subject("A", [0.0, 1e-6], [1e-6, 0.0], [3, 4], [5, 5])])
-    assert scale_first(study, prior_for(study, "stimuli")) == ""
+    assert scale_first(study, prior_for(study)) == ""
     say_evidence(new_console(False), many, first=scale_first(study, bt.Prior()))
-    assert "first mend the unit of the stimuli, or use --prior stimuli: " in capsys.readouterr().out.split("next: bayes-toe compare")[0]
+    assert "first mend the unit of the stimuli, or use the default prior: " in capsys.readouterr().out.split("next: bayes-toe compare")[0]
 
 
 def test_up_to_so_many_rows_all_are_there_in_their_order(many, capsys):

@@ -59,7 +59,7 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
     subject = CASES[name]
     rng = np.random.default_rng(21)
     sums, squares, n = 0.0, 0.0, 0
-    top = max(find_maxima(posterior_of(subject)).value.max(), -1e9) + 20
+    top = max(find_maxima(posterior_of(subject, bt.Prior())).value.max(), -1e9) + 20
     for _ in range(40):
         theta = bt.Prior().sample(rng, 50_000)
         columns = [v[:, None] for v in theta]
@@ -72,7 +72,7 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
         sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)
     mean = sums / n
     error = math.sqrt((squares / n - mean**2) / n) / mean
-    estimate = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(22)))
+    estimate = importance_evidence(fit_proposal(posterior_of(subject, bt.Prior()), np.random.default_rng(22)))
     value, own_error, why_not = estimate.value, estimate.se, estimate.why_not
     assert why_not == ""
     assert error < 0.08
@@ -91,8 +91,8 @@ def test_laplace_is_exact_for_a_normal_density():
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
-    result, found = fitted_result(posterior_of(subject), 1, Wanted(evidence_draws=20_000))
-    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, prior=bt.Prior()))
+    result, found = fitted_result(posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000))
+    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, prior=bt.Prior()), bt.Prior())
     row = subject_evidence(result, found, by_bootstrap, others=(result.evidence, result.evidence))
     assert row.log_evidence_h1_laplace is None
     assert row.log_bayes_factor_laplace is None

@@ -1,5 +1,6 @@
 """Re-weighted evidences and posteriors against fresh fits, closed forms, identities of the evidence and deterministic integration."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,7 @@ from bayes_toe.comparison.reweighting import REWEIGHTED
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.prior_fields import Stimuli
 
 CASES = hard_cases()
 HARD = ["funnel", "single pair", "perfect observer", "one batch"]  # "all equal" is known by hand, below
@@ -29,7 +31,7 @@ HARD = ["funnel", "single pair", "perfect observer", "one batch"]  # "all equal"
 @pytest.fixture(scope="module")
 def table(small_study):
     """Three ordinary subjects over the default range."""
-    return bt.sensitivity(small_study, steps=5, seed=5, workers=1)
+    return bt.sensitivity(small_study, steps=5, seed=5, prior="paper", workers=1)
 
 
 def distinct(rows):
@@ -40,7 +42,7 @@ def distinct(rows):
 @pytest.fixture(scope="module")
 def hard():
     """Hard cases over the default range."""
-    return bt.sensitivity(bt.Study([CASES[name] for name in HARD]), steps=3, seed=6, workers=1)
+    return bt.sensitivity(bt.Study([CASES[name] for name in HARD]), steps=3, seed=6, prior="paper", workers=1)
 
 
 def fresh(subject, row):
@@ -96,7 +98,7 @@ def test_medians_are_those_of_draws_under_that_prior(table, small_study):
 
 
 def test_the_middle_row_is_the_evidence_table(table, small_study):
-    evidence = bt.evidence(small_study, seed=5, workers=1)
+    evidence = bt.evidence(small_study, seed=5, prior="paper", workers=1)
     for row in evidence:
         for varied in table.varied:
             middle = next(found for found in table.of(row.subject, varied) if found.prior == bt.Prior())
@@ -155,8 +157,8 @@ def test_slopes_of_the_evidence_are_moments_of_the_posterior(small_study):
 def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
     assert tuple(frame.columns) == SENSITIVITY_COLUMNS
-    assert len(frame) == 3 * 5 * 5
-    assert set(frame["varied"]) == set(table.varied) == {"mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "mu1_mean"}
+    assert len(frame) == 3 * 7 * 5
+    assert set(frame["varied"]) == {*table.varied} == {"mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "q0_a", "q0_b", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()
     scales = frame[frame["varied"].isin(table.scales)]
     assert np.allclose(sorted(set(scales["factor"].round(9))), [0.25, 0.5, 1.0, 2.0, 4.0])
@@ -199,7 +201,7 @@ def test_weighted_quantiles_are_those_of_repeated_values():
 
 
 def test_same_seed_same_numbers_whatever_the_workers(table, small_study):
-    pd.testing.assert_frame_equal(bt.sensitivity(small_study, steps=5, seed=5, workers=2).frame(), table.frame())
+    pd.testing.assert_frame_equal(bt.sensitivity(small_study, steps=5, seed=5, prior="paper", workers=2).frame(), table.frame())
 
 
 @pytest.mark.parametrize("bad", [{"reach": 1.0}, {"reach": np.nan}, {"reach": 1e7}, {"steps": 4}, {"steps": 1}, {"steps": 1001}])
@@ -226,5 +228,24 @@ def test_figures_show_every_value_and_mark_the_turns(table):
         assert np.all((shown > low) & (shown < high)), name
         assert all(a < b for a, b in pairwise(ax.get_xticks()))
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words[:6] == ["sd of mu1", "scale of sigma_p", "a of gamma", "b of gamma", "mean of mu1, from −10 to 10", "the prior given"]
+    assert words[:7] == [
+        *("sd of mu1", "scale of sigma_p", "a of gamma", "b of gamma", "a of q0", "b of q0"),
+        "mean of mu1, from −10 to 10",
+    ]
     assert "within 3 nats of 0: not strong" in words
+
+
+def test_the_default_prior_is_varied_about_the_numbers_of_each_subject(small_study):
+    here = small_study["B"]
+    there = replace(here, name="C", s1=3.0 * here.s1 + 2.0, s2=3.0 * here.s2 + 2.0)
+    table = bt.sensitivity(bt.Study([here, there]), steps=3, seed=5, workers=1)
+    assert table.varied == ("mu1_sd", "width_median", "width_sd", "gamma_a", "gamma_b", "q0_a", "q0_b", "mu1_mean")
+    for one in (here, there):
+        stimuli = Stimuli.of(one)
+        assert [row.value for row in table.of(one.name, "mu1_sd")] == pytest.approx([2.5 * stimuli.sd * k for k in (0.25, 1.0, 4.0)])
+        assert table.given(one.name, "mu1_mean") == stimuli.mean
+    # What is the same in any unit: evidence, but for its noise, and values over those of the stimuli.
+    for a, b in zip(table.of("B", "mu1_mean"), table.of("C", "mu1_mean"), strict=True):
+        assert a.log_bayes_factor == pytest.approx(b.log_bayes_factor, abs=4.5 * np.hypot(a.se, b.se))
+    words = [text.get_text() for text in bt.plots.sensitivity_figure(table).legends[0].get_texts()]
+    assert words[7:9] == ["mean of mu1, shifted by its sd", "the prior given"]

@@ -117,7 +117,7 @@ def test_messages_are_one_sentence_that_concludes() -> None:
 
 
 def test_stimuli_of_another_unit_than_the_prior_are_told() -> None:
-    def said(step: float, prior: Prior | str | None = None) -> str:
+    def said(step: float, prior: Prior | str = "paper") -> str:
         study = Study((subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
         found = doubts(study, prior_for(study, prior))
         assert set(found) <= set(check_study(study, prior_for(study, prior)))
@@ -127,9 +127,9 @@ def test_stimuli_of_another_unit_than_the_prior_are_told() -> None:
     assert [said(step) for step in (0.013, 0.3, 1.0, 16.0)] == ["", "", "", ""]
     assert said(0.012).startswith("The prior is far too wide for these stimuli, sigma_p ~ HalfNormal(1) with steps of 0.012 (")
     assert said(17.0).startswith("The prior is far too narrow for these stimuli, sigma_p ~ HalfNormal(1) with steps of 17 (")
-    assert "--prior stimuli takes its scales from them" in said(17.0)
+    assert "the default prior takes its scales from them" in said(17.0)
     assert said(0.3, Prior(sigma_p_scale=0.01)).startswith("The prior is far too narrow")
-    assert [said(step, "stimuli") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
+    assert [said(step, "default") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
     assert check_study(Study((subject(GRID, [9, 2, 3, 1, 8, 4, 5, 6, 10]),))) == (), "without a prior nothing is said of it"
     only_equal = Study((subject([(0.0, 0.0), (9e9, 9e9)]),))
     assert doubts(only_equal, Prior()) == (), "without different stimuli there is no step"

@@ -13,6 +13,7 @@ from bayes_toe.experiments.checks import check_subject
 from bayes_toe.experiments.identifiability import identifiability
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.prior import Prior
 
 STEPS = (0.0, 0.13, 0.31, 0.42, 0.55)
 DESIGNS = {
@@ -94,7 +95,7 @@ def test_rank_is_that_of_the_closed_form(pairs):
 
 @pytest.mark.parametrize("name", DESIGNS)
 def test_rank_is_that_of_finite_differences_of_the_probabilities(name):
-    posterior = posterior_of(made(DESIGNS[name]))
+    posterior = posterior_of(made(DESIGNS[name]), Prior())
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
     sides = [np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0]) for axis in np.eye(4)]
     jacobian = np.stack([(up - down) / (2 * h) for up, down in sides], axis=1)
@@ -162,7 +163,7 @@ def test_intervals_rank_is_that_of_finite_differences(pairs):
     isi = np.tile([0.5, 1.0, 4.0], len(pairs))
     s1, s2 = (np.repeat(side, 3) for side in zip(*pairs, strict=True))
     subject = bt.Subject("S", s1, s2, np.full(len(s1), 4), np.full(len(s1), 10), isi)
-    posterior = posterior_of(subject)
+    posterior = posterior_of(subject, Prior())
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
     sides = [np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0]) for axis in np.eye(4)]
     values = np.linalg.svd(np.stack([(up - down) / (2 * h) for up, down in sides], axis=1), compute_uv=False)

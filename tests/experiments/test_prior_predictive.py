@@ -42,7 +42,7 @@ def test_pairs_stand_by_distance_with_the_counts_of_who_met_them():
 
 def test_many_pairs_are_taken_together_by_order_and_distance():
     s1, s2 = map(np.ravel, np.meshgrid(np.linspace(0.0, 1.5, 16), np.linspace(0.0, 1.5, 16)))
-    found = bt.prior_predictive(bt.Study([_subject("a", s1, s2)]), "stimuli", "symmetric", draws=50)
+    found = bt.prior_predictive(bt.Study([_subject("a", s1, s2)]), "default", "symmetric", draws=50)
     assert found.grouped
     middle = found.equal.shape[1] // 2
     assert 2 * 8 < found.equal.shape[1] <= 2 * 12 + 1
@@ -56,7 +56,7 @@ def test_many_pairs_are_taken_together_by_order_and_distance():
 def test_a_pair_at_two_intervals_is_two_pairs_and_any_composition_has_a_prior():
     s1, s2, isi = [0.0, 0.0, 0.4, 0.4], [0.4, 0.4, 0.0, 0.0], [0.5, 2.0, 0.5, 2.0]
     study = bt.Study([_subject("a", s1, s2, isi=isi)])
-    found = bt.prior_predictive(study, "stimuli", "update + sloped + both ways", draws=200)
+    found = bt.prior_predictive(study, "default", "update + sloped + both ways", draws=200)
     assert found.distance == pytest.approx([-0.4, -0.4, 0.4, 0.4])
     assert np.abs(found.equal[:, 0] - found.equal[:, 1]).max() > 0.01
     assert bt.prior_predictive(study, model="free frequencies", draws=2000).equal.mean(axis=0) == pytest.approx(0.5, abs=0.03)

@@ -90,13 +90,14 @@ def test_answers_of_observers_of_ones_own_follow_the_model():
 
 def test_observers_of_the_prior_are_those_that_an_analysis_of_their_study_expects():
     of_prior = {"population": "prior", "batches": 1, "seed": 1}
-    own, there = (bt.simulate(9, **of_prior).truth, bt.simulate(9, **of_prior, isi=(2.0, 8.0)).truth)
+    own, there = (bt.simulate(9, **of_prior, prior="paper", **isi).truth for isi in ({}, {"isi": (2.0, 8.0)}))
     at_two = bt.simulate(9, **of_prior, isi=(2.0, 8.0), prior=bt.Prior(reference_interval=2.0)).truth
     for name in own:  # the prior is about sigma_p over 4 s, the geometric mean, or over 2 s where it says so
         for truth, seconds in ((there, 4.0), (at_two, 2.0)):
             assert truth[name] == pytest.approx({**own[name], "sigma_p": own[name]["sigma_p"] / seconds**0.5}, rel=1e-14)
-    found = bt.simulate(9, **of_prior, prior="stimuli")
-    numbers = bt.prior_for(found.study, "stimuli")
+    prior = bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli", sigma_p_scale="stimuli")
+    found = bt.simulate(9, **of_prior, prior=prior)
+    numbers = prior.at(*found.study)
     for name, values in found.truth.items():  # the paper's prior has mu1 ~ Normal(0, 10) and sigma_p ~ HalfNormal(1)
         assert values["mu1"] == pytest.approx(numbers.mu1_mean + numbers.mu1_sd * own[name]["mu1"] / 10.0, rel=1e-12)
         assert values["sigma_p"] == pytest.approx(numbers.sigma_p_scale * own[name]["sigma_p"], rel=1e-12)

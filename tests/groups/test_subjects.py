@@ -26,7 +26,7 @@ OTHERS = (
     {"curve": "differencing", "lapses": "both ways"},
 )
 MODELS = [compose(order=order, **levels) for order in ORDERS for levels in OTHERS]
-CENTRE, PRIOR = 0.2, Prior(offset_sd=1.0, reference_interval=0.7)
+CENTRE, PRIOR = 0.2, Prior(reference_interval=0.7)
 
 
 def subjects(intervals):

@@ -11,6 +11,7 @@ from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.predictive_checks import deviance
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import MODELS, NAMES, posterior_of
+from bayes_toe.model.prior import DEFAULT
 
 PARAMETRIC = [name for name in NAMES if name != "free frequencies"]
 
@@ -31,8 +32,8 @@ def draws(two, request):
 def test_the_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path):
     again = bt.load(draws.save(tmp_path / "posterior.nc"))
     record = next(model for model in MODELS if model.name == draws.model)
-    assert (again.model, again.seed, again.prior) == (draws.model, 3, bt.Prior())
-    assert again.attrs["prior"] == record.describe(bt.Prior()) == again.described_prior()
+    assert (again.model, again.seed, again.prior) == (draws.model, 3, DEFAULT)
+    assert again.attrs["prior"] == record.describe(DEFAULT) == again.described_prior()
     for name in again.parameters:
         assert np.array_equal(again.values("A", name), draws.values("A", name), equal_nan=True)
     assert repr(again.fit("A")) == repr(draws.fit("A"))  # under free frequencies a p-value is NaN

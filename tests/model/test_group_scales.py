@@ -15,12 +15,12 @@ from bayes_toe.model.prior import Prior
 SUBJECT = Subject("A", [0.1, 0.3, 0.6], [0.1, 0.5, 0.2], [9, 4, 5], [10, 10, 10])
 #: Each order with all other parts: between them they have every block.
 ORDERS = ("none", "constant error", "update", "free weighting", "mean-reverting")
-FULL = [compose(order=order, noise="sloped", lapses="both ways", curve="exponent", spread="beta-binomial").name for order in ORDERS]
-PRIOR = Prior(offset_sd=1.3)
+ALL = {"noise": "sloped", "lapses": "both ways", "curve": "exponent", "peak": "sloped peak", "spread": "beta-binomial"}
+FULL = [compose(order=order, **ALL).name for order in ORDERS]
 
 
 def posterior(name):
-    return posterior_of(SUBJECT, PRIOR, model=name)
+    return posterior_of(SUBJECT, model=name)
 
 
 def logit(share):
@@ -36,8 +36,6 @@ def by_definition(names, eta, sbar):
             x.append(pull_of(at) * (at[name] - sbar))
         elif name == "gamma":
             x.append(logit(2 * pull_of(at) / (3 - mpmath.sqrt(5))))
-        elif name == "offset":
-            x.append(at[name] / mpmath.mpf(PRIOR.offset_sd))
         else:
             x.append(logit(share) if GROUP_PARAMETERS[name].scale == "probit" else at[name])
     return x

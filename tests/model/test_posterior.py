@@ -53,7 +53,7 @@ def test_shifting_stimuli_and_prior_mean_together_changes_nothing():
     s = CASES["funnel"]
     x = np.random.default_rng(3).normal(size=(20, 4))
     shifted = posterior_of(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
-    assert shifted.log_density(x) == pytest.approx(posterior_of(s).log_density(x), rel=1e-10)
+    assert shifted.log_density(x) == pytest.approx(posterior_of(s, Prior()).log_density(x), rel=1e-10)
 
 
 def test_nan_raises_and_impossible_is_minus_infinity():
@@ -77,13 +77,17 @@ COMPOSED = [
     "none + sloped + both ways",
     "constant error + sloped + both ways + exponent",
     "constant error + both ways + differencing",
+    "none + both ways + sloped peak",
+    "update + sloped + both ways + differencing + sloped peak",
     "update + sloped + both ways",
     "update + no lapses + exponent + beta-binomial",
     "free weighting + both ways + beta-binomial",
     "mean-reverting + sloped + exponent + beta-binomial",
 ]
-PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, offset_sd=1.0, reference_interval=1.0)
-FLAT = Prior(0.4, 1e30, 0.7, offset_sd=1.0, reference_interval=1.0)
+OTHERS = {"offset_sd": 1.0, "noise_slope_sd": 1.0, "peak_slope_sd": 0.7, "reference_interval": 1.0}
+PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, **OTHERS)
+OF_WIDTH = Prior(mu1_mean=0.4, mu1_sd=2.0, width_median=0.3, width_sd=0.8, q0_a=4.0, **OTHERS)
+FLAT = Prior(0.4, 1e30, 0.7, **OTHERS)
 INTERVALS = pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
 
 
@@ -99,8 +103,8 @@ def subject(name, isi, scale=1.0):
 @settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_every_rung(name, isi, data):
-    target = posterior_of(subject(name, isi), PRIOR, model=name)
-    ranges = {"offset": (-0.6, 0.6), "offset_score": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
+    target = posterior_of(subject(name, isi), data.draw(st.sampled_from([PRIOR, OF_WIDTH])), model=name)
+    ranges = {"offset": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
     ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
     # Subnormal ones left out: a displacement that underflows lies beyond the kink that an exponent of 1 has at z = 0.
     x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0)), allow_subnormal=False), label=key) for key in target.coordinates]
@@ -111,8 +115,14 @@ def test_every_rung(name, isi, data):
 
 
 FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0, 100.0], "logit_gain": [-30.0, 30.0]}
-FAR |= {"noise_slope": [-40.0, 40.0], "logit_lapse_rate": [-60.0, 30.0], "log_exponent": [-1.6, 3.0], "logit_icc": [-60.0, 30.0]}
-MIDDLE = {"offset": 0.31, "offset_score": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
+FAR |= {
+    "noise_slope": [-40.0, 40.0],
+    "peak_slope": [-40.0, 40.0],
+    "logit_lapse_rate": [-60.0, 30.0],
+    "log_exponent": [-1.6, 3.0],
+    "logit_icc": [-60.0, 30.0],
+}
+MIDDLE = {"peak_slope": 0.6, "offset": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
 MIDDLE |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
 
 
@@ -184,7 +194,7 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
     # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus is placed z widths away.
     step = z * width + float(pull(gamma)) * mu1
     subject = Subject("S", [0.0], [step], [equal], [equal + different])
-    posterior = posterior_of(subject)
+    posterior = posterior_of(subject, Prior())
     x = point(mu1, gamma, sigma_p, lapse, 0.0)
     # Rounding the displacement itself costs what its cancellation costs: only well-conditioned displacements are held to 1e-12.
     if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
@@ -207,7 +217,7 @@ def test_many_pairs_wherever_the_stimuli_lie(gamma, sigma_p, lapse, mu1, offset,
     s1 = np.concatenate([grid, np.full(4, grid[0]), grid[1:]])
     s2 = np.concatenate([grid, grid[1:], np.full(4, grid[0])])
     equal = scale * np.array([45, 40, 42, 44, 46, 30, 20, 9, 3, 41, 35, 22, 12])
-    posterior = posterior_of(Subject("S", s1, s2, equal, np.full(13, 50 * scale)))
+    posterior = posterior_of(Subject("S", s1, s2, equal, np.full(13, 50 * scale)), Prior())
     x = point(mu1 + posterior.sbar, gamma, sigma_p, lapse, posterior.sbar)
     z = posterior.distance(np.array([x]))[0]
     if np.abs(z).min() > 1e-3:
@@ -218,6 +228,6 @@ def test_many_pairs_wherever_the_stimuli_lie(gamma, sigma_p, lapse, mu1, offset,
 @pytest.mark.parametrize("top", [-1e4, -745.0, 745.0, 1e4])
 def test_far_beyond_any_float_nothing_is_nan(a, top):
     s1, s2 = np.array([0.0, 0.0, 0.3]), np.array([0.0, 0.3, 0.0])
-    posterior = posterior_of(Subject("S", s1, s2, [5, 2, 3], [10, 10, 10]))
+    posterior = posterior_of(Subject("S", s1, s2, [5, 2, 3], [10, 10, 10]), Prior())
     for c in (0.0, 1e-320, 0.5):
         assert not np.isnan(posterior.log_density([[c, a, 0.0, top]])[0])

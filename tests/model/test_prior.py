@@ -72,6 +72,7 @@ class ChiPrior(Prior):
 
 CHI = ChiPrior(0.4, 2.5, 0.3, sigma_p_shape=3.0)
 PRIORS = [Prior(0.4, 2.5, 0.3), CHI]
+OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, q0_a=4.0)
 
 
 def of(prior):
@@ -88,19 +89,21 @@ def points(n=12, seed=1):
 
 
 def test_the_declaration_is_all_that_lists_the_numbers():
-    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior) if one.name != "origin"]
-    assert [one.default for one in ChiPrior.declared()][:5] == [0.0, 10.0, 1.0, 1.0, 1.0]
+    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior)]
+    assert [one.default for one in ChiPrior.declared()][:5] == [0.0, 10.0, 1.0, None, 1.0]
     assert Prior.declared() == PriorFields.declared() == ChiPrior.declared()[:-1]
     assert CHI.distribution("sigma_p") == Chi(0.3, 3.0)
-    assert tuple(CHI.distributions) == ("mu1", "sigma_p", "gamma", "q0", "noise_slope", "lapse_rate", "exponent", "icc")
-    assert {one.parameter for one in Prior.declared()} | {"q0"} == {*CHI.distributions, "offset", "interval"}
+    assert {one.parameter for one in Prior.declared()} == {*CHI.families, "interval"}
 
 
 def test_what_other_models_have():
-    found = Prior(noise_slope_sd=0.5, lapse_rate_b=4.0, exponent_sd=0.2)
-    words = {name: found.distribution(name).describe() for name in ("noise_slope", "lapse_rate", "exponent", "icc")}
-    assert words == {"noise_slope": "Normal(0, 0.5)", "lapse_rate": "Beta(1, 4)", "exponent": "LogNormal(2, 0.2)", "icc": "Beta(1, 9)"}
-    assert Prior().distribution("lapse_rate") == Prior().distribution("gamma") == Uniform()
+    found = Prior(noise_slope_sd=0.5, lapse_rate_b=4.0, exponent_sd=0.2, peak_slope_sd=2.0)
+    words = {name: found.distribution(name).describe() for name in ("noise_slope", "peak_slope", "lapse_rate", "exponent", "icc")}
+    assert words == {
+        **{"noise_slope": "Normal(0, 0.5)", "peak_slope": "Normal(0, 2)", "lapse_rate": "Beta(1, 4)"},
+        **{"exponent": "LogNormal(2, 0.2)", "icc": "Beta(1, 9)"},
+    }
+    assert Prior().distribution("q0") == Prior().distribution("gamma") == Uniform()
     assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
 
 
@@ -127,14 +130,15 @@ def test_it_is_in_the_density():
     assert of(CHI)[0](x) == pytest.approx(expected + jacobian, rel=1e-10)
 
 
+@pytest.mark.parametrize("prior", [CHI, OF_WIDTH], ids=["of sigma_p", "of the width"])
 @pytest.mark.parametrize("parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"])
-def test_it_is_in_draws_quantiles_and_contraction(parameter):
+def test_it_is_in_draws_quantiles_and_contraction(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
-    drawn = quantities(CHI.sample(np.random.default_rng(8), n), SBAR)[parameter]
-    limits = [prior_quantile(CHI, parameter, one) for one in p]
-    # 4.5 standard errors of a share: 24 comparisons, a false alarm in about 6,000 such tests
+    drawn = quantities(prior.sample(np.random.default_rng(8), n), SBAR)[parameter]
+    limits = [prior_quantile(prior, parameter, one) for one in p]
+    # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
-    middle, target = 0.5 * (limits[0] + limits[2]), bt.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), CHI)
+    middle, target = 0.5 * (limits[0] + limits[2]), bt.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
     assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
 
 
@@ -163,7 +167,7 @@ def test_it_is_in_the_help_text():
 def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     subject = small_study["B"]
     table = bt.sensitivity(bt.Study([subject]), prior=CHI, steps=3, reach=2.0, seed=3, workers=1)
-    assert table.varied == ("mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "sigma_p_shape", "mu1_mean")
+    assert table.varied == ("mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "q0_a", "q0_b", "sigma_p_shape", "mu1_mean")
     rows = table.of("B", "sigma_p_shape")
     assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
     assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
@@ -182,7 +186,7 @@ def test_what_it_may_not_be():
     with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"):
         Prior(mu1_mean=np.nan)
     assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
-    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, gamma, q0, "):
+    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, "):
         CHI.distribution("sigma_l")
     with pytest.raises(bt.InputError, match="no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"):
         Prior.declared_as("mu1_scale")
@@ -226,7 +230,13 @@ class Skewed:
 class SkewedPrior(ChiPrior):
     """No family is the default's."""
 
-    families: ClassVar = {**Prior.families, "mu1": Logistic, "sigma_p": Chi, "gamma": lambda *_: Skewed(), "q0": lambda: Skewed(3.0, 1.6)}
+    families: ClassVar = {
+        **Prior.families,
+        "mu1": Logistic,
+        "sigma_p": Chi,
+        "gamma": lambda *_: Skewed(),
+        "q0": lambda *_: Skewed(3.0, 1.6),
+    }
 
 
 SKEWED = SkewedPrior(0.4, 0.8, 0.3, sigma_p_shape=3.0)

@@ -1,15 +1,20 @@
-"""A prior made numbers by a study: no unit of intensity, and no unit of time."""
+"""The default prior: its scales from what each subject felt, its densities, no unit of intensity, and no unit of time."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit, log_expit
 
 import bayes_toe as bt
-from bayes_toe.model.ladder import MODELS, model_named
+from bayes_toe.inference.belonging import require_belonging
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.ladder import MODELS, SPACE, model_named
 from bayes_toe.model.posterior import Model
-from bayes_toe.model.study_prior import Stimuli, preset_or_file, prior_for, read_prior
+from bayes_toe.model.prior import DEFAULT, read_prior
+from bayes_toe.model.prior_fields import OF_STIMULI, Stimuli
+from bayes_toe.model.study_prior import preset_or_file, prior_for
 
 
 def subject(name="S", factor=1.0, shift=0.0, isi=None):
@@ -22,49 +27,58 @@ def study(**how):
 
 
 def test_the_stimuli_by_hand():
-    found = Stimuli.of(bt.Study([bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])]))
-    assert found == pytest.approx(((5 * 1.5 + 15 * 0.5 + 20) / 40, 35 / 40, 3.0, np.sqrt((5 * 9 + 15) / 20)))
-    assert (found.inverse_range, found.log_step) == pytest.approx((1 / 3, np.log(3) / 2))
-    with pytest.raises(bt.InputError, match="needs pairs of different stimuli"):
-        prior_for(bt.Study([bt.Subject("S", [0.4], [0.4], [1], [2])]), "stimuli")
+    one = bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])
+    values, n = np.array([0.0, 3.0, 1.0, 0.0, 1.0, 1.0]), np.array([5, 5, 15, 15, 20, 20])
+    mean = values @ n / 80
+    assert Stimuli.of(one) == pytest.approx((mean, np.sqrt((values - mean) ** 2 @ n / 80), np.sqrt((5 * 9 + 15) / 20)))
+    assert Stimuli.of(one, one) == pytest.approx(Stimuli.of(one))
+    assert [Stimuli(2.0, 4.0, 1.0).number(key) for key in OF_STIMULI] == [2.0, 10.0, 1.0, 0.5, 0.125, 40.0, 0.0]
+    lone = bt.Study([subject(), bt.Subject("L", [0.4], [0.4], [1], [2])])
+    with pytest.raises(
+        bt.InputError, match=r"^subject 'L': the prior takes its scale from pairs of different stimuli, found none; .*--prior p"
+    ):
+        prior_for(lone)
+    assert np.isfinite(bt.posterior_of(lone["L"], prior_for(lone, "paper")).log_density([[0.1, 0.0, 0.0, 0.0]])).all()
+    with pytest.raises(bt.InputError, match="prior: offset_sd is to come from pairs of different stimuli, and there are none"):
+        bt.posterior_of(lone["L"], bt.Prior(), model="constant error").log_density([[0.1, 0.0, 0.0]])
 
 
-@pytest.mark.parametrize(("factor", "shift"), [(1.0, 6.0), (8.0, 0.0), (0.25, -3.0)])
-@pytest.mark.parametrize("name", ["symmetric", "no lapses", "predictive update", "mean-reverting memory"])
-def test_the_unit_of_intensity_changes_nothing(name, factor, shift):
-    here, there = study(), study(factor=factor, shift=shift)
-    first, second = (bt.posterior_of(one["A"], prior_for(one, "stimuli"), model=name) for one in (here, there))
+@pytest.mark.parametrize(("factor", "shift"), [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
+@pytest.mark.parametrize("model", [*SPACE[::5], model_named("mean-reverting"), model_named("free weighting")], ids=lambda one: one.name)
+def test_the_unit_of_intensity_changes_nothing(model, factor, shift):
+    first, second = (model.posterior(one) for one in (subject(), subject(factor=factor, shift=shift)))
     x = np.random.default_rng(5).normal(size=(30, len(first.coordinates))) * 0.5
-    moved, volume = x.copy(), np.zeros(len(x))
-    for i, coordinate in enumerate(first.coordinates):
-        if coordinate == "log_width":
-            moved[:, i] += np.log(factor)
-        if coordinate == "offset":
-            moved[:, i] *= factor
-            volume += np.log(factor)
-    assert second.log_density(moved) + volume == pytest.approx(first.log_density(x), rel=1e-9)
-    assert prior_for(there, "stimuli").noise_slope_sd == pytest.approx(prior_for(here, "stimuli").noise_slope_sd / factor)
+    unit = {"log_width": 0.0, "offset": np.log(factor), "noise_slope": -np.log(factor), "peak_slope": -np.log(factor)}
+    volume = np.array([unit.get(name, 0.0) for name in first.coordinates])
+    moved = x * np.exp(volume) + np.array([np.log(factor) if name == "log_width" else 0.0 for name in first.coordinates])
+    assert second.log_likelihood(moved) == pytest.approx(first.log_likelihood(x), rel=1e-9)
+    assert second.log_density(moved) + volume.sum() == pytest.approx(first.log_density(x), rel=1e-9)  # of an evidence every point counts
+
+
+def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
+    here, there = subject("A"), subject("B", factor=3.0, shift=2.0)
+    both, x = bt.Study([here, there]), np.zeros((1, 4))
+    for one in (here, there):
+        alone = bt.posterior_of(one, prior_for(bt.Study([one])))
+        assert bt.posterior_of(one, prior_for(both)).log_density(x) == alone.log_density(x)
+    assert bt.posterior_of(there).prior.mu1_sd == pytest.approx(3.0 * bt.posterior_of(here).prior.mu1_sd)
 
 
 def test_presets_words_and_what_is_refused(tmp_path):
-    plain = prior_for(study())
-    assert plain == prior_for(study(), "paper") == prior_for(study(), bt.Prior()) == bt.Prior()
+    assert prior_for(study()) == prior_for(study(), "default") == DEFAULT
+    assert prior_for(study(), "paper") == prior_for(study(), bt.Prior()) == bt.Prior()
     found = prior_for(study(), bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
-    assert (found.mu1_sd, found.sigma_p_scale) == (3.0, 1.0)
-    assert found.describe().startswith(f"mu1 ~ Normal({found.mu1_mean:g}, 3), sigma_p")
-    assert found.describe().endswith("q0 ~ Uniform(0, 1); mu1_mean from the stimuli")
-    assert prior_for(study(), found) == found  # once
-    assert prior_for(study(), found).origin == found.origin
-    with pytest.raises(bt.InputError, match="prior 'flat': allowed: a Prior, or one of 'paper', 'stimuli'"):
+    assert found.describe() == (
+        "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M mean and R sd of the stimuli, D rms step"
+    )
+    with pytest.raises(bt.InputError, match="prior 'flat': allowed: a Prior, or one of 'default', 'paper'"):
         prior_for(study(), "flat")
-    with pytest.raises(bt.InputError, match="mu1_mean is that of the stimuli"):
-        bt.posterior_of(subject(), bt.Prior(mu1_mean="stimuli")).log_density([[0.0] * 4])
     with pytest.raises(bt.InputError, match=r"gamma_a=stimuli, allowed: a positive finite number$"):
         bt.Prior(gamma_a="stimuli")
-    file = tmp_path / "stimuli"
+    file = tmp_path / "default"
     file.write_text('mu1_mean = "stimuli"\nsigma_p_scale = 0.5', encoding="utf-8")
     assert read_prior(file) == preset_or_file(str(file)) == bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5)
-    assert preset_or_file("stimuli").mu1_sd == "stimuli"
+    assert preset_or_file(None) == preset_or_file("default") == DEFAULT
     file.write_text('gamma_a = "stimuli"\nmu1_sd = "stimulus"', encoding="utf-8")
     with pytest.raises(bt.InputError) as caught:
         read_prior(file)
@@ -74,31 +88,111 @@ def test_presets_words_and_what_is_refused(tmp_path):
     ]
 
 
-def test_every_verb_makes_it_numbers_and_stores_them(tmp_path):
+def test_every_verb_stores_it_as_it_was_said(tmp_path):
     one = bt.Study([subject()])
-    expected = prior_for(one, "stimuli")
-    draws = bt.sample(one, draws=300, seed=1, prior="stimuli", workers=1)
+    draws = bt.sample(one, draws=300, seed=1, workers=1)
     again = bt.load(draws.save(tmp_path / "posterior.nc"))
-    assert (
-        again.prior
-        == expected
-        == prior_for(one, bt.Prior(**dict.fromkeys(("mu1_mean", "mu1_sd", "sigma_p_scale", "noise_slope_sd"), "stimuli")))
-    )
-    assert "from the stimuli" in again.attrs["prior"]
-    assert again.prior.origin == expected.origin
-    assert bt.evidence(one, prior="stimuli", seed=1, workers=1).prior == expected
-    assert bt.compare(one, ["symmetric"], prior="stimuli", seed=1, workers=1).prior == expected
-    assert bt.fit(one, replicates=2, prior="stimuli", seed=1, workers=1).prior == expected
-    assert bt.sensitivity(one, prior="stimuli", steps=3, seed=1, workers=1).prior == expected
+    assert again.prior == DEFAULT
+    assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in again.attrs["prior"]
+    assert again.posterior("S").prior.mu1_mean == Stimuli.of(one["S"]).mean
+    assert bt.evidence(one, seed=1, workers=1).prior == DEFAULT
+    assert bt.compare(one, ["symmetric"], seed=1, workers=1).prior == DEFAULT
+    assert bt.fit(one, replicates=2, seed=1, workers=1).prior == DEFAULT
 
 
 def test_draws_from_before_these_numbers_keep_their_prior():
-    draws = bt.sample(study(isi=[0.5, 0.5, 2.0, 1.0, 1.0]), draws=300, seed=1, workers=1)
+    draws = bt.sample(study(isi=[0.5, 0.5, 2.0, 1.0, 1.0]), draws=300, seed=1, prior="paper", workers=1)
     assert draws.prior.reference_interval == pytest.approx(np.exp(np.average(np.log([0.5, 0.5, 2, 1, 1]), weights=[50, 50, 50, 40, 50])))
     settings = json.loads(draws.tree.attrs["settings"])
-    settings["prior"] = {name: settings["prior"][name] for name in ("mu1_mean", "mu1_sd", "sigma_p_scale")}
-    draws.tree.attrs["settings"] = json.dumps(settings)
-    assert draws.prior == bt.Prior(offset_sd=1.0, reference_interval=1.0)
+    old = {"mu1_mean": 0.0, "mu1_sd": 10.0, "sigma_p_scale": 1.0}
+    for said, expected in (
+        ({}, bt.Prior(offset_sd=1.0, noise_slope_sd=1.0, lapse_rate_b=1.0, reference_interval=1.0)),
+        # the constant error's was implied by mu1 and gamma: nothing says it any more
+        ({"offset_sd": None, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0, "reference_interval": None, "origin": ""}, None),
+    ):
+        settings["prior"] = {**old, **said}
+        draws.tree.attrs["settings"] = json.dumps(settings)
+        assert draws.prior == (expected or bt.Prior(noise_slope_sd=1.0, lapse_rate_b=1.0))
+    require_belonging(draws, "posterior.nc", prior=bt.Prior())  # what other models have is nothing to these draws
+    with pytest.raises(bt.InputError, match="found draws under mu1"):
+        require_belonging(draws, "posterior.nc", prior=bt.Prior(q0_a=2.0))
+
+
+# --- densities ------------------------------------------------------------------------------------------------------------------------
+
+OTHERS = {"offset_sd": 0.2, "peak_slope_sd": 0.7, "noise_slope_sd": 0.7}
+NUMBERS = {
+    "of sigma_p": bt.Prior(0.4, 0.5, 0.3, **OTHERS),
+    "of the width": bt.Prior(0.4, 0.5, width_median=0.3, width_sd=0.5, q0_a=4.0, **OTHERS),
+}
+#: Evenly spaced, far and fine enough for all but a millionth: of the logs of spreads, logits, and in units of a normal's sd.
+SPREADS, LOGITS, NORMAL = np.linspace(-16.0, 2.0, 53), np.linspace(-17.0, 17.0, 43), np.linspace(-6.0, 6.0, 25)
+
+
+def stretch(name, at):
+    """Width over the model's own spread, of which sigma_p's prior is."""
+    if name == "update":
+        return (1.0 - MAX_PULL * expit(at["logit_pull"])) ** -1.5
+    if name == "mean-reverting":
+        lost, split = -log_expit(-at["logit_pull"]), expit(at["logit_split"])
+        rho, gain = np.exp(-split * lost), np.exp((split - 1.0) * lost)
+        return (1.0 - (rho * gain) ** 2) / (gain * np.sqrt(1.0 - rho**2 * gain))
+    return np.ones_like(at["log_width"])
+
+
+@pytest.mark.parametrize("prior", NUMBERS.values(), ids=NUMBERS)
+@pytest.mark.parametrize("name", ["update", "constant error", "none + sloped peak", "mean-reverting"])
+def test_the_density_has_mass_one(name, prior):
+    """By the trapezoidal rule, where H1 has mu1 in the place of the offset p (mu1 - sbar); q0, independent of all others, by itself."""
+    target = bt.posterior_of(subject(), prior, model=name)
+    axes = {"log_width": SPREADS, "logit_pull": LOGITS, "logit_split": LOGITS, "peak_slope": 0.7 * NORMAL, "offset": 0.2 * NORMAL}
+    if prior.spread == "width":
+        axes["log_width"] = np.log(0.3) + 0.5 * NORMAL
+    funnel = target.model.pull
+    if funnel is not None:
+        axes["offset"] = 0.4 + 0.5 * NORMAL[::2] - target.sbar
+    axes = {one: axes[one] for one in target.coordinates if one != "logit_q0"}
+    at = dict(zip(axes, (part.ravel() for part in np.meshgrid(*axes.values(), indexing="ij")), strict=True))
+    cell, pull = np.prod([axis[1] - axis[0] for axis in axes.values()]), 1.0
+    if prior.spread == "sigma_p":
+        at["log_width"] = at["log_width"] + np.log(stretch(name, at))
+    if funnel is not None:
+        pull = funnel.span * expit(at["logit_pull"])
+        at["offset"] = at["offset"] * pull
+    x = np.stack([at.get(one, np.zeros(at["log_width"].size)) for one in target.coordinates], axis=-1)
+    mass = (np.exp(target.log_prior(x)) * pull).sum() * cell
+    line, q0 = np.repeat(x[len(x) // 2][None], 401, axis=0), np.linspace(-25.0, 25.0, 401)
+    line[:, target.coordinates.index("logit_q0")] = q0
+    of_q0 = np.exp(target.log_prior(line) - target.log_prior(x[len(x) // 2][None])).sum() * (q0[1] - q0[0])
+    assert mass * of_q0 == pytest.approx(1.0, abs=2e-5)
+
+
+@pytest.mark.parametrize("name", ["none", "constant error + differencing", "update + both ways", "update + sloped + differencing"])
+def test_a_part_that_does_nothing_is_not_there(name):
+    rng, small = np.random.default_rng(4), model_named(name)
+    less = small.posterior(subject())
+    x = 0.3 * rng.normal(size=(20, len(less.coordinates)))
+    for level, coordinate, value in (
+        ("sloped peak", "peak_slope", 0.0),
+        ("sloped", "noise_slope", 0.0),
+        ("both ways", "logit_lapse_rate", -600.0),
+    ):
+        if level in dict(small.levels).values():
+            continue
+        more = model_named(f"{name} + {level}").posterior(subject())
+        column = dict(zip(less.coordinates, x.T, strict=True)) | {coordinate: np.full(20, value)}
+        y = np.stack([column[one] for one in more.coordinates], axis=-1)
+        assert more.log_likelihood(y) == pytest.approx(less.log_likelihood(x), rel=1e-12)
+
+
+@pytest.mark.parametrize("model", SPACE, ids=lambda one: one.name)
+def test_the_gradient_of_every_model_of_the_space(model):
+    target = model.posterior(subject())
+    x = np.random.default_rng(2).normal(size=(4, len(target.coordinates))) * 0.6
+    step, found = 2.0**-14, target.gradient(x)[1]
+    for i, unit in enumerate(np.eye(x.shape[1])):
+        near, far = (target.log_density(x + k * step * unit) - target.log_density(x - k * step * unit) for k in (1, 2))
+        assert found[:, i] == pytest.approx((8.0 * near - far) / (12.0 * step), rel=1e-7, abs=1e-6)
 
 
 # --- the unit of time -----------------------------------------------------------------------------------------------------------------

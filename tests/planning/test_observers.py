@@ -115,7 +115,7 @@ def moved(designs):
 
 def test_a_constant_added_to_every_stimulus_changes_no_number_of_power_and_no_session():
     given = {"narrow": PAIRS, "wider": WIDER}
-    here, there = (power(designs, [280], "prior", data_sets=1, seed=1, prior="stimuli", workers=1) for designs in (given, moved(given)))
+    here, there = (power(designs, [280], "prior", data_sets=1, seed=1, prior="default", workers=1) for designs in (given, moved(given)))
     assert (here.failed, there.failed) == ({}, {})
     for one, other in zip(here.rows, there.rows, strict=True):
         assert (one.design, one.observer) == (other.design, other.observer)
@@ -125,14 +125,14 @@ def test_a_constant_added_to_every_stimulus_changes_no_number_of_power_and_no_se
             assert np.log(other.judgement.widths) == pytest.approx(np.log(one.judgement.widths), abs=0.1)
     assert any(np.ptp(row.judgement.log_evidence) > 1.0 for row in there)  # they tell something
     rule = StoppingRule(0.9, 140, 70)
-    here, there = (stopping(one, rule, data_sets=1, seed=1, prior="stimuli", workers=1) for one in (PAIRS, PAIRS.moved(FAR)))
+    here, there = (stopping(one, rule, data_sets=1, seed=1, prior="default", workers=1) for one in (PAIRS, PAIRS.moved(FAR)))
     assert [(row.trials, row.named) for row in there] == [(row.trials, row.named) for row in here]
 
 
 def test_a_constant_added_to_the_range_changes_no_chosen_pair():
     """A range of 1.2 near ln 40, of a vibration's rate in Hz, was once refused as too narrow."""
     here, there = (
-        optimal_design(grid(low, low + 1.2, 0.4), 280, DesignGoal(max_pairs=6), data_sets=1, seed=1, prior="stimuli", workers=1)
+        optimal_design(grid(low, low + 1.2, 0.4), 280, DesignGoal(max_pairs=6), data_sets=1, seed=1, prior="default", workers=1)
         for low in (-0.35, 3.3)
     )
     assert there.design.s1 - 3.65 == pytest.approx(here.design.s1)
@@ -158,11 +158,11 @@ def test_quantities_hold_over_the_designs_own_interval():
     """One interval only, however long, changes nothing: it is the unit."""
     timed = StudyDesign(PAIRS.s1, PAIRS.s2, PAIRS.n_trials, np.full(7, 0.3))
     for observers in (None, "prior"):
-        with_, without = (assumed(observers, {"d": one}, 1, 1, "stimuli")[-1] for one in (timed, PAIRS))
+        with_, without = (assumed(observers, {"d": one}, 1, 1, "default")[-1] for one in (timed, PAIRS))
         assert (with_.interval, without.interval) == (0.3, 1.0)
         assert with_.equal(timed) == pytest.approx(without.equal(PAIRS), rel=1e-12)
     assert prior_of([timed, PAIRS], None).reference_interval == 0.3
-    assert prior_of([timed, WIDER], "stimuli").mu1_mean == prior_of([PAIRS, WIDER], "stimuli").mu1_mean
+    assert prior_of([timed, WIDER], "default").mu1_mean == prior_of([PAIRS, WIDER], "stimuli").mu1_mean
 
 
 STATED = "[none]\nwidth = 0.3\nq0 = 0.9\n[update]\npull = 0.35\nwidth = 0.3\nq0 = 0.9\n{}\n"
@@ -207,5 +207,5 @@ def test_the_commands_refuse_them_in_one_line(tmp_path, people_from, mu1, asked,
 
 
 def test_a_session_takes_a_prior_of_the_stimuli():
-    session = bt.Adaptive(PAIRS.moved(FAR), prior="stimuli", seed=1, draws=512)
+    session = bt.Adaptive(PAIRS.moved(FAR), prior="default", seed=1, draws=512)
     assert session.prior.mu1_mean == pytest.approx(FAR + np.mean([PAIRS.s1, PAIRS.s2]))

@@ -10,8 +10,8 @@ from bayes_toe.plots.style import ORDERS
 
 
 def test_bands_are_the_prior_s_and_points_the_subjects(small_study):
-    ax = bt.plots.prior_predictive_figure(small_study, "stimuli", "symmetric", seed=4).axes[0]
-    found = bt.prior_predictive(small_study, "stimuli", "symmetric", seed=4)
+    ax = bt.plots.prior_predictive_figure(small_study, "default", "symmetric", seed=4).axes[0]
+    found = bt.prior_predictive(small_study, "default", "symmetric", seed=4)
     outer, inner = ax.containers
     for bars, low, high in ((outer, 0.05, 0.95), (inner, 0.25, 0.75)):
         drawn = np.array([(bar.get_y(), bar.get_y() + bar.get_height()) for bar in bars]).T

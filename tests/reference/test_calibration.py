@@ -38,7 +38,7 @@ STUDIES, FEWER = 20, 6  # the fewer are enough for errors as large as these
 def ranks_under(prior, studies=STUDIES):
     """Verdicts where observers come from the default prior and are analysed under this one."""
     settings = calibration_settings(7, prior)
-    done = [work(Job("sparse", True, f"test-{i}", True, False, settings)) for i in range(studies)]
+    done = [work(Job("sparse", True, f"test-{i}", True, False, settings, bt.Prior())) for i in range(studies)]
     assert not any(evidence for _, evidence in done)
     found = [ranks for ranks, _ in done]
     assert not any(one.shortfall for one in found)

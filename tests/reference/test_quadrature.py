@@ -203,6 +203,6 @@ def test_a_density_that_is_zero_is_refused():
 
 
 def test_a_stored_case_is_reproduced():
-    found, stored = integrate(posterior_of(hard_cases()["stimuli offset by 100"]), tolerance=1e-3), STORED["stimuli offset by 100"]
+    found, stored = integrate(posterior_of(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3), STORED["stimuli offset by 100"]
     assert abs(found.log_evidence - stored["log_evidence"]) <= found.log_evidence_error + stored["log_evidence_error"]
     assert np.all(np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"]))
