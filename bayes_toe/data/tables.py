@@ -110,26 +110,11 @@ class SubjectTable(Table[SubjectRow]):
 
 
 def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
-    """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty.
+    """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
-    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`): no spreadsheet runs it, so nothing is made safe.
-
-    Parameters
-    ----------
-    frame : pandas.DataFrame
-        Its index is not written.
-    path : str or Path
-        The file to be.
-    overwrite : bool
-        Whether an existing file may be replaced.
-    spreadsheet_safe : bool
-        Whether an apostrophe is put before texts that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take
-        it off the names of subjects again.
-
-    Returns
-    -------
-    Path
-        The file written.
+    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). With `spreadsheet_safe`, an apostrophe is put before
+    texts of a CSV file that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of
+    subjects again.
 
     Raises
     ------
@@ -150,7 +135,11 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     target = Path(path)
     require_parquet(target)
     if spreadsheet_safe and not is_parquet(target):
-        frame = frame.map(_inert).rename(columns=_inert)
+
+        def inert(value: object) -> object:
+            return f"'{value}" if isinstance(value, str) and runs(value) else value
+
+        frame = frame.map(inert).rename(columns=inert)
     with whole_file(target, overwrite=overwrite) as temporary:
         if is_parquet(target):
             import pyarrow as pa
@@ -162,48 +151,30 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     return target
 
 
-def _inert(value: object) -> object:
-    return f"'{value}" if isinstance(value, str) and runs(value) else value
-
-
 def file_stems(names: Sequence[str]) -> dict[str, str]:
     """A file name without suffix for each subject, safe and distinct on every system.
 
     ASCII letters, digits, ``-``, ``_`` and ``.`` only, 60 characters at most. A name that had to be changed, or that
     differs from another one in case only, carries 8 hexadecimal digits of its SHA-256.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Subject identifiers: any text.
-
-    Returns
-    -------
-    dict of str to str
-        The stem of each name.
-
     Examples
     --------
     >>> file_stems(["S01", "../S02"])
     {'S01': 'S01', '../S02': '_S02-58c1dce7'}
     """
-    stems = {name: _safe(name) for name in names}
+    plain = {name for name in names if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)}
+    stems = {name: name if name in plain else _marked(name) for name in names}
     while True:
         seen = Counter(stem.lower() for stem in stems.values())
         clashing = [name for name, stem in stems.items() if seen[stem.lower()] > 1 and stem == name]
         if not clashing:
             return stems
-        stems.update({name: _marked(name, name) for name in clashing})
+        stems.update({name: _marked(name) for name in clashing})
 
 
-def _safe(name: str) -> str:
-    """The name itself where every system takes it as a file name, otherwise a changed one with its hash."""
-    if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name):
-        return name
+def _marked(name: str) -> str:
+    """What every system takes of a name, and its hash."""
     clean = _FORBIDDEN.sub("_", name).lstrip(".")
-    return _marked(f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean, name)
-
-
-def _marked(stem: str, name: str) -> str:
+    stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
     digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
     return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

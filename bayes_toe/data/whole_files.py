@@ -33,19 +33,9 @@ _PIECES = re.compile(r"([^/]+/){0,2}zarr\.json|[^/]+/[^/]+/c(/[0-9]+)+")  # what
 
 @contextmanager
 def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary path to write to, which becomes `path` when the block ends well and is removed when it does not.
+    """A temporary path to write to, of the same name, which becomes `path` when the block ends well and is removed when it does not.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file to be; missing folders are made, and removed again on failure.
-    overwrite : bool
-        Whether an existing file may be replaced.
-
-    Yields
-    ------
-    Path
-        A path that does not exist yet, of the same name, on the same file system.
+    Missing folders are made, and removed again on failure.
 
     Raises
     ------
@@ -105,23 +95,8 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files go one by one. Files of the user in `path`
     are never touched. What is produced there is listed in a manifest, so that a later run that may overwrite can also remove what it no
-    longer produces.
-
-    Parameters
-    ----------
-    path : str or Path
-        The folder to be; it may exist.
-    names : sequence of str
-        Everything that may be produced: files and subfolders at the top of the folder.
-    required : sequence of str
-        Files that must have been produced, also below subfolders.
-    overwrite : bool
-        Whether existing `names` may be replaced.
-
-    Yields
-    ------
-    Path
-        An empty folder beside or inside `path`, so that moving the files never crosses a file system.
+    longer produces. `names` are all files and subfolders that may be produced at the top of the folder, `required` the files that must be,
+    also below subfolders.
 
     Raises
     ------
@@ -178,29 +153,28 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
 
 
 def _refuse_impossible(target: Path) -> None:
-    """Refuse names that no file can have here, such as a name that is too long."""
+    """Refuse names that no file can have here, such as a name that is too long, and stores that hold something else."""
     if "\0" in str(target):
         raise OutputError(f"{shown(target)}: cannot be written (it has a NUL character), choose another name")
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
+    if named_store(target) and target.is_dir() and not is_store(target):
+        raise OutputError(f"{shown(target)}: holds something else than draws, choose another name")
 
 
 def _refuse_taken(target: Path, overwrite: bool) -> None:
     _refuse_impossible(target)
-    if os.path.isdir(target) and not is_store(target):
-        what = "holds something else than draws, choose another name" if named_store(target) else "is a folder, choose the name of a file"
-        raise OutputError(f"{shown(target)}: {what}")
+    if target.is_dir() and not is_store(target):
+        raise OutputError(f"{shown(target)}: is a folder, choose the name of a file")
     if not overwrite and os.path.lexists(target):
         raise OutputError(f"{shown(target)}: exists, choose another name or allow to overwrite it")
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
-    _refuse_impossible(target)
+    for path in (target, *(target / name for name in names if named_store(target / name))):
+        _refuse_impossible(path)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
-    other = [name for name in names if named_store(target / name) and (target / name).is_dir() and not is_store(target / name)]
-    if other:
-        raise OutputError(f"{shown(target / other[0])}: holds something else than draws, choose another folder")
     there = [] if overwrite else [name for name in names if os.path.lexists(target / name)]
     if there:
         more = f" and {len(there) - 3} more" if len(there) > 3 else ""
@@ -347,7 +321,7 @@ def unfinished(home: Path) -> Iterator[Path]:
 
 def sweep(home: Path) -> None:
     """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one."""
-    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]+)-[0-9a-f]{{16}}")
+    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]{1,9})-[0-9a-f]{{16}}")
     with suppress(OSError):
         for path in list(home.iterdir()):
             match = ours.fullmatch(path.name)
@@ -362,14 +336,10 @@ def _here() -> str:
 
 def _alive(pid: int) -> bool:
     """Whether there is such a process; assumed where that cannot be asked without harm."""
-    if os.name != "posix":
-        return True
     try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        pass
+        os.kill(pid, 0) if os.name == "posix" else None
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True
 
 
