@@ -105,10 +105,10 @@ class Subject:
         keys, k, n = _columns(name, (s1, s2, isi), n_equal, n_trials)
         rows = np.flatnonzero(n)
         rows = rows[np.lexsort([key[rows] for key in keys[::-1]])]
-        pairs = [key[rows] for key in keys]
-        starts = run_starts(*pairs)
-        k_sum, n_sum = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (k, n))
-        return cls(name, pairs[0][starts], pairs[1][starts], k_sum, n_sum, None if isi is None else pairs[2][starts])
+        starts = run_starts(*(key[rows] for key in keys))
+        k, n = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (k, n))
+        first, second, *at = (key[rows[starts]] for key in keys)
+        return cls(name, first, second, k, n, *at)
 
     @classmethod
     def from_trials(
@@ -188,8 +188,6 @@ class Study:
         What the file told besides the counts, for a look before pooling; no inference uses it.
     changes : sequence of str
         What was turned and left out since it was read (:meth:`turn`, :meth:`leave_out`), as commands do it: "--turn 946:2,4".
-    changes : sequence of str
-        What was turned back and left out since (:meth:`turn`, :meth:`leave_out`), as the options that do it, such as "--turn 946:2,4".
 
     Examples
     --------
@@ -201,24 +199,21 @@ class Study:
     subjects: tuple[Subject, ...]
     source: str = "study"
     synthetic: bool = False
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     reading: Reading = field(default_factory=Reading)
     changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
-        names = [subject.name for subject in subjects]
-        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+        repeated = sorted(name for name, count in Counter(subject.name for subject in subjects).items() if count > 1)
         if not subjects:
             raise InputError("a study needs at least one subject")
         if repeated:
             raise InputError(f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}")
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
-        object.__setattr__(self, "subjects", subjects)
-        object.__setattr__(self, "notes", tuple(self.notes))
-        object.__setattr__(self, "changes", tuple(self.changes))
-        object.__setattr__(self, "changes", tuple(self.changes))
+        for key in ("subjects", "notes", "changes"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -321,7 +321,7 @@ def unfinished(home: Path) -> Iterator[Path]:
 
 def sweep(home: Path) -> None:
     """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one."""
-    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]{1,9})-[0-9a-f]{{16}}")
+    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]{{1,9}})-[0-9a-f]{{16}}")
     with suppress(OSError):
         for path in list(home.iterdir()):
             match = ours.fullmatch(path.name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import pickle
 import tempfile
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from bayes_toe.errors import InputError
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
 ORDERED = "subject,s1,s2,response,block,trial\n"
-FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+FUZZ = settings(max_examples=120, deadline=None, derandomize=True, database=None)
 
 
 def read(data: str | bytes, **options: object) -> Study:
@@ -147,13 +146,6 @@ def test_rows_without_a_response_are_dropped_and_counted(text: str) -> None:
         f"{4 if nobody else 3} trials without a response dropped: a 2, b 1{nobody}",
         "1 subject without any response left out: b",
     )
-
-
-@pytest.mark.parametrize(("count", "end"), [(12, "S09, ... and 2 more"), (10, "S08, S09")])
-def test_notes_list_ten_subjects_at_most(count: int, end: str) -> None:
-    study = read(f"{TRIALS}a,0,0,equal\n" + "".join(f"S{i:02d},0,0,\n" for i in range(count)))
-    assert study.notes[2].startswith(f"{count} subjects without any response left out: S00, S01")
-    assert study.notes[2].endswith(end)
 
 
 def test_subject_names_stay_as_they_are() -> None:
@@ -285,16 +277,6 @@ def test_options_that_make_no_sense_are_refused_all_at_once(options: dict[str, o
     assert all(line.startswith(problem) for line, problem in zip(caught.value.problems, problems, strict=True))
 
 
-def test_options_travel_between_processes() -> None:
-    options = ReadOptions(0.087, "f", "j", {"s1": "first"})
-    assert pickle.loads(pickle.dumps(options)) == options
-
-
-def test_parse_columns() -> None:
-    assert parse_columns("subject=participant,s1=first") == {"subject": "participant", "s1": "first"}
-    assert parse_columns(" s1 = a b , s2=x=y ") == {"s1": "a b", "s2": "x=y"}
-
-
 @pytest.mark.parametrize(
     ("text", "found"),
     [*((text, repr(text)) for text in ("", "s1", "s1=", "=x", "S1=x", "s3=a")), ("s1=a,", "''"), ("s1=a,s1=b", "'s1=b'")],
@@ -355,13 +337,8 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         "id,x,response\na,0,equal\n",
         {},
         [
-            missing(
-                "subject",
-                "'id', 'x', 'response'",
-                "--columns subject=NAME; or --subject-from '{}.csv', where the name of the file tells it",
-            ),
-            missing("s1", "'id', 'x', 'response'", "--columns s1=NAME"),
-            missing("s2", "'id', 'x', 'response'", "--columns s2=NAME"),
+            missing("subject", "'id', 'x', 'response'", f"--columns subject=NAME; {FROM_NAME}"),
+            *(missing(name, "'id', 'x', 'response'", f"--columns {name}=NAME") for name in ("s1", "s2")),
         ],
     ),
     ("Subject,s1,s2,response\na,0,1,1\n", {}, [missing("subject", "'Subject', 's1', 's2', 'response'", "--columns subject=Subject")]),
@@ -394,13 +371,7 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         [missing("first", HEAD + ", 'response'", "--columns s1=s1"), missing("n", HEAD + ", 'response'", "--columns n_trials=NAME")],
     ),
     *(
-        (
-            f"subject,s1,s2,response,{counts}\n",
-            {},
-            [
-                f"row 1, column response: found together with {counts.replace(',', ' and ')}, {ALONE}",
-            ],
-        )
+        (f"subject,s1,s2,response,{counts}\n", {}, [f"row 1, column response: found together with {counts.replace(',', ' and ')}, {ALONE}"])
         for counts in ("n_equal", "n_trials", "n_equal,n_trials")
     ),
     ("subject,s1,s2,s1,response\na,0,0,0,equal\n", {}, ["row 1, column s1: found 2 columns of this name, allowed: one"]),
@@ -438,7 +409,7 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
     ),
     *(
         (f"{TRIALS}a,0,0,equal\na,{text},0,equal\n", {}, [f"row 3, column s1: found {text!r}, allowed: {NUMBER}"])
-        for text in ("abc", "nan", "NaN", "inf", "-inf", "1e999", "1_0", "0x1", "", "1 2", "٣", "½", "\u22121")
+        for text in ("abc", "nan", "-inf", "1e999", "1_0", "0x1", "", "1 2", "٣", "\u22121")
     ),
     *(
         (f"subject;s1;s2;response\na;{text};0;1\n", {}, [f"row 2, column s1: found {text!r}, allowed: {NUMBER}{unclear}"])
@@ -459,7 +430,7 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
     ),
     *(
         (f"{COUNTS}a,0,0,{cells}\n", {}, [f"row 2, column {column}: found {shown!r}, allowed: {WHOLE}"])
-        for text in ("-1", "2.5", "x", "", "nan", "inf", "9007199254740993", "1e3", "5.000", "1,5", "٣")
+        for text in ("-1", "2.5", "", "inf", "9007199254740993", "1e3", "5.000", "1,5", "٣")
         for column, cells, shown in (("n_equal", f'"{text}",9007199254740992', text), ("n_trials", f'0,"{text}"', text))
     ),
     ("subject;s1;s2;n_equal;n_trials\na;0;0;5;12.000\n", {}, [f"row 2, column n_trials: found '12.000', allowed: {WHOLE}"]),
@@ -476,7 +447,7 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
     ),
     *(
         (f"{TRIALS}a,0,0,equal\na,0,0,{text}\n", {}, [f"row 3, column response: found {text!r}, allowed: {ANSWERS}"])
-        for text in ("2", "10", "0.5", "-1", "true", "diff", "equal.", "same different", "1e0")
+        for text in ("2", "0.5", "true", "equal.", "same different", "1e0")
     ),
     *(
         (
@@ -549,7 +520,7 @@ def test_what_cannot_be_used_is_refused_by_row_and_column(data: str | bytes, opt
 
 def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file.txt").write_text("x")
-    for path in (tmp_path / "missing.csv", tmp_path, tmp_path / "file.txt" / "x.csv", "nul\0l.csv", "x" * 300):
+    for path in (tmp_path / "missing\n.csv", tmp_path, tmp_path / "file.txt" / "x.csv", "nul\0l.csv", "x" * 300):
         with pytest.raises(InputError, match="cannot be read") as caught:
             read_study(path)
         assert len(caught.value.problems) == 1
@@ -561,14 +532,6 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(Path, "open", forbidden)
     with pytest.raises(InputError, match=r"study\.csv: cannot be read \(Permission denied\)"):
         read_study((tmp_path / "file.txt").rename(tmp_path / "study.csv"))
-
-
-def test_file_names_are_shown_on_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "my\nstudy.csv"
-    path.write_text(f"{TRIALS}a,x,0,equal\n")
-    with pytest.raises(InputError) as caught:
-        read_study(path)
-    assert len(str(caught.value).splitlines()) == 1
 
 
 # --- Properties ---------------------------------------------------------------------------------------------
