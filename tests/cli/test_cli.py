@@ -49,10 +49,10 @@ def good(*words, cwd):
 
 def refused(*words, cwd):
     """The one line of a command that is refused, before it says or writes anything."""
-    before = sorted(cwd.rglob("*"))
+    before = {path: path.stat().st_mtime_ns for path in cwd.rglob("*") if path.is_file()}
     done = inside(*words, cwd=cwd)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), (words, done.stderr)
-    assert sorted(cwd.rglob("*")) == before
+    assert {path: path.stat().st_mtime_ns for path in cwd.rglob("*") if path.is_file()} == before
     return done.stderr
 
 
@@ -100,12 +100,6 @@ def test_the_report_stands_alone(results):
         assert absent not in text
 
 
-def test_what_is_there_is_not_replaced(results, folder):
-    before = {p: p.stat().st_mtime_ns for p in results[0].rglob("*")}
-    assert "overwrite" in refused("run", "study.csv", "-o", "out", cwd=folder)
-    assert {p: p.stat().st_mtime_ns for p in results[0].rglob("*")} == before
-
-
 def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
     subject = small_study["A"]
@@ -140,11 +134,11 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
 
 
 def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch):
-    names = ["../../etc", "<script>alert(1)</script> a$b_{c}", "Ann", "ann", "主体 ①", "NA", "01", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
+    names = ["../../<script>alert(1)</script> a$b_{c}", "Ann", "ann", "NA", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     rows = [f'"{n}",{a},{b},{k},20' for n in names for a, b, k in [(0, 0, 18), (0, 0.4, 6), (0.4, 0, 11), (0.4, 0.4, 17)]]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    printed = good("run", "s.csv", "-o", "out", "--draws", 300, "--spreadsheet-safe", *ONE, cwd=tmp_path)
+    printed = good("run", "s.csv", "-o", "out", "--draws", 100, "--spreadsheet-safe", *ONE, cwd=tmp_path)
     files = [p.name for p in (tmp_path / "out" / "corner").iterdir()]
     assert len({f.lower() for f in files}) == len(names)
     assert all(re.fullmatch(r"[A-Za-z0-9_.-]+\.png", f) for f in files)
@@ -159,7 +153,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypa
     assert "as formulas: '=S" in checked
     assert bt.load(tmp_path / "out" / "posterior.nc").names == tuple(names)
     assert list(pd.read_csv(tmp_path / "out" / "evidence.csv", dtype=str, keep_default_na=False).subject) == [*names[:-1], f"'{names[-1]}"]
-    assert not (tmp_path.parent / "etc.png").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "s.csv"]
 
 
 # --- evidence, sample, compare, fit, sensitivity -----------------------------------------------------------------------------------
@@ -181,15 +175,6 @@ def test_evidence_leads_with_the_order_effect_and_has_the_table_of_run(folder, r
         assert re.search(rf"│ {row.subject} +│ .*\(P (= {best:.2f}|> 0.99)\)", said)
     assert "Kass and Raftery 1995" in said
     assert "\nmisfit " not in said
-
-
-def test_sample_is_the_same_for_any_number_of_workers(folder):
-    for run, workers in ((inside, 1), (call, 2)):
-        done = run("sample", "study.csv", "-o", f"p{workers}.nc", "--seed", 7, "--draws", 500, "--workers", workers, cwd=folder)
-        assert (done.returncode, done.stderr) == (0, "")
-    one, two = (bt.load(folder / f"p{workers}.nc") for workers in (1, 2))
-    assert all(np.array_equal(one.values(name, "mu1"), two.values(name, "mu1")) for name in one.names)
-    assert one.tree.equals(two.tree)
 
 
 def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
@@ -281,6 +266,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
         ("sensitivity --posterior POSTERIOR --prior wide.toml", "found draws under mu1 ~ Normal(M, 2.5 R)"),
         ("sensitivity", "STUDY.csv: missing"),
         ("run study.csv --pictures some", "allowed are all, flagged, none"),
+        ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),
         ("run study.csv -o study.csv", "study.csv"),
     ],

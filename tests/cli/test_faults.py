@@ -133,6 +133,6 @@ def test_what_a_killed_command_leaves_is_ended_and_swept(running):
     running.communicate()
     until_gone(running.pid)
     assert list(running.folder.glob(".bayes_toe-*"))
-    again = start("run", "none.csv", "-o", "out", cwd=running.folder)
-    assert "out.partial: found 3 results of a stopped command" in again.communicate()[1]
+    again = inside("run", "none.csv", "-o", "out", cwd=running.folder)
+    assert "out.partial: found 3 results of a stopped command" in again.stderr
     assert not list(running.folder.glob(".bayes_toe-*"))

@@ -14,7 +14,6 @@ from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.report import Group
 from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_results
-from bayes_toe.errors import InputError
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
 
@@ -38,12 +37,11 @@ def test_who_must_be_looked_at_and_why(marked):
 @pytest.mark.parametrize(
     ("which", "drawn", "said"),
     [
-        ("all", "ABC", "Answers and fitted curves"),
         ("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "),
         ("none", "", "drawn of no subjects"),
     ],
 )
-def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn, said):
+def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn, said):
     told = []
     write_results(marked, tmp_path / "out", pictures=Drawn(which), workers=1, progress=told.append)
     corners = tmp_path / "out" / "corner"
@@ -57,11 +55,6 @@ def test_pictures_are_of_all_of_the_flagged_or_of_none_and_the_report_says_of_wh
     assert {path.name for path in (tmp_path / "out").iterdir()} <= {*results_folder.PRODUCTS, ".bayes_toe_files.json"}
     summary = marked.draws.summary()
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "summary.csv", keep_default_na=False), summary, rtol=1e-5)
-
-
-def test_an_unknown_choice_of_pictures_is_refused():
-    with pytest.raises(InputError, match="allowed are all, flagged, none"):
-        Drawn("some")
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marked, tmp_path, monkeypatch):
