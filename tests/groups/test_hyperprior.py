@@ -9,6 +9,7 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior, example_file, read_hyperprior
+from bayes_toe.model.prior_fields import Stimuli
 from bayes_toe.records import packed, unpacked
 
 NAMES = tuple(GROUP_PARAMETERS)
@@ -30,18 +31,18 @@ def written(tmp_path):
 
 
 def test_what_the_stimuli_say_by_hand():
-    found, step = Hyperprior().for_study(study()), np.sqrt((5 * 9 + 15) / 20)
-    numbers = found.numbers(["offset", "width", "noise_slope", "mu1"])
-    assert numbers.mean == pytest.approx([0.0, np.log(step), 0.0, 35 / 40])
-    assert numbers.mean_sd == pytest.approx([step, 1.0, 1 / 3, 12.0])
-    assert numbers.sd_scale == pytest.approx([step, 0.7, 1 / 3, 12.0])
+    found, (mean, sd, step) = Hyperprior().for_study(study()), Stimuli.of(*study())
+    numbers = found.numbers(["offset", "width", "noise_slope", "peak_slope", "mu1"])
+    assert numbers.mean == pytest.approx([0.0, np.log(step), 0.0, 0.0, mean])
+    assert numbers.mean_sd == pytest.approx([step, 1.0, 0.5 / sd, 0.5 / sd, 10 * sd])
+    assert numbers.sd_scale == pytest.approx([step, 0.7, 0.5 / sd, 0.5 / sd, 10 * sd])
     assert numbers.effect_sd.tolist() == numbers.sd_scale.tolist()
     assert found.for_study(study(9.0)) == found  # once
 
 
 def test_the_unit_of_intensity_changes_nothing():
     here, there = (Hyperprior().for_study(one).numbers(NAMES) for one in (study(), study(4.0, -3.0)))
-    stretch = {"mu1": 4.0, "offset": 4.0, "noise_slope": 0.25}
+    stretch = {"mu1": 4.0, "offset": 4.0, "noise_slope": 0.25, "peak_slope": 0.25}
     factors = np.array([stretch.get(name, 1.0) for name in NAMES])
     shifts = {"mu1": -3.0, "width": np.log(4.0)}
     assert there.mean == pytest.approx(here.mean * factors + [shifts.get(name, 0.0) for name in NAMES])
@@ -64,7 +65,7 @@ def test_files_dictionaries_and_records(written):
     found = read_hyperprior(written('\ufeff[gamma]\nsd_scale = 2\n[mu1]\nmean_sd = 1.5\nsd_scale = "stimuli"\n'))
     assert found == Hyperprior().changed({"gamma": {"sd_scale": 2.0}, "mu1": {"mean_sd": 1.5}})
     assert (found != Hyperprior(), len({found, Hyperprior(), Hyperprior()})) == (True, 2)
-    assert found.for_study(study()).numbers(["mu1", "gamma"]).sd_scale.tolist() == [12.0, 2.0]
+    assert found.for_study(study()).numbers(["mu1", "gamma"]).sd_scale.tolist() == [10 * Stimuli.of(*study()).sd, 2.0]
     assert Hyperprior().changed(json.loads(json.dumps(found.as_dict()))) == unpacked(packed(found)) == found
     assert {type(value) for values in found.for_study(study()).values for value in values} == {float}
 
