@@ -66,36 +66,28 @@ def corner_names() -> list[tuple[int, int, str]]:
     return [(i, j, f"panel-{i}-{j}") for i in range(SLOTS) for j in range(i + 1)]
 
 
-class _Sources:
+class _Sources(dict[str, ColumnDataSource]):
     """Sources by name, each made when it is first asked for, with empty columns."""
-
-    def __init__(self) -> None:
-        self._made: dict[str, ColumnDataSource] = {}
 
     def named(self, name: str, *columns: str) -> ColumnDataSource:
         """The source, which has at least these columns."""
-        source = self._made.setdefault(name, ColumnDataSource(name=name))
+        source = self.setdefault(name, ColumnDataSource(name=name))
         for column in columns:
-            if column not in source.data:
-                source.data[column] = []
+            source.data.setdefault(column, [])
         return source
 
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
     """A figure that fills its place."""
-    made = figure(
-        name=name,
-        tools=tools,
-        toolbar_location=None,
-        sizing_mode="stretch_both",
-        min_border=AROUND,
-        outline_line_color="#777777",
-        min_width=20,
-        min_height=20,
-        width=120,
-        height=120,
-        **options,
-    )
+    size: dict[str, Any] = {
+        "sizing_mode": "stretch_both",
+        "min_border": AROUND,
+        "min_width": 20,
+        "min_height": 20,
+        "width": 120,
+        "height": 120,
+    }
+    made = figure(name=name, tools=tools, toolbar_location=None, outline_line_color="#777777", **size, **options)
     made.grid.grid_line_color = None
     for axis in made.axis:
         axis.update(major_label_text_font_size="11px", axis_label_text_font_size="14px", axis_label_text_font_style="normal")
