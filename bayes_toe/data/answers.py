@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.errors import InputError
 
 
@@ -48,7 +48,7 @@ class Answers:
             raise InputError("found no column block, allowed: all answers of the subject, or a column with --columns block=NAME")
         unknown = [quoted(one) for one in blocks if one not in self.blocks]
         if unknown:
-            raise InputError(f"found no block {listed(unknown)}, allowed: {', '.join(self.blocks)}")
+            raise InputError(f"found no block {listed(unknown)}, allowed: {listed([*map(bare, self.blocks)])}")
         return np.isin(self.block, [self.blocks.index(one) for one in blocks])
 
     def turned(self, rows: BoolArray) -> Answers:

@@ -73,6 +73,16 @@ def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
     assert changed(study) is study
 
 
+def test_blocks_of_several_files_are_named_after_these(tmp_path):
+    files = [tmp_path / f"session {number}.csv" for number in (1, 2)]
+    for file in files:
+        FRAME.to_csv(file, index=False)
+    study = bt.read_study(files)
+    turned = changed(study, turn=["a:session 1.csv: 2, session 2.csv: 3"])
+    assert turned.reading.answers["a"].n_equal.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
+    assert turned.changes == ("--turn 'a:session 1.csv: 2,session 2.csv: 3'",)
+
+
 REFUSED = [
     (["--turn", "x:2"], "--turn x:2: no subject 'x', allowed: a, b:1"),
     (["--leave-out", "a:9"], "--leave-out a:9: found no block '9', allowed: 1, 2, 3"),

@@ -152,12 +152,8 @@ def test_a_study_gives_the_frame_that_it_is_read_from(isi):
     again = bt.read_study(study.frame())
     assert again.synthetic
     assert content(again)[0] == content(study)[0]
-
-
-def test_small_tables_come_as_frames_and_parquet_too(tmp_path):
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
-    for source in (people, as_parquet(people, tmp_path)):
-        assert bt.read_covariates(source).values == {"age": {"01": 20.5}, "group": {"01": "x", "NA": "y"}}
+    assert bt.read_covariates(people).values == {"age": {"01": 20.5}, "group": {"01": "x", "NA": "y"}}
 
 
 # --- Files that are damaged, too large, or none --------------------------------------------------------------
