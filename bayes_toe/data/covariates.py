@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.text_table import Column, read_table
+from bayes_toe.data.text_table import read_table
 from bayes_toe.data.validation import MISSING_WORDS, bare_names, number, require_numbers, require_texts
 from bayes_toe.errors import InputError
 
@@ -95,19 +95,14 @@ def read_covariates(path: str | Path) -> Covariates:
     for name, column in table.columns.items():
         if name == _SUBJECT:
             continue
-        meanings = _meanings(column, table.decimal_comma)
+        # What each distinct text stands for: a number, NaN where it is none, or a level's text; None where missing.
+        given = {text: number(text, table.decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
+        words = [math.isnan(value) for value in given.values()]
+        category = all(words) or (len(words) <= 2 and any(words))
+        meanings = [text if category and text in given else given.get(text) for text in column.texts]
         wrong = np.array([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
         require_numbers(table, column, wrong[column.codes], "a finite number (or no number in the whole column)")
         of_rows = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
         values[name] = {who: value for who, value in of_rows if value is not None}
     table.problems.refuse()
     return Covariates(values)
-
-
-def _meanings(column: Column, decimal_comma: bool) -> list[str | float | None]:
-    """What each distinct text of a covariate stands for: a number, NaN if it is none, a level's text; None where missing."""
-    given = {text: number(text, decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
-    words = [math.isnan(value) for value in given.values()]
-    if all(words) or (len(words) <= 2 and any(words)):
-        return [text if text in given else None for text in column.texts]
-    return [given.get(text) for text in column.texts]

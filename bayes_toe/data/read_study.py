@@ -333,25 +333,20 @@ def _answers(rows: _Rows, parts: Mapping[str, IndexArray], k: IntArray, n: IntAr
     """What each subject answered, in order, and for whom column trial does not tell the order."""
     block, trials, keys = rows.columns.get("block"), "response" in rows.columns, np.column_stack(rows.keys)
     trial = numbers(rows.table, rows.columns["trial"]) if trials and "trial" in rows.columns else None
-    names, rank = ([""], np.zeros(len(n), np.int64)) if block is None else _ranked(rows.table, block)
+    names, rank = tuple[str, ...](), np.zeros(len(n), np.int64)
+    if block is not None:  # in their order by number where all are numbers, else by appearance
+        values = [number(text, rows.table.decimal_comma) for text in block.texts]
+        order = np.arange(len(values)) if any(map(math.isnan, values)) else np.argsort(values, kind="stable")
+        names, rank = tuple(block.texts[one] for one in order.tolist()), np.argsort(order)[block.codes]
     found, disordered = dict[str, Answers](), list[str]()
     for name, part in parts.items():
-        at = part
-        if trial is not None:
-            order = _order(trial[part], rank[part])
-            disordered += [bare(name)] if order is None else []
-            at = part if order is None else part[order]
-        own, place = np.unique(rank[at], return_inverse=True)
-        called = () if block is None else tuple(names[one] for one in own.tolist())
-        found[name] = Answers(keys[at], k[at], n[at], None if block is None else place, called, trials)
+        at = None if trial is None else _order(trial[part], rank[part])
+        if trial is not None and at is None:
+            disordered.append(bare(name))
+        at = part if at is None else part[at]
+        every = Answers(keys[at], k[at], n[at], None if block is None else rank[at], names, trials)
+        found[name] = every.without(np.zeros(len(at), np.bool_))  # with the blocks that are this subject's
     return found, disordered
-
-
-def _ranked(table: TextTable, block: Column) -> tuple[list[str], IntArray]:
-    """Names of blocks in their order, by number where all are numbers, else by appearance; and the place of each row's among them."""
-    values = [number(text, table.decimal_comma) for text in block.texts]
-    order = np.arange(len(values)) if any(map(math.isnan, values)) else np.argsort(values, kind="stable")
-    return [block.texts[one] for one in order.tolist()], np.argsort(order)[block.codes]
 
 
 def _order(trial: FloatArray, block: IntArray) -> IndexArray | None:
@@ -366,16 +361,14 @@ def _order(trial: FloatArray, block: IntArray) -> IndexArray | None:
 def _repeated(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
     """What is said of answered trials with the number, subject and block of an earlier row; a row without a number repeats none."""
     block, trial = rows.columns.get("block"), numbers(rows.table, rows.columns["trial"])
-    known = np.flatnonzero((n > 0) & ~np.isnan(trial))
-    of = [trial, rows.subject.codes, *([] if block is None else [block.codes])]
-    order = known[np.lexsort([key[known] for key in of])]
-    starts = run_starts(*(key[order] for key in of))
-    first = np.repeat(order[starts], np.diff(starts, append=len(order)))
-    again = np.flatnonzero(first != order)
-    if not len(again):
+    seen, again = dict[tuple[float, ...], int](), list[tuple[int, int]]()
+    blocks = np.zeros(len(n), np.int64) if block is None else block.codes
+    for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
+        first = seen.setdefault((rows.subject.codes[row], blocks[row], trial[row]), row)
+        again += [(row, first)] if first != row else []
+    if not again:
         return []
-    again = again[np.argsort(order[again])]
-    later, earlier = order[again], first[again]
+    later, earlier = np.array(again).T
     same = np.logical_and.reduce([key[later] == key[earlier] for key in (*rows.keys, k)])
     if block is None and not same.all():
         return []  # without blocks numbers may begin anew in each: only rows that are the same in everything count
