@@ -98,7 +98,10 @@ class Adaptive:
         self._answers: list[tuple[Pair, bool]] = []
         self._work: Iterator[int] | None = None
         self._seen: dict[str, tuple[int, FloatArray, FloatArray]] = {}
-        _require_about(self.about, list(self._clouds.values()), self.pairs.unanswered)
+        quantities = next(iter(self._clouds.values())).target(self.pairs.unanswered).names.all
+        if self.about not in (PARAMETERS, *([WHICH_MODEL] if len(models) > 1 else quantities)):
+            allowed = f"{PARAMETERS}, {WHICH_MODEL} with at least two models, or of one model: {', '.join(quantities)}"
+            raise InputError(f"about={self.about!r}: allowed: {allowed}")
 
     # --- A session --------------------------------------------------------------------------------------
 
@@ -106,7 +109,7 @@ class Adaptive:
         """The pair whose answer is expected to tell most; of equals any, by chance."""
         worth = self.information()
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
-        return self._pair(int(generator(self.seed, "adaptive", "next", self.trials).choice(best)))
+        return self.pairs.pairs[int(generator(self.seed, "adaptive", "next", self.trials).choice(best))]
 
     def answer(self, pair: Sequence[float], equal: bool) -> None:
         """Take in the answer to a pair, also to one that was not proposed.
@@ -241,7 +244,7 @@ class Adaptive:
     def _content(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
-            "pairs": np.stack(self.pairs.columns, axis=1).tolist(),
+            "pairs": self.pairs.pairs,
             "model": list(self._clouds),
             "prior": asdict(self.prior),
             **{key: getattr(self, key) for key in ("seed", "about", "draws")},
@@ -277,9 +280,6 @@ class Adaptive:
         while self._work is not None and done < _PORTION:
             portion = next(self._work, None)
             done, self._work = (done, None) if portion is None else (done + portion, self._work)
-
-    def _pair(self, index: int) -> Pair:
-        return tuple(float(column[index]) for column in self.pairs.columns)
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their P(equal) and P(different) of every pair, (2, draws, pairs), and the entropy of these.
@@ -334,13 +334,3 @@ def _allowed(name: str) -> Model:
     if not isinstance(found, Model) or dict(found.levels)["spread"] != "binomial":
         raise InputError(f"model {found.name!r}: allowed are models with parameters, by which answers are independent")
     return found
-
-
-def _require_about(about: str, clouds: Sequence[Particles], pairs: Subject) -> None:
-    if about in (PARAMETERS, WHICH_MODEL):
-        if about == WHICH_MODEL and len(clouds) == 1:
-            raise InputError(f"about={about!r}: allowed with at least two models")
-        return
-    names = clouds[0].target(pairs).names.all
-    if len(clouds) > 1 or about not in names:
-        raise InputError(f"about={about!r}: allowed: {PARAMETERS}, {WHICH_MODEL}, or of one model: {', '.join(names)}")

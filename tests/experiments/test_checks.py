@@ -35,15 +35,26 @@ def codes(pairs: Sequence[tuple[float, float]], n_equal: int | Sequence[int] = 4
 GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
 
 
-def test_a_full_design_leaves_nothing_open() -> None:
-    assert check_subject(subject(GRID, [9, 2, 3, 1, 8, 4, 5, 6, 10])) == ()
+OFF_DIAGONAL = [pair for pair in GRID if pair[0] != pair[1]]
+POOR = ["few_pairs", "all_equal", "no_equal_pairs", "one_first_stimulus", "one_order", "design_rank"]
 
 
-def test_all_equal_and_all_different() -> None:
-    assert codes(GRID, 10) == ["all_equal"]
-    assert codes(GRID, 0) == ["all_different"]
-    assert codes(GRID, [10] * 8 + [9]) == []
-    assert codes(GRID, [0] * 8 + [1]) == []
+@pytest.mark.parametrize(
+    ("pairs", "n_equal", "expected"),
+    [
+        (GRID, [9, 2, 3, 1, 8, 4, 5, 6, 10], []),
+        (GRID, 10, ["all_equal"]),
+        (GRID, 0, ["all_different"]),
+        (GRID, [10] * 8 + [9], []),
+        (GRID, [0] * 8 + [1], []),
+        ([(value, value) for value in (-0.3, 0.0, 0.1, 0.4)], 4, ["only_equal_pairs", "design_rank"]),
+        (OFF_DIAGONAL, 4, ["no_equal_pairs"]),
+        ([*OFF_DIAGONAL, (0.4, 0.4)], 4, []),
+        ([(0.0, 0.3)], 10, POOR),
+    ],
+)
+def test_each_finding_where_it_holds_in_a_fixed_order(pairs: list[tuple[float, float]], n_equal: int, expected: list[str]) -> None:
+    assert codes(pairs, n_equal) == expected
 
 
 def test_one_trial_in_very_many_is_not_overlooked() -> None:
@@ -62,14 +73,6 @@ def test_fewer_pairs_than_parameters(count: int, expected: int | None) -> None:
         plural = "" if count == 1 else "s"
         start = f"Only {count} distinct pair{plural} for 4 parameters: at least {expected} of them cannot be told"
         assert messages[0].startswith(start)
-
-
-def test_equal_pairs() -> None:
-    diagonal = [(value, value) for value in (-0.3, 0.0, 0.1, 0.4)]
-    off_diagonal = [pair for pair in GRID if pair[0] != pair[1]]
-    assert codes(diagonal) == ["only_equal_pairs", "design_rank"]
-    assert codes(off_diagonal) == ["no_equal_pairs"]
-    assert codes([*off_diagonal, (0.4, 0.4)]) == []
 
 
 def test_one_first_stimulus() -> None:
@@ -94,17 +97,6 @@ def test_one_order() -> None:
     (finding,) = check_subject(subject([*both, (0.0, 0.5), (0.0, 0.6), (0.7, 0.0), (0.8, 0.0)]))
     start = "4 pairs were presented in one order only, (0, 0.5), (0, 0.6), (0.7, 0) and 1 more:"
     assert finding.message.startswith(start)
-
-
-def test_findings_of_a_poor_subject_in_a_fixed_order() -> None:
-    assert codes([(0.0, 0.3)], 10) == [
-        "few_pairs",
-        "all_equal",
-        "no_equal_pairs",
-        "one_first_stimulus",
-        "one_order",
-        "design_rank",
-    ]
 
 
 def test_messages_are_one_sentence_that_concludes() -> None:
