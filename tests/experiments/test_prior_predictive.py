@@ -25,9 +25,9 @@ def test_observers_are_those_of_the_closed_form(small_study, prior):
     assert rare[0] == pytest.approx(rare[1], abs=4 * np.sqrt(2 * rare[0] * (1 - rare[0]) / 20_000))
 
 
-def test_the_default_prior_in_the_paper_s_design_calls_everything_different_in_39_percent(small_study):
+def test_the_papers_prior_in_the_papers_design_calls_everything_different_in_39_percent(small_study):
     # 0.3872, s.e. 0.0005, is of a million observers by the README's formulas alone; 4 s.e. of 40,000
-    assert np.mean(bt.prior_predictive(small_study, draws=40_000).largest < RARELY) == pytest.approx(0.3872, abs=0.01)
+    assert np.mean(bt.prior_predictive(small_study, "paper", draws=40_000).largest < RARELY) == pytest.approx(0.3872, abs=0.01)
 
 
 def test_pairs_stand_by_distance_with_the_counts_of_who_met_them():
