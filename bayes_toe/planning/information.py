@@ -157,7 +157,7 @@ def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, pri
     InputError
         If nobody updates.
     """
-    model = model_named(MODEL)
+    model, prior = model_named(MODEL), prior.at(pairs.unanswered)
     assert isinstance(model, Model)
     some = [(one.kind == UPDATE, found) for one in observers if (found := _quantities(one)) is not None]
     some = [(updates, found) for updates, found in some if updates or aim == "update"]
