@@ -16,7 +16,7 @@ from bayes_toe.model.prior import Prior
 CASES = hard_cases()
 SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}}
 #: Random starts of the general optimiser in a routine run; 50 were run once for every subject here and for the real studies.
-STARTS = 9
+STARTS = 6
 
 
 @pytest.mark.parametrize("name", sorted(SUBJECTS))

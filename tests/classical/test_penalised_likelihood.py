@@ -75,9 +75,3 @@ def test_derivatives_on_the_edges_agree_with_finite_differences(edge):
         assert gradient[i] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
         column = sign * (target.derivatives(high, at)[0] - target.derivatives(low, at)[0]) / width
         assert hessian[:, i] == pytest.approx(column, rel=1e-3, abs=1e-3 * np.abs(hessian).max())
-
-
-def test_an_impossible_answer_has_no_likelihood():
-    subject = CASES["reversed answers"]  # 'different' was answered where z can be 0
-    y = np.array([[0.0], [-np.inf], [0.0], [0.0]])
-    assert objective(subject).value(y, np.zeros(1, int)) == -np.inf

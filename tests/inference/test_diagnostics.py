@@ -11,7 +11,6 @@ from bayes_toe.inference.diagnostics import (
     convergence_of,
     errors,
     errors_of,
-    pareto_k,
     quantile_errors,
     smoothed_unnormalised,
     smoothed_weights,
@@ -56,13 +55,6 @@ def test_every_number_is_that_of_the_arviz_that_users_have(case):
     np.testing.assert_allclose([*convergence(draws), *errors(draws)], expected, rtol=0.02 if "odd" in case and not ONE else 1e-9)
 
 
-@pytest.mark.parametrize("rho", [-0.5, 0.0, 0.5, 0.9])
-def test_effective_draws_of_an_autoregression_are_those_of_theory(rho):
-    draws = walk(rho, (4, 20_000))
-    assert convergence(draws).ess_bulk == pytest.approx(draws.size * (1 - rho) / (1 + rho), rel=0.12)
-    assert errors(draws).mean == pytest.approx(draws.std() / np.sqrt(draws.size * (1 - rho) / (1 + rho)), rel=0.06)
-
-
 def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
     shape = (4, 500)
     found = {"slow": walk(0.9, shape), "constant": np.ones(shape), "one step": np.arange(4.0)[:, None] * np.ones(shape)}
@@ -81,12 +73,6 @@ def test_independent_normal_draws_have_the_errors_of_the_textbook():
     assert [found.q05, found.q95] == pytest.approx([np.sqrt(0.0475) / 0.1031 / 200] * 2, rel=0.2)
     assert quantile_errors(draws, [0.05, 0.5, 0.95], 40_000) == pytest.approx([*found[1:]], rel=0.1)
     assert np.isnan(quantile_errors(draws, [0.5], np.nan)).all()
-
-
-@pytest.mark.parametrize(("tail", "k"), [(0.3, 0.3), (0.9, 0.9), (-0.9, 0.0)])
-def test_k_hat_is_the_tail_index_of_weights(tail, k):
-    log_weights = -tail * np.log(np.random.default_rng(4).uniform(size=50_000))
-    assert pareto_k(log_weights) == pytest.approx(k, abs=0.1) if k else pareto_k(log_weights) < 0.2
 
 
 WEIGHTS = {
