@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import bare
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.joint import scatter_named
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:

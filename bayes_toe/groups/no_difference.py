@@ -16,8 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.groups.joint import with_ones
-from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.joint import scatter_named, with_ones
 from bayes_toe.inference.diagnostics import errors, pareto_k
 from bayes_toe.seeds import generator
 

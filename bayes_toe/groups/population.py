@@ -19,11 +19,10 @@ from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.joint import Joint
+from bayes_toe.groups.joint import Joint, scatter_named
 from bayes_toe.groups.population_file import save_population
 from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
-from bayes_toe.groups.scatter import scatter_named
 from bayes_toe.groups.subjects import GroupLikelihood, NormalApproximation, Unpooled, funnel_of, unpooled, unpooled_from_draws
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws

@@ -14,8 +14,8 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
+from bayes_toe.groups.joint import scatter_named
 from bayes_toe.groups.population import Population
-from bayes_toe.groups.scatter import scatter_named
 from bayes_toe.groups.subjects import GroupLikelihood
 from bayes_toe.model.crowd import Crowd
 from bayes_toe.seeds import generator

@@ -17,8 +17,15 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.maxima import Maxima, find_maxima
-from bayes_toe.inference.mixture import StudentMixture
-from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, effective_number, efficiency, importance_draws
+from bayes_toe.inference.proposal import (
+    FittedProposal,
+    Proposal,
+    StudentMixture,
+    WeightedDraws,
+    effective_number,
+    efficiency,
+    importance_draws,
+)
 from bayes_toe.model.target import Target
 
 #: With what a fit may begin.

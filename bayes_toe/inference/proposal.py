@@ -4,19 +4,170 @@ The cover, a few Student-t components fitted to the posterior flattened by a pow
 prior in the mixture, importance weights are bounded by the largest likelihood over the prior's share: their variance is finite, their error
 bars mean something, and no region that the prior reaches is closed to the sampler. How the mixture is fitted:
 :mod:`bayes_toe.inference.adaptation`.
+
+Two choices make the mixture cheap, and fitting a proposal is mostly this. Points are whitened for all components by one matrix product. And
+half the sum of degrees of freedom and dimension is a whole number, so that each density is a power by multiplication, without a logarithm.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.special import gammaln
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.inference.mixture import StudentMixture
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.target import Levels, Target, require_defined
+
+_LEAST_SHARE = 1e-4  # of a component
+_BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class StudentMixture:
+    """Mixture of J Student-t components in D dimensions.
+
+    Parameters
+    ----------
+    weights : array, shape (J,)
+        Positive, summing to 1.
+    means : array, shape (J, D)
+    scales : array, shape (J, D, D)
+        Scale matrices (not covariances), positive definite.
+    df : int
+        Degrees of freedom, common to all components; df + D is even.
+
+    Raises
+    ------
+    ValueError
+        If df + D is odd.
+
+    Examples
+    --------
+    >>> one = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), df=1)
+    >>> bool(np.isclose(np.exp(one.log_density(np.zeros((1, 1))))[0], 1 / np.pi))
+    True
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    scales: FloatArray
+    df: int
+    _factors: FloatArray = field(init=False, repr=False)
+    _whiteners: FloatArray = field(init=False, repr=False)  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
+    _tops: FloatArray = field(init=False, repr=False)  # of the components' densities, over the highest
+    _log_highest: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        dim = self.means.shape[1]
+        if (self.df + dim) % 2:
+            raise ValueError(f"df={self.df} and dimension {dim}: their sum must be even")
+        factors = np.linalg.cholesky(self.scales)
+        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        log_norm = gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
+        log_tops = np.log(self.weights) + log_norm - log_volume
+        inverse = np.linalg.inv(factors)
+        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
+        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)  # dimension by dimension
+        for key, value in {
+            "_factors": factors,
+            "_whiteners": whiteners.reshape(-1, 1 + dim) / np.sqrt(self.df),
+            "_tops": np.exp(log_tops - log_tops.max()),
+            "_log_highest": float(log_tops.max()),
+        }.items():
+            object.__setattr__(self, key, value)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density at x, shape (N, D) -> (N,)."""
+        found = np.empty(len(x))
+        for block in _blocks(len(x)):
+            found[block] = self._tops @ self._kernel(self._distances(x[block]))
+        return np.asarray(np.log(found) + self._log_highest)
+
+    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+        """Draws, shape (size, D); works with numpy's old and new generators."""
+        which = np.searchsorted(np.cumsum(self.weights)[:-1], rng.uniform(size=size), side="right")
+        normal = rng.standard_normal((size, self.means.shape[1]))
+        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=size))
+        return np.asarray(self.means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None])
+
+    def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
+        """One EM step toward the density that points x, shape (N, D), with normalised weights (N,) stand for.
+
+        Components that no longer hold any weight are dropped.
+        """
+        dim, n = x.shape[1], len(self.means)
+        # Moments are counted from the points' mean: a component that is kept is at most 100 of their standard deviations away, and
+        # what is subtracted below costs at most that squared in rounding errors, far less than the safeguard adds.
+        centre = weights @ x
+        held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
+        for block in _blocks(len(x)):
+            u = self._distances(x[block])
+            shares = self._tops[:, None] * self._kernel(u)
+            shares *= weights[block] / shares.sum(axis=0)
+            held += shares.sum(axis=1)
+            squares += np.einsum("jn,jn->j", shares, shares)
+            y = x[block] - centre
+            moments += (shares / u) @ np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
+        # A component needs some points of its own for a covariance: the effective number behind its share.
+        kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
+        if not kept.any():
+            return self
+        held, moments = held[kept], moments[kept] * ((self.df + dim) / self.df)
+        apart = moments[:, 1 : dim + 1] / moments[:, :1]
+        scales = (moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)) / held[:, None, None]
+        spread = weights @ np.square(x - centre)
+        # A thousandth of the overall spread is added, so that no component collapses onto a few points.
+        return StudentMixture(held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df)
+
+    def joined(self, others: Sequence[StudentMixture], share: float) -> StudentMixture:
+        """This mixture with others of the same degrees of freedom, each of which takes a share of what was before it."""
+        left = (1.0 - share) ** np.arange(len(others), -1, -1)
+        parts = [self, *others]
+        return StudentMixture(
+            np.concatenate([one.weights * kept for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)]),
+            np.concatenate([one.means for one in parts]),
+            np.concatenate([one.scales for one in parts]),
+            self.df,
+        )
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance, shape (D, D); df is above 2."""
+        apart = self.means - self.weights @ self.means
+        return np.asarray(np.einsum("j,jab->ab", self.weights, self.scales * (self.df / (self.df - 2)) + _outer(apart)))
+
+    def _distances(self, x: FloatArray) -> FloatArray:
+        """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
+        dim = x.shape[1]
+        points = np.empty((dim + 1, len(x)))
+        points[0] = 1.0
+        points[1:] = x.T
+        white = (self._whiteners @ points).reshape(dim, -1, len(x))
+        return np.asarray(np.einsum("djn,djn->jn", white, white) + 1.0)
+
+    def _kernel(self, u: FloatArray) -> FloatArray:
+        return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
+
+
+def _blocks(size: int) -> list[slice]:
+    return [slice(i, i + _BLOCK) for i in range(0, size, _BLOCK)]
+
+
+def _power(u: FloatArray, exponent: int) -> FloatArray:
+    """Whole power, at least 1, by repeated squaring: a few multiplications, where numpy's own power takes a logarithm."""
+    if exponent == 1:
+        return u
+    half = _power(u, exponent // 2)
+    return half * half * u if exponent % 2 else half * half
+
+
+def _outer(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors[:, :, None] * vectors[:, None, :])
+
 
 #: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
 TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02

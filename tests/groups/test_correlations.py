@@ -7,9 +7,9 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.cli.population import correlations
+from bayes_toe.groups.joint import Root
 from bayes_toe.groups.no_difference import no_difference
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.groups.scatter import Root
 from bayes_toe.records import packed
 
 #: Strong ones: of mu1 and probit gamma, and of log width and probit q0.

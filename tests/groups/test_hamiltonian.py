@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.chains import Hamiltonian
 
 COVARIANCE = np.array([[4.0, 1.2, 0.0, 0.0], [1.2, 1.0, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0], [0.0, 0.0, 0.0, 900.0]])
 MEAN = np.array([1.0, -2.0, 5.0, 100.0])

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.groups.joint import Joint
-from bayes_toe.groups.scatter import scatter_named
+from bayes_toe.groups.joint import Joint, scatter_named
 from bayes_toe.groups.subjects import Funnel, NormalApproximation
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 

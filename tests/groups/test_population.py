@@ -9,7 +9,7 @@ from conftest import few_pairs
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
-from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.chains import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
 from bayes_toe.groups.subjects import unpooled

@@ -6,7 +6,7 @@ from conftest import observer_counts
 
 import bayes_toe as bt
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.hamiltonian import Hamiltonian
+from bayes_toe.groups.chains import Hamiltonian
 from bayes_toe.groups.subjects import GroupLikelihood, unpooled
 from bayes_toe.inference.diagnostics import convergence, errors
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE

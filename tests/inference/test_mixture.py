@@ -7,7 +7,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from bayes_toe.inference.mixture import StudentMixture
+from bayes_toe.inference.proposal import StudentMixture
 
 
 @pytest.fixture

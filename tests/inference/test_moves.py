@@ -37,7 +37,7 @@ class Target:
 def _fitted_for(target):
     """A proposal deliberately off the target, so that a wrong acceptance rule shows."""
     from bayes_toe.inference import proposal as module
-    from bayes_toe.inference.mixture import StudentMixture
+    from bayes_toe.inference.proposal import StudentMixture
 
     class Known:
         log_density = staticmethod(target.log_density)
