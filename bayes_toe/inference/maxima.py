@@ -176,8 +176,8 @@ class _Leaders:
 def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
 
-    -H is scaled to a unit diagonal, which the damping, (points,), raises. Eigenvalues enter by size, so that the step leads uphill, away
-    from a saddle too.
+    -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is positive definite the step follows by
+    elimination; elsewhere eigenvalues enter by size, so that the step leads uphill, away from a saddle too.
     """
     diagonal = np.arange(len(gradient)), np.arange(len(gradient))
     size = np.abs(hessian[diagonal])
@@ -185,10 +185,33 @@ def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: 
     matrix = hessian * -scale[:, None] * scale
     right = np.where(free, gradient, 0.0) * scale
     matrix[diagonal] += ~free
-    values, vectors = np.linalg.eigh(np.moveaxis(matrix, -1, 0))
-    along = (right.T[:, None] @ vectors)[:, 0] / (np.abs(values) + damping[:, None])
-    step = (vectors @ along[:, :, None])[:, :, 0].T
-    return step * scale, np.abs(step * right).sum(axis=0), values[:, 0] + damping > 1e-12
+    step, proper = _solve(matrix, right, damping)
+    if not proper.all():
+        values, vectors = np.linalg.eigh(np.moveaxis(matrix[..., ~proper], -1, 0))
+        along = np.einsum("nij,in->nj", vectors, right[:, ~proper]) / (np.abs(values) + damping[~proper, None])
+        step[:, ~proper] = np.einsum("nij,nj->in", vectors, along)
+    return step * scale, np.abs(step * right).sum(axis=0), proper
+
+
+def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Solve many small symmetric systems with raised diagonals by elimination; False where a pivot is not positive.
+
+    LAPACK, called for each, takes several times as long.
+    """
+    k, a, y, proper = len(right), matrix.copy(), right.copy(), np.ones(len(damping), bool)
+    a[np.arange(k), np.arange(k)] += damping
+    for j in range(k):
+        good = a[j, j] > 1e-12
+        proper &= good
+        a[j, j][~good] = 1.0
+        factor = a[j, j + 1 :] / a[j, j]
+        for i in range(j + 1, k):  # the rows below, of which the part on and behind the diagonal counts
+            a[i, i:] -= factor[i - j - 1] * a[j, i:]
+        y[j + 1 :] -= factor * y[j]
+    for j in reversed(range(k)):
+        y[j] /= a[j, j]
+        y[:j] -= a[:j, j] * y[j]
+    return y, proper
 
 
 @dataclass(frozen=True, eq=False)
