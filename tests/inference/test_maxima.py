@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from bayes_toe.inference.maxima import ascend, find_maxima
 from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
 
@@ -132,5 +133,5 @@ def test_two_maxima_are_both_found():
 
 
 def test_a_maximum_that_does_not_exist_is_not_claimed():
-    # A perfect observer's density rises without end toward gamma = 0.
-    assert not find_maxima(posterior_of(CASES["perfect observer"])).arrived
+    # Under the paper's prior a perfect observer's density rises without end toward gamma = 0.
+    assert not find_maxima(posterior_of(CASES["perfect observer"], Prior())).arrived
