@@ -38,6 +38,7 @@ def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ..
 
     Examples
     --------
+    >>> from bayes_toe.data.study import Subject
     >>> [finding.code for finding in check_answers(Study((Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99]),)))]
     ['raw_stimuli']
     """
