@@ -12,13 +12,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
+from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import ConvergenceWarning, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
@@ -33,23 +37,30 @@ from bayes_toe.inference.subject import (
     weighted_fit,
 )
 from bayes_toe.kept import Done, Kept, keeping
-from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SPACE, SYMMETRIC, model_named
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.seeds import generator
 from bayes_toe.workers import Cluster, Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Result = TypeVar("Result")
+_SHOWN = 400  # draws of the best model, for its curve
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
-    """Draws and evidence of one study, from the same fitted proposals, with the settings that made them, and the paper's fits.
+    """Draws of the paper's model, verdicts and evidence of one study, with the settings that made them, and the paper's fits.
 
     The study is without subjects that failed, see :attr:`bayes_toe.inference.draws.Draws.failed`.
+
+    Attributes
+    ----------
+    best : tuple of Predictor
+        Some draws of the model that describes a subject best, for those for whom that is not the paper's.
     """
 
     study: Study
@@ -57,13 +68,19 @@ class Analysis:
     evidence: EvidenceTable
     settings: Settings
     fits: FitTable
+    best: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<Analysis of {self.study!r}: draws, evidence, fits, summary()>"
+        return f"<Analysis of {self.study!r}: verdicts, draws, evidence, fits, summary()>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self)[1:-1], self.evidence.frame())
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What is concluded of every subject."""
+        return self.evidence.verdicts
 
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
@@ -83,7 +100,7 @@ def run(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Analysis:
-    """Sample every subject under the predictive update (H1) and compute every evidence in one pass.
+    """Verdicts of every subject, draws under the predictive update (H1), and every evidence, in one pass.
 
     Parameters
     ----------
@@ -93,7 +110,7 @@ def run(
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
-        Or a preset, "default" or "paper", see :func:`bayes_toe.model.study_prior.prior_for`.
+        Or a preset, "default" or "paper", see :mod:`bayes_toe.model.prior`.
     workers : int or distributed.Client, optional
         Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
         it.
@@ -109,13 +126,14 @@ def run(
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
-        jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
+        jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
         study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
+    best = tuple(one.best for one in small if one.best is not None)
     summary = tuple(row for one in small for row in one.summary)
-    return Analysis(study, made, _table(small, settings, failed), settings, fits, summary)
+    return Analysis(study, made, _table(small, settings, failed), settings, fits, best, summary)
 
 
 def sample(
@@ -203,13 +221,13 @@ def evidence(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> EvidenceTable:
-    """Log evidence of the update (H1), of its rivals without it and of free frequencies (H0), and goodness of fit, of every subject.
+    """Verdict of every subject, and the log evidence of the paper's model (H1) against free frequencies (H0).
 
     Parameters
     ----------
     study : Study
     draws : int
-        Independent draws behind each evidence; its standard error goes as one over their root.
+        Independent draws behind the evidence of H1; its standard error goes as one over their root.
     seed, prior, workers, engine, progress, keep
         As in :func:`run`.
 
@@ -222,7 +240,7 @@ def evidence(
     """
     with keeping(keep) as kept:
         settings, wanted = _settings(study, draws, kept.seed(seed), prior), Wanted(evidence_draws=draws)
-        jobs = [partial(_analysed, subject, settings, wanted) for subject in study]
+        jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
         _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
         return _table(done, settings, failed)
 
@@ -257,6 +275,7 @@ class _Analysed:
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
+    best: Predictor | None
     summary: tuple[SummaryRow, ...] = ()
 
 
@@ -274,22 +293,30 @@ def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws
     return subject_draws(infer(model_named(settings.model).posterior(subject, settings.prior), settings.seed, wanted))
 
 
-def _analysed(subject: Subject, settings: Settings, wanted: Wanted) -> _Analysed:
-    """H1 with all that is wanted, and the evidences of the models that differ from it in their order effect alone."""
-    result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted)
-    asked = Wanted(evidence_draws=wanted.evidence_draws)
-    rivals = [fitted_result(model.posterior(subject, settings.prior), settings.seed, asked) for model in (SYMMETRIC, CONSTANT_BIAS)]
+def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[Doubt, ...]) -> _Analysed:
+    """The verdict, and the paper's model with all that is wanted."""
+    prior, seed = settings.prior.at(subject), settings.seed
+    said, space = verdict(subject, prior, seed, data=data)
+    result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
     if subject.isi is None:  # the maximum-likelihood fit knows one interval only
-        fit = None if wanted.chains is None else subject_fit(subject, settings.prior, seed=settings.seed)
-        made = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior, replicates=REPLICATES) if fit is None else fit.bootstrap
-        by_bootstrap = bootstrap_evidence(made, settings.prior.at(subject))
-    described = weighted_fit(fitted.proposal, settings.seed) if result.fit is None else result.fit
-    none, constant = (found.evidence for found, _ in rivals)
-    assert none is not None  # they were asked for
-    assert constant is not None
-    row = subject_evidence(result, fitted, by_bootstrap, others=(none, constant), fit=described)
-    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit)
+        fit = None if wanted.chains is None else subject_fit(subject, prior, seed=seed)
+        made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES) if fit is None else fit.bootstrap
+        by_bootstrap = bootstrap_evidence(made, prior)
+    orders = [space.log_evidence[SPACE.index(model)] for model in (SYMMETRIC, CONSTANT_BIAS)]
+    described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
+    row = subject_evidence(
+        result,
+        fitted,
+        by_bootstrap,
+        orders=(None if np.isnan(orders[0]) else float(orders[0]), None if np.isnan(orders[1]) else float(orders[1])),
+        verdict=said,
+        fit=described,
+    )
+    best = None
+    if wanted.chains is not None and said.best_model not in ("", PREDICTIVE_UPDATE.name):
+        best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown"))
+    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best)
 
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:

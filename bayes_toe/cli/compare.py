@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, say, say_footnote, say_lines, say_note, say_table
+from bayes_toe.cli.terminal import MOST_NAMES, introduce, number, say, say_footnote, say_lines, say_note, say_table
 from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
@@ -30,15 +29,16 @@ def compare(
     study: StudyFile,
     output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
-    space: Annotated[str, typer.Option("--space", help="parts: order x noise x lapses; ladder: models that have a name.")] = "parts",
+    space: Annotated[str, typer.Option("--space", help="parts: 48, over which verdicts average; ladder: those with a name.")] = "parts",
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
 ) -> None:
-    """Which order effect, noise and lapses, and how sure: probabilities of parts, over a space of models, for every subject and the study.
+    """Which order effect, and which noise, lapses, curve and peak: probabilities of parts over 48 models, for every subject and the study.
 
-    Besides, of every model: evidence, leave-one-out, predictive checks, model probabilities, and model frequencies over subjects.
+    Besides, of every model: evidence; of those that matter: leave-one-out and predictive checks.
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
+    from bayes_toe.cli.answers import say_verdicts
     from bayes_toe.comparison.model_comparison import beside
     from bayes_toe.model.ladder import require_models
     from bayes_toe.plots.comparison import comparison_figure
@@ -49,13 +49,14 @@ def compare(
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    with task.progress("comparing", len(read) * len(models)) as tick:
+    with task.progress("comparing", len(read) * (len(models) if asked != "parts" else 1)) as tick:
         table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
         save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[-1].name)
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
+    say_verdicts(task.console, table.verdicts, table.seed, synthetic=read.synthetic)
     say_comparison(task.console, table)
     task.say_written("written:", *files, seed=table.seed)
     task.leave_unless_whole(failed, {})
@@ -110,54 +111,50 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
 
 
 def say_comparison(console: Console, table: ModelComparison) -> None:
-    """First the parts of models, then log evidence below the best model, then the models over the study, and each note once."""
-    from bayes_toe.inference.predictive_checks import MISFIT
+    """First the parts of models; of models that were named, log evidence below the best and their sums; then each note once."""
+    from bayes_toe.comparison.model_row import FAR
 
-    # Those first whose best composition does not describe the answers, or who lack an evidence.
-    fits = {name: found.checks.p_predictive for name, (found, _) in table.best_compositions().items()}
-    evidence = dict(zip(table.subjects, table.log_evidence, strict=True))
-    noted = {name for name, values in evidence.items() if any(map(isnan, values)) or ((p := fits.get(name)) is not None and p < MISFIT)}
-    shown = chosen(table.subjects, noted)
-    _say_parts(console, table, shown)
-    if len(table.models) <= _MOST_COLUMNS:
-        rows: list[dict[Any, Any]] = []
-        for name in shown:
-            best = max((value for value in evidence[name] if not isnan(value)), default=0.0)
-            rows.append(
-                {"subject": name, **{model: number(value - best, 1) for model, value in zip(table.models, evidence[name], strict=True)}}
-            )
-        say_table(console, "log evidence below the subject's best model, nats", rows, total=len(table.subjects))
-    _say_models(console, table)
+    _say_parts(console, table)
+    if not table.verdicts:
+        if len(table.models) <= _MOST_COLUMNS:
+            rows = [
+                {"subject": name, **{model: number(value, 1) for model, value in zip(table.models, values, strict=True)}}
+                for name, values in zip(
+                    table.subjects, table.log_evidence - np.nanmax(table.log_evidence, axis=1, keepdims=True), strict=True
+                )
+            ]
+            say_table(console, "log evidence below the subject's best model, nats", rows)
+        _say_models(console, table)
     about: dict[str, list[ModelRow]] = {}
     for one in table:
         for note in one.notes:
-            # Which pair fails differs from row to row: the file says it, here one line for all.
-            kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
-            about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
+            if note != FAR:
+                # Which pair fails differs from row to row: the file says it, here one line for all.
+                kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+                about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
     for note, found in about.items():
         say_note(console, f"{_whose(found, table.subjects)}: {note}")
 
 
-def _say_parts(console: Console, table: ModelComparison, shown: Sequence[str]) -> None:
-    """Probabilities of the levels of each part for every subject and the study; the best composition and whether it fits."""
+def _say_parts(console: Console, table: ModelComparison) -> None:
+    """Probabilities of what departs from the paper's levels; the best composition, its lead over free frequencies, its fit."""
     from bayes_toe.comparison.model_comparison import STUDY
     from bayes_toe.inference.predictive_checks import MISFIT
 
-    best, rows, places = table.best_compositions(), list[dict[Any, Any]](), {name: i for i, name in enumerate(table.subjects)}
-    for name in shown:
-        shares = {" / ".join(part.levels): _shares(part.probability[places[name]]) for part in table.parts}
+    best, rows = table.best_compositions(), list[dict[Any, Any]]()
+    # The order effect is the answer's, where the whole space was compared; of two levels the second says all.
+    shown = [(part, slice(0 if len(part.levels) > 2 else 1, None)) for part in table.parts if not (table.verdicts and part.part == "order")]
+    for i, name in enumerate(table.subjects):
+        shares = {" / ".join(part.levels[which]): _shares(part.probability[i][which]) for part, which in shown}
         found, against = best.get(name, (None, None))
         fit = None if found is None else found.checks.p_predictive
         said = {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
-        rows.append(
-            {"subject": name, **shares, **said, "fit p": "-" if fit is None else f"{fit:.2g}" + (" misfit" if fit < MISFIT else "")}
-        )
-    if of_study := {" / ".join(part.levels): _shares(part.study) for part in table.parts if part.study is not None}:
+        rows.append({"subject": name, **shares, **said, "fit p": "-" if fit is None else f"{fit:.2g}" + " misfit" * (fit < MISFIT)})
+    if of_study := {" / ".join(part.levels[which]): _shares(part.study[which]) for part, which in shown if part.study is not None}:
         rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
-    title = "probability of the levels of each part; best composition: log evidence less that of free frequencies, fit"
-    say_table(console, title, rows, total=len(places) + bool(of_study))
+    say_table(console, "probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit", rows)
     if of_study:
-        say(console, f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(places)} subjects")
+        say(console, f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects")
 
 
 def _shares(probability: Any) -> str:

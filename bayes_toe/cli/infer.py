@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
     from bayes_toe.analysis import Analysis
     from bayes_toe.cli.report import Group
-    from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence
+    from bayes_toe.comparison.evidence_table import EvidenceTable
 
 _SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 #: What order effects show in: these come first, and have their range beside the median.
@@ -52,11 +51,11 @@ def run(
     store: Store = "nc",
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
-    """Posterior, summary, evidence table, corner plots and report of a study, in one folder.
+    """The answer for every subject and the study, with posterior, summary, evidence, corner plots and report in one folder.
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.headline import in_short, scale_first
+    from bayes_toe.cli.answers import say_verdicts
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
@@ -75,17 +74,14 @@ def run(
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    first = scale_first(read, prior)
-    say_evidence(task.console, analysis.evidence, "evidence.csv", first)
-    say_draws(task.console, analysis.draws, "summary.csv")
+    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic)
+    say_failed(task.console, analysis.draws)
     group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    short = in_short(analysis.evidence, synthetic=read.synthetic)
-    say(task.console, f"[bold]in short[/bold]: {first}{short}")
     missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
     task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **analysis.draws.imprecise, **missed})
 
@@ -173,11 +169,11 @@ def evidence(
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """Which order effect every subject has, whether the model (H1) describes the answers, and H1 against free frequencies (H0).
+    """Which order effect every subject has, whether the models describe the answers, and the paper's model (H1) against H0.
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.cli.headline import scale_first
+    from bayes_toe.cli.answers import say_verdicts
 
     task.require_files(output)
     keep = task.partial(output)
@@ -186,7 +182,8 @@ def evidence(
         table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     table.save(output, **task.saving)
     task.finish(keep, table.failed)
-    say_evidence(task.console, table, first=scale_first(read, prior))
+    say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic)
+    say_appendix_c(task.console, table)
     task.say_written("table in", output, seed=table.seed)
     task.leave_unless_whole(table.failed, {})
 
@@ -212,25 +209,20 @@ def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
         row |= {"min ESS": f"{float(stats['min_ess'][i]):.0f}", "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}"}
         rows.append({**row, "converged": "NO" if name in missed else "yes"})
     say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
-    say_notes(console, (f"{name}: {shortfall}" for name, shortfall in missed.items()), "not converged", "red", file=file)
-    say_notes(console, (f"{name}: {imprecise}" for name, imprecise in draws.imprecise.items()), "not precise enough", "red", file=file)
+    say_failed(console, draws, file)
 
 
-def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, first: str = "") -> None:
-    """Which order effect, whether the model describes the answers, then H1 against H0, and each note once with its subjects."""
-    from bayes_toe.cli.headline import APPENDIX_C, FIT, NEXT, flagged, misfit, misfits, tally
-    from bayes_toe.comparison.words import STATED, conclusion
+def say_failed(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
+    """Whose draws did not converge, or are too few."""
+    for word, of in (("not converged", draws.not_converged), ("not precise enough", draws.imprecise)):
+        say_notes(console, (f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
 
-    of_subject, of_all = {row.subject: row for row in table}, partial(say_table, console, total=len(table), file=file)
-    shown = [of_subject[name] for name in chosen(of_subject, flagged(table))]
-    of_all("order effect, and fit of the model", [_headline(row) for row in shown])
-    say(console, f"[bold]order effect[/bold]: {tally(table)}")
-    if found := misfits(table):
-        say(console, f"[bold]fit[/bold]: {found}")
-        wrong = (f"{row.subject}: {misfit(row.fit)}" for row in table if row.fit is not None and row.misfit)
-        say_notes(console, wrong, "misfit", "red", file=file)
-        say(console, first + NEXT, "red")
-    say_footnote(console, f"Order effect: three models with equal prior odds that differ in it alone. {STATED}. {FIT}.")
+
+def say_appendix_c(console: Console, table: EvidenceTable) -> None:
+    """The paper's model (H1) against free frequencies (H0)."""
+    from bayes_toe.comparison.study_answer import APPENDIX_C
+    from bayes_toe.comparison.words import conclusion
+
     rows: list[dict[Any, Any]] = [
         {
             "subject": row.subject,
@@ -242,26 +234,10 @@ def say_evidence(console: Console, table: EvidenceTable, file: str = OUTPUT, fir
             "k-hat": number(row.pareto_k),
             "Laplace": number(row.log_bayes_factor_laplace),
         }
-        for row in shown
+        for row in table
     ]
-    of_all("Appendix C: one smooth curve (H1) against a free frequency per pair (H0), natural logs", rows)
+    say_table(console, "Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs", rows)
     say_footnote(console, f"{APPENDIX_C}.")
-    say_notes(console, once((row.subject, note) for row in table for note in row.notes))
+    say_notes(console, once((row.subject, note) for row in table for note in row.notes if not row.verdict or note not in row.verdict.notes))
     for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
         say_footnote(console, line)
-
-
-def _headline(row: SubjectEvidence) -> dict[Any, Any]:
-    from bayes_toe.cli.headline import deviance, p_value
-    from bayes_toe.comparison.words import order_effect_and_probability
-
-    return {
-        "subject": row.subject,
-        "order effect": order_effect_and_probability(row.log_evidence_orders),
-        "none": number(row.p_none),
-        "constant error": number(row.p_constant_error),
-        "update": number(row.p_update),
-        "fit": "MISFIT" if row.misfit else "no misfit" if row.fit else "-",
-        "predictive p": p_value(row.fit.p_overall) if row.fit else "-",
-        "deviance (d.f.)": deviance(row.fit) if row.fit else "-",
-    }

@@ -1,7 +1,6 @@
-"""Model evidence of one subject: which order effect, whether the update (H1) describes the answers, and H1 against free frequencies (H0).
+"""The row of evidence.csv: the verdict of a subject, and the paper's comparison of its model (H1) with free frequencies (H0).
 
-Which order effect: three models that differ in it alone, the symmetric one, a constant error, the predictive update (H1). All values are
-natural logs and leave binomial coefficients out, so their differences are log Bayes factors.
+All log evidences are natural logs and leave binomial coefficients out, so their differences are log Bayes factors.
 Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the integral.
 """
 
@@ -13,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.comparison.words import probabilities
+from bayes_toe.comparison.verdict import VERDICT_COLUMNS, Verdict
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.inference.evidence import Evidence, laplace_evidence, laplace_evidence_natural, said_of_bound, weighed
+from bayes_toe.inference.evidence import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
@@ -28,45 +27,34 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Columns of evidence.csv. New ones are appended only: scripts that read by position go on working.
+#: Columns of evidence.csv: the verdict, then the paper's comparison. New ones are appended only.
 EVIDENCE_COLUMNS = (
-    "subject",
-    "n_pairs",
-    "n_trials",
-    "log_evidence_h1",
-    "log_evidence_h1_se",
-    "log_evidence_h0",
-    "log_bayes_factor",
-    "log_evidence_h1_laplace",
-    "log_evidence_h0_laplace",
-    "log_bayes_factor_laplace",
-    "pareto_k",
-    "log_evidence_h1_laplace_natural",
-    "log_evidence_h1_bootstrap",
-    "prior",
-    *("log_evidence_symmetric", "log_evidence_constant_error", "p_none", "p_constant_error", "p_update", "predictive_p"),
+    *VERDICT_COLUMNS,
+    *("n_pairs", "n_trials", "log_evidence_h1", "log_evidence_h1_se", "log_evidence_h0", "log_bayes_factor"),
+    *("log_evidence_h1_laplace", "log_evidence_h0_laplace", "log_bayes_factor_laplace", "pareto_k"),
+    *("log_evidence_h1_laplace_natural", "log_evidence_h1_bootstrap", "prior"),
+    *("log_evidence_symmetric", "log_evidence_constant_error"),
 )
 _COUNTS = ("n_pairs", "n_trials")
-#: Log evidences of the models that differ in their order effect alone.
-ORDERS = {"log_evidence_symmetric": "symmetric", "log_evidence_constant_error": "constant error", "log_evidence_h1": "H1"}
-_NO_FIT = "H1: goodness of fit withheld with the weights of its draws"
 _INTERVALS = (
-    "order effect: H1 knows what an inter-stimulus interval does, the other two models ignore it, so that their probabilities also ask "
-    "whether intervals matter"
+    "the paper's model knows what an inter-stimulus interval does, a constant error ignores it: probabilities of kinds also ask whether "
+    "intervals matter"
 )
 _NO_REPLICATES = None, "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
 
 @dataclass(frozen=True)
 class SubjectEvidence:
-    """Log evidences of one subject, in nats; None where a value does not exist, with the reason in `notes` or `footnotes`.
+    """Verdict and log evidences (nats) of one subject; None where a value does not exist, with the reason in `notes` or `footnotes`.
 
     Attributes
     ----------
+    verdict : Verdict or None
+        None where only H1 against H0 was asked for.
     fit : FitSummary or None
-        Goodness of fit of H1.
-    without_weight : tuple of str
-        Which of the log evidences of orders are withheld but leave their model without weight, by what they are at most.
+        Goodness of fit of the paper's model (H1).
+    log_evidence_symmetric, log_evidence_constant_error : float or None
+        Of the paper's model without an order effect, and with a constant error in its place.
     notes : tuple of str
         What is withheld, and why; with intervals, what else the probabilities ask.
     footnotes : tuple of str
@@ -88,45 +76,15 @@ class SubjectEvidence:
     log_evidence_symmetric: float | None
     log_evidence_constant_error: float | None
     fit: FitSummary | None
-    without_weight: tuple[str, ...] = ()
+    verdict: Verdict | None = None
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
 
-    @property
-    def log_evidence_orders(self) -> tuple[float, float, float] | None:
-        """Of the models without order effect, with a constant error, with the update (H1); -inf without weight, None if one may count."""
-        none, constant, update = (-np.inf if key in self.without_weight else getattr(self, key) for key in ORDERS)
-        return None if none is None or constant is None or update is None else (none, constant, update)
-
-    @property
-    def order_probabilities(self) -> tuple[float, ...] | tuple[None, None, None]:
-        """Posterior probabilities of these three, which have equal prior probabilities."""
-        return (None, None, None) if self.log_evidence_orders is None else probabilities(self.log_evidence_orders)
-
-    @property
-    def p_none(self) -> float | None:
-        """Posterior probability that the order has no effect, among the three models."""
-        return self.order_probabilities[0]
-
-    @property
-    def p_constant_error(self) -> float | None:
-        """Posterior probability of a constant error, among the three models."""
-        return self.order_probabilities[1]
-
-    @property
-    def p_update(self) -> float | None:
-        """Posterior probability of the predictive update, among the three models."""
-        return self.order_probabilities[2]
-
-    @property
-    def predictive_p(self) -> float | None:
-        """Posterior predictive p-value of H1's deviance."""
-        return None if self.fit is None else self.fit.p_overall
-
-    @property
-    def misfit(self) -> bool:
-        """Whether H1 does not describe the answers, see :attr:`~bayes_toe.inference.predictive_checks.FitSummary.misfit`."""
-        return self.fit is not None and self.fit.misfit
+    def cell(self, column: str) -> object:
+        """The entry of a column of evidence.csv but the prior's."""
+        if column in VERDICT_COLUMNS[1:]:
+            return None if self.verdict is None else self.verdict.cell(column)
+        return getattr(self, column)
 
     @property
     def log_bayes_factor(self) -> float | None:
@@ -164,9 +122,14 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         frame = pd.DataFrame(self._cells(), columns=list(EVIDENCE_COLUMNS))
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Those of its subjects."""
+        return tuple(row.verdict for row in self.rows if row.verdict is not None)
+
     def _cells(self) -> list[list[object]]:
         prior = None if self.prior is None else self.prior.describe_orders()
-        rows = [[prior if key == "prior" else getattr(row, key) for key in EVIDENCE_COLUMNS] for row in self.rows]
+        rows = [[prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS] for row in self.rows]
         of_failed = ({"subject": name, "prior": prior} for name in self.failed)
         return rows + [[row.get(key) for key in EVIDENCE_COLUMNS] for row in of_failed]
 
@@ -176,7 +139,8 @@ def subject_evidence(
     fitted: Fitted,
     by_bootstrap: tuple[float | None, str] | None,
     *,
-    others: tuple[Evidence, Evidence] | None = None,
+    orders: tuple[float | None, float | None] = (None, None),
+    verdict: Verdict | None = None,
     fit: FitSummary | None = None,
 ) -> SubjectEvidence:
     """Everything the evidence table says of one subject.
@@ -189,17 +153,16 @@ def subject_evidence(
         What the pipeline found on its way.
     by_bootstrap : (float or None, str), optional
         By Appendix C's recipe, with what is said of it, see :mod:`bayes_toe.classical.fit`; None with intervals.
-    others : (Evidence, Evidence), optional
-        Of the symmetric model and of the one with a constant error; without them the row is about H1 and H0 alone, and not of the fit.
+    orders : (float or None, float or None)
+        Log evidences of H1 without an order effect, and with a constant error in its place.
+    verdict : Verdict, optional
     fit : FitSummary, optional
         Goodness of fit of H1; None where its draws cannot be trusted.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
-    subject, known = posterior.subject, (*(others or ()), found)
-    values = weighed([one.value for one in known], [one.bound for one in known])
-    orders = [*zip(ORDERS, known, values, strict=True)] if others else [("log_evidence_h1", found, values[0])]
+    subject = posterior.subject
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
     bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
@@ -216,18 +179,14 @@ def subject_evidence(
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=found.efficiency,
         pareto_k=found.pareto_k,
-        log_evidence_symmetric=others[0].value if others else None,
-        log_evidence_constant_error=others[1].value if others else None,
+        log_evidence_symmetric=orders[0],
+        log_evidence_constant_error=orders[1],
         fit=fit,
-        without_weight=tuple(key for key, _, value in orders if np.isneginf(value)),
+        verdict=verdict,
         notes=(
-            *(
-                f"{ORDERS[key]}: {one.why_not}" + (f"; {said_of_bound(one.bound, values)}" if np.isneginf(value) else "")
-                for key, one, value in orders
-                if one.why_not
-            ),
-            *(() if fit or not others else (_NO_FIT,)),
-            *(() if subject.isi is None else (_INTERVALS,)),
+            *((f"H1: {found.why_not}",) if found.why_not else ()),
+            *(() if verdict is None else verdict.notes),
+            *(() if subject.isi is None or verdict is None else (_INTERVALS,)),
         ),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
     )

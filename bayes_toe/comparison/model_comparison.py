@@ -9,11 +9,11 @@ frequencies.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +21,10 @@ from scipy.special import log_expit, logit, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
-from bayes_toe.comparison.model_row import ModelRow, compare_one, difference_columns, failed_row, with_differences
+from bayes_toe.comparison.model_row import ModelRow, compare_one, compare_space, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
-from bayes_toe.data.study import Study
+from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.whole_files import whole_together
 from bayes_toe.errors import InputError
@@ -137,12 +138,15 @@ class ModelComparison(Table[ModelRow]):
     subjects, models : tuple of str
     seed : int
     prior : Prior
+    verdicts : tuple of Verdict
+        Of the subjects, where the space of them was compared.
     """
 
     subjects: tuple[str, ...]
     models: tuple[str, ...]
     seed: int
     prior: Prior
+    verdicts: tuple[Verdict, ...] = ()
 
     def __getitem__(self, key: tuple[str, str]) -> ModelRow:
         """The row of (subject, model)."""
@@ -313,8 +317,8 @@ def compare(
         With intervals (column isi), models with a memory say how they act, and the others answer a pair alike at every one: the note of
         their rows says so. Free frequencies have one for each pair at each interval.
     models : str or sequence of str or record
-        Models by name or composition; or the name of a space: "parts", every composition of order, noise and lapses, or "ladder", the
-        models that have a name.
+        Models by name or composition; or the name of a space: "parts", the 48 compositions of order, noise, lapses, curve and peak over
+        which verdicts average, or "ladder", the models that have a name. Of the 48 those that are far behind have Laplace's evidence alone.
     draws : int
         Effective draws to reach for every named quantity of every model.
     seed, prior, workers, engine, progress, keep
@@ -335,18 +339,38 @@ def compare(
     """
     records, chosen = require_models(models), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    pairs = [(subject, model) for subject in study for model in records]
-    names = [(f"{subject.name}: {model.name}",) for subject, model in pairs]
+    job: Callable[..., tuple[tuple[ModelRow, ...], Verdict | None]]
+    if models == "parts":
+        job, of = _whole_space, [(subject, records) for subject in study]
+        given: list[Any] = list(data_doubts(study))
+        names = [(subject.name,) for subject in study]
+    else:
+        job, of = _one_model, [(subject, (model,)) for subject in study for model in records]
+        given = [model for _, (model,) in of]
+        names = [(f"{subject.name}: {model.name}",) for subject, (model,) in of]
     with keeping(keep, "models of subjects") as kept:
         root = kept.seed(seed)
-        jobs = [partial(compare_one, *pair, draws=draws, seed=root, prior=chosen) for pair in pairs]
+        jobs = [partial(job, subject, one, draws=draws, seed=root, prior=chosen) for (subject, _), one in zip(of, given, strict=True)]
         done = kept.work(jobs, workers if engine is None else engine, progress, names)
-        lost = {at: failed_row(*pairs[at], one.reason, prior=chosen) for at, one in done.failed.items()}
-        rows = [lost[at] if at in lost else done.read(at) for at in range(len(pairs))]
-    size = len(records)
-    groups = [with_probabilities(with_differences(rows[i : i + size])) for i in range(0, len(rows), size)]
-    table = tuple(row for group in groups for row in group)
-    return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen)
+        lost = {
+            at: (tuple(failed_row(of[at][0], model, one.reason, prior=chosen) for model in of[at][1]), None)
+            for at, one in done.failed.items()
+        }
+        found = [lost[at] if at in lost else done.read(at) for at in range(len(of))]
+    rows, size = [row for some, _ in found for row in some], len(records)
+    groups = [rows[i : i + size] for i in range(0, len(rows), size)]
+    table = tuple(row for group in groups for row in with_probabilities(with_differences(group)))
+    return ModelComparison(
+        table, tuple(study.names), tuple(model.name for model in records), root, chosen, tuple(said for _, said in found if said)
+    )
+
+
+def _whole_space(subject: Subject, data: tuple[Doubt, ...], *, draws: int, seed: int, prior: Prior) -> tuple[tuple[ModelRow, ...], Verdict]:
+    return compare_space(subject, draws=draws, seed=seed, prior=prior, data=data)
+
+
+def _one_model(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> tuple[tuple[ModelRow, ...], None]:
+    return (compare_one(subject, model, draws=draws, seed=seed, prior=prior),), None
 
 
 def with_probabilities(rows: Sequence[ModelRow]) -> list[ModelRow]:

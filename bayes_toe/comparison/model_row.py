@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,19 +20,26 @@ from bayes_toe.comparison.leave_one_out import (
     left_out_pairs,
     thinning,
 )
+from bayes_toe.comparison.verdict import Doubt, Verdict, verdict
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.adaptation import redrawn
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.evidence import Evidence
+from bayes_toe.inference.maxima import Maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
+from bayes_toe.inference.space import WINDOW
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
+from bayes_toe.model.free_frequencies import FREE_FREQUENCIES
 from bayes_toe.model.ladder import Record
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Conjugate, Target
+from bayes_toe.model.target import Answering, Conjugate, Target, hessian
 from bayes_toe.seeds import generator
 
 _EQUAL_DRAWS = 2500  # at least, so that a k-hat of 0.7 is allowed
+#: Said of models outside the window.
+FAR = f"more than {WINDOW:g} nats below the best: Laplace's approximation, and no draws"
 UNITS: tuple[Unit, Unit] = ("trial", "pair")
 
 
@@ -104,10 +112,44 @@ class ModelRow:
 
 def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
     """Everything that the table says of one subject under one model."""
-    target = model.posterior(subject, prior)
-    settings = SamplerSettings(draws=draws, max_quantile_error=np.inf)
-    found = _exact(target, settings, seed) if isinstance(target, Conjugate) else _fitted(target, settings, seed)
-    evidence, fit = found.evidence, found.fit
+    target, settings = model.posterior(subject, prior), _settings(draws)
+    if isinstance(target, Conjugate):
+        return _row(target, _exact(target, settings, seed))
+    result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
+    assert result.evidence is not None  # it was asked for
+    return _row(target, _checked(fitted, maxima, result.evidence, settings, seed))
+
+
+def compare_space(
+    subject: Subject, *, draws: int, seed: int, prior: Prior, data: tuple[Doubt, ...] = ()
+) -> tuple[tuple[ModelRow, ...], Verdict]:
+    """The same of free frequencies and every model of the space, from the evidences of the verdict, and the verdict."""
+    said, space = verdict(subject, prior, seed, data=data)
+    rows = [compare_one(subject, FREE_FREQUENCIES, draws=draws, seed=seed, prior=prior)]
+    for i, (model, value) in enumerate(zip(space.models, space.log_evidence.tolist(), strict=True)):
+        if i in space.sampled:
+            fitted, evidence, mode = space.sampled[i]
+            target = fitted.proposal.posterior
+            bend = -hessian(partial(_slope, target), mode)
+            maxima = Maxima(mode, target.log_density(mode), bend, True, mode[:0])
+            enough = redrawn(fitted, generator(seed, subject.name, model.name, "compared"), max(_EQUAL_DRAWS, 5 * draws))
+            rows.append(_row(target, _checked(enough if enough.trusted else fitted, maxima, evidence, _settings(draws), seed)))
+        else:
+            rows.append(ModelRow(subject.name, model.name, len(model.coordinates), value, None, None, Checks(), (FAR,)))
+    return tuple(rows), said
+
+
+def _slope(target: Target, x: FloatArray) -> FloatArray:
+    return target.gradient(x)[1]
+
+
+def _settings(draws: int) -> SamplerSettings:
+    return SamplerSettings(draws=draws, max_quantile_error=np.inf)
+
+
+def _row(target: Answering, found: _Found) -> ModelRow:
+    """The row that is made of what was found."""
+    subject, evidence, fit = target.subject, found.evidence, found.fit
     # Models that do not know the intervals of a subject say so.
     notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
     notes += [note for note in (evidence.why_not, *(one.note for one in found.left_out.values())) if note]
@@ -168,21 +210,20 @@ def _exact(target: Conjugate, settings: SamplerSettings, seed: int) -> _Found:
     return _Found(result.evidence, left_out, result.fit)
 
 
-def _fitted(target: Target, settings: SamplerSettings, seed: int) -> _Found:
+def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, settings: SamplerSettings, seed: int) -> _Found:
     """From the draws of a fitted proposal."""
-    result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
-    assert result.evidence is not None  # it was asked for
+    target = fitted.proposal.posterior
     x, log_likelihood, reason = _equal_draws(fitted, settings, seed)
     if reason:
-        return _Found(result.evidence, {}, None, reason)
+        return _Found(evidence, {}, None, reason)
     subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
     trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_equal, subject.n_trials)
     if fitted.trusted:
-        pair = left_out_pairs(fitted, maxima, result.evidence, seed)
+        pair = left_out_pairs(fitted, maxima, evidence, seed)
     else:
         pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
     fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
-    return _Found(result.evidence, {"trial": trial, "pair": pair}, fit)
+    return _Found(evidence, {"trial": trial, "pair": pair}, fit)
 
 
 def _equal_draws(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> tuple[FloatArray, FloatArray, str]:

@@ -56,6 +56,9 @@ STAGES = (
     Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
+#: Of a proposal that begins with Laplace's approximation, for an evidence among many.
+QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.05)
+QUICK_DRAWS = 2500
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
@@ -92,6 +95,20 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = 
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
 
+def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator) -> FittedProposal:
+    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws."""
+    levelling = posterior.levelling(modes)
+    y = levelling.level(cloud)[0]
+    spread = _covariance(y)
+    means = np.concatenate([y.mean(axis=0)[None], y[: QUICK.components - 1]])
+    scales = np.concatenate([1.2 * spread[None], np.repeat(0.6 * spread[None], QUICK.components - 1, axis=0)])
+    mixture = StudentMixture(np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1]))
+    cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
+    history = _finished(_adapt(Proposal(posterior, levelling, mixture, cover, QUICK.cover_share), QUICK, rng))
+    found = _judged(_refitted(history[-_HISTORY:], QUICK), rng, QUICK_DRAWS)
+    return found if found.trusted else _judged(_refitted([found], QUICK, _PATCHES // 2), rng, 2 * QUICK_DRAWS)
+
+
 def fitting(posterior: Target, rng: np.random.Generator, draws: int) -> Portions[FittedProposal]:
     """:func:`fit_proposal` for whoever has other things to do in between: in portions, each told by about how many draws it took.
 
@@ -109,12 +126,15 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start 
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
-    portions = _adapting(posterior, rng, start, draws)
+    return _finished(_adapting(posterior, rng, start, draws))
+
+
+def _finished(portions: Portions[Result]) -> Result:
     while True:
         try:
             next(portions)
         except StopIteration as end:
-            found: FittedProposal = end.value
+            found: Result = end.value
             return found
 
 
@@ -141,6 +161,11 @@ def _adapting(posterior: Target, rng: np.random.Generator, start: Start, draws: 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
     """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
     return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+
+
+def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> FittedProposal:
+    """The same proposal with so many new draws."""
+    return _judged(fitted.proposal, rng, size)
 
 
 def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:

@@ -33,6 +33,11 @@ class Slopes(NamedTuple):
     own: tuple[FloatArray, ...]
 
 
+def one(logit_peak: FloatArray, *_: FloatArray) -> FloatArray:
+    """Where 2^(-abs(z)^nu) is one half, whatever nu is."""
+    return np.ones_like(logit_peak)
+
+
 @dataclass(frozen=True)
 class Link:
     """A rule of answering.
@@ -45,11 +50,14 @@ class Link:
         z and the own coordinates, which broadcast to (points, pairs) -> log P(equal), log P(different).
     slopes : callable
         z, both log probabilities and the own coordinates -> :class:`Slopes` of both.
+    half : callable
+        The own coordinates -> the z at which P(equal) is half its peak.
     """
 
     coordinates: tuple[str, ...]
     log_answers: Callable[..., Answers]
     slopes: Callable[..., tuple[Slopes, Slopes]]
+    half: Callable[..., FloatArray] = one
 
 
 # --- The paper's: a bell ------------------------------------------------------------------------------
@@ -265,5 +273,23 @@ def differencing_slopes(z: FloatArray, answers: Answers, logit_peak: FloatArray)
         return Slopes(inside * fall, (inside * (1.0 + far) * rate,)), Slopes(-outside * fall, (-outside * (1.0 + far) * rate,))
 
 
+def differencing_half(logit_peak: FloatArray) -> FloatArray:
+    """The z at which P(equal) is half its peak; sqrt(2 ln 2) for a peak near 0, about the criterion for one near 1.
+
+    Examples
+    --------
+    >>> z = differencing_half(np.array([-30.0, 0.0, 8.0]))
+    >>> z.round(3).tolist(), np.exp(differencing_answers(z, np.array([-30.0, 0.0, 8.0]))[0]).round(3).tolist()
+    ([1.177, 1.269, 3.587], [0.0, 0.25, 0.5])
+    """
+    k = criterion(logit_peak)
+    z = np.sqrt(2.0 * LN2 + np.square(k))  # above the root
+    goal = log_expit(logit_peak) - LN2
+    for _ in range(6):  # Newton on the log of P(equal), which is concave in z: from above each step stays there
+        answers = differencing_answers(z, logit_peak)
+        z = z - (answers[0] - goal) / differencing_slopes(z, answers, logit_peak)[0].z
+    return np.asarray(z)
+
+
 #: Signal detection: 'equal' where a noisy difference lies within a criterion.
-DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes)
+DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes, differencing_half)

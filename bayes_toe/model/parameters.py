@@ -297,6 +297,14 @@ class Offset(Single):
         return (starting_offsets(scale),)
 
 
+class Slope(Single):
+    """Slope of something over intensity, per natural-log intensity."""
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """A fall, hardly any slope, a rise, over a step between stimuli."""
+        return ((-0.5 / scale, 0.03 / scale, 0.5 / scale),)
+
+
 class Width(Single):
     """Width w, natural-log intensity: at K = 1 it is sigma_p, and has the prior of that one where it has none of its own."""
 
@@ -314,6 +322,7 @@ class Width(Single):
 
 
 OFFSET, WIDTH = Offset("offset", Scale()), Width("width", Log())
+NOISE_SLOPE, PEAK_SLOPE = Slope("noise_slope", Scale()), Slope("peak_slope", Scale())
 
 
 def starting_offsets(scale: float) -> tuple[float, ...]:

@@ -20,7 +20,7 @@ from bayes_toe.model.distributions import Uniform
 from bayes_toe.model.intervals import MEAN_REVERSION, RANDOM_WALK, Propagator
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, Lapsing, Link
 from bayes_toe.model.memory import Memory, Update
-from bayes_toe.model.parameters import OFFSET, WIDTH, Block, Log, Logit, Scale, Single
+from bayes_toe.model.parameters import NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
 from bayes_toe.model.posterior import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
@@ -92,7 +92,7 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "noise": (
         Level("Weber", "the same noise at every intensity"),
-        Level("sloped", "noise that departs from Weber's law", (Single("noise_slope", Scale(), starts=(-1.5, 0.1, 1.5)),)),
+        Level("sloped", "noise that departs from Weber's law", (NOISE_SLOPE,)),
     ),
     "lapses": (
         Level("misses", "equal pairs are sometimes called different", (PEAK,)),
@@ -120,7 +120,7 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
         Level(
             "sloped peak",
             "equal pairs are called equal more often at some intensities",
-            (Single("peak_slope", Scale(), starts=(-1.5, 0.1, 1.5)),),
+            (PEAK_SLOPE,),
         ),
     ),
     "spread": (

@@ -93,6 +93,11 @@ class Model:
         return tuple(name for block in self.free for name in block.coordinates)
 
     @property
+    def link_without_lapses(self) -> Link:
+        """From z to the answers of trials that depend on the stimuli."""
+        return self.link.link if isinstance(self.link, Lapsing) else self.link
+
+    @property
     def group(self) -> tuple[str, ...]:
         """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
         return tuple(name for block in self.free for name in block.group)
@@ -208,8 +213,16 @@ class Posterior:
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density at x, shape (points, k) -> (points,)."""
-        points = require_points(x, len(self.coordinates))
-        return np.asarray(sum(block.log_prior(points[:, part], self.prior, self.sbar) for block, part in self._parts))
+        return np.asarray(self.block_log_prior(require_points(x, len(self.coordinates))).sum(axis=1))
+
+    def block_log_prior(self, x: FloatArray) -> FloatArray:
+        """Log prior density of every block of coordinates, (points, k) -> (points, blocks)."""
+        return np.stack([block.log_prior(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
+
+    @property
+    def block_starts(self) -> list[int]:
+        """The first coordinate of every block."""
+        return [part.start for _, part in self._parts]
 
     def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
         """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
@@ -368,6 +381,11 @@ class Posterior:
     def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
         return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link))[0]))
+
+    def half_of_peak(self, x: FloatArray) -> FloatArray:
+        """Normalised distance at which the answers that depend on the stimuli are half as often 'equal', (points, k) -> (points,)."""
+        link = self.model.link_without_lapses
+        return link.half(*(part[:, 0] for part in self._own(x, link)))
 
     # --- What readers ask for -------------------------------------------------------------------------
 

@@ -1,0 +1,47 @@
+"""What the terminal says of order effects: the answer first, then one table, then what to do about subjects whom no model describes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from bayes_toe.cli.headline import LEGEND
+from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_notes, say_table
+from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
+from bayes_toe.comparison.verdict import Verdict
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def say_verdicts(console: Console, verdicts: Sequence[Verdict], seed: int, file: str = OUTPUT, *, synthetic: bool = False) -> None:
+    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one."""
+    if not verdicts:
+        return
+    say(console, f"[bold]answer[/bold]: {safe(study_sentence(verdicts, synthetic=synthetic))}")
+    if new := of_new_subject(verdicts, seed):
+        say(console, safe(new))
+    looked_at = {one.subject for one in verdicts if one.fit == "not described" or one.data}
+    of_subject = {one.subject: one for one in verdicts}
+    rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
+    say_table(console, "order effect of every subject", rows, total=len(verdicts), file=file)
+    say_footnote(console, f"{LEGEND}.")
+    say_notes(console, (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
+    say_notes(console, (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
+    say_notes(console, once((one.subject, note) for one in verdicts for note in one.notes))
+
+
+def _cells(one: Verdict) -> dict[Any, Any]:
+    """A verdict as a row for people."""
+    kind = "kind open" if one.kind == "open" else one.kind
+    return {
+        "subject": one.subject,
+        "order effect": ", ".join(word for word in (one.effect or "-", kind) if word),
+        "P(none)": number(one.p_none),
+        "constant": number(one.p_constant_error),
+        "pull": number(one.p_update),
+        "size": number(one.size_q50),
+        "fit": one.fit,
+        "data": ", ".join(doubt.kind for doubt in one.data) or "-",
+        "robust": one.robust or "-",
+    }

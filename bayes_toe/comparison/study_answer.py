@@ -1,0 +1,125 @@
+"""What the verdicts of its subjects say of a study: one sentence, a new subject of its population beside it, and where to go on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayes_toe.comparison.random_effects import random_effects
+from bayes_toe.comparison.verdict import EFFECTS, KINDS, ORDERS, Verdict
+from bayes_toe.comparison.words import compared
+from bayes_toe.data.messages import counted, listed
+from bayes_toe.inference.predictive_checks import PairFit
+
+#: What a number of subjects do, one and several, by the word of the effect.
+_DO = {
+    "has": ("has an order effect", "have an order effect"),
+    "probably has": ("probably has one", "probably have one"),
+    "undecided": ("is undecided", "are undecided"),
+    "negligible": ("has at most a negligible one", "have at most a negligible one"),
+    "probably none": ("probably has none", "probably have none"),
+    "none": ("has none", "have none"),
+    "": ("has no verdict", "have no verdict"),
+}
+_NAMES = 5  # of subjects in a line
+#: One sentence on the table of Appendix C.
+APPENDIX_C = "H0 has a free frequency per pair: this asks whether answers follow one smooth curve, not whether there is an order effect"
+
+
+def study_sentence(verdicts: Sequence[Verdict], *, synthetic: bool = False) -> str:
+    """How many subjects have an order effect, of how many no model describes the answers, and whose data are in doubt; one sentence.
+
+    Examples
+    --------
+    >>> has = Verdict("A", (0.0, 0.02, 0.98), (), 9.0, 0.5, 1.0, "update", None)
+    >>> none = Verdict("B", (0.9, 0.05, 0.05), (), -2.9, 0.0, 0.0, "none", None, data=(Doubt("near chance"),))
+    >>> study_sentence([has, none])
+    '1 of 2 subjects has an order effect (a pull), 1 probably has none; the data of 1 are in doubt (B)'
+    """
+    if len(verdicts) == 1:
+        return f"{verdicts[0].subject} {verdicts[0].describe()}"
+    found = Counter(one.effect for one in verdicts)
+    parts = list[str]()
+    for word in EFFECTS:
+        if not found[word]:
+            continue
+        among = f" of {counted(len(verdicts), 'synthetic subject' if synthetic else 'subject')}" if not parts else ""
+        verb = _DO[word][found[word] > 1]
+        if not parts:
+            verb = verb.replace(" one", " an order effect").replace(" none", " no order effect")
+        parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
+    said = [", ".join(parts)]
+    for whose, why in (
+        ([one.subject for one in verdicts if one.fit == "not described"], "no model describes the answers of {}"),
+        ([one.subject for one in verdicts if one.data], "the data of {} are in doubt"),
+        ([one.subject for one in verdicts if one.robust == "no"], "of {} the choice of the prior has a say"),
+    ):
+        if whose:
+            said.append(f"{why.format(len(whose))} ({listed(whose, _NAMES)})")
+    return "; ".join(said)
+
+
+def _kinds(some: Sequence[Verdict]) -> str:
+    """Of which kinds effects are, in brackets; nothing where none is said.
+
+    Examples
+    --------
+    >>> of = [(0.0, 0.0, 1.0), (0.0, 0.15, 0.85), (0.0, 0.5, 0.5)]
+    >>> _kinds([Verdict(str(i), p, (), 9.0, 0.5, 1.0, "", None) for i, p in enumerate(of)])
+    ' (1 a pull, 1 probably a pull, 1 of an open kind)'
+    """
+    found = Counter(one.kind for one in some if one.kind)
+    words = {kind: f"a {kind}" if kind in KINDS.values() else f"probably a {kind[9:]}" for kind in found}
+    words |= {"open": "of an open kind"}
+    shown = [f"{found[kind]} {words[kind]}" if len(some) > 1 else words[kind] for kind in sorted(found, key=lambda k: (k == "open", k))]
+    return f" ({', '.join(shown)})" if shown else ""
+
+
+def of_new_subject(verdicts: Sequence[Verdict], seed: int) -> str:
+    """How probable each kind is of a new subject of the population, by random effects; empty with fewer than two subjects.
+
+    Each subject is of one kind, drawn with unknown frequencies. Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709).
+    """
+    known = np.array([one.p_orders for one in verdicts if one.p_orders is not None])
+    if len(known) < 2:
+        return ""
+    with np.errstate(divide="ignore"):  # a kind without any probability
+        found = random_effects(np.log(known), models=ORDERS, seed=seed)
+    said = ("no order effect", "constant error", "pull")
+    shares = ", ".join(f"P({word}) {compared(p)}" for word, p in zip(said, found.expected.tolist(), strict=True))
+    return f"of a new subject, by random effects over {len(known)}: {shares}"
+
+
+def way_on(verdict: Verdict) -> str:
+    """Where no model of the space describes a subject: how the answers depart, what scatter does, and what to do next; else empty."""
+    if verdict.fit != "not described" or verdict.best_fit is None:
+        return ""
+    pairs = ", ".join(map(said_pair, verdict.best_fit.worst))
+    scatter = ""
+    if verdict.p_none_scattered is not None and verdict.p_none is not None:
+        changed = f"{verdict.p_none_scattered:.2f} and not {verdict.p_none:.2f}"
+        scatter = f"; if answers to a pair may scatter from block to block, P of none is {changed}"
+    options = [one.option for one in verdict.data if one.option]
+    advice = (
+        f"run again with {' '.join(options)}, which may be all of it" if options else "report the effect as undecided, with these pairs"
+    )
+    return f"no model describes the answers: {pairs}{scatter}; next: {advice}"
+
+
+def doubts_of(verdict: Verdict) -> str:
+    """What the data have against them, and what acts on it; empty where nothing was found."""
+    return ", ".join(one.kind + (f", which {one.option} acts on" if one.option else "") for one in verdict.data)
+
+
+def said_pair(pair: PairFit) -> str:
+    """A pair with both shares of 'equal'.
+
+    Examples
+    --------
+    >>> said_pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
+    '(3.69, 3.3) called equal 95 %, expected 70 %'
+    """
+    interval = "" if pair.isi is None else f" at {pair.isi:g} s"
+    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval} called equal {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"

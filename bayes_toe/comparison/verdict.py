@@ -1,0 +1,343 @@
+"""One verdict a subject: whether there is an order effect, of which kind and size, and whether the models describe the answers.
+
+It averages over the 48 compositions of :data:`bayes_toe.model.ladder.SPACE`: order {none, constant error, update} x noise x lapses x curve
+x peak, all equally probable beforehand. The size of an effect is the root mean square, over the first stimuli shown, of the shift
+c - p (s1 - sbar) that the order makes, in half-widths of the curve; 0 where there is none. The words and their limits were measured on 510
+simulated observers: docs/order_effect.md says how often each is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.words import compared
+from bayes_toe.data.findings import data_findings
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.inference.evidence import weighed
+from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.space import SpaceEvidence, space_evidence
+from bayes_toe.inference.subject import weighted_fit
+from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.parts import compose
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+
+#: The levels of the order part, as probabilities name them, and what sentences call them.
+ORDERS = ("none", "constant error", "update")
+KINDS = {"constant error": "constant error", "update": "pull"}
+#: P(none) up to which an effect is said, and probably; the same from the other side; share of a kind from which it is named, and probably.
+HAS, PROBABLY_HAS, PROBABLY_NONE, NONE = 0.05, 0.25, 0.75, 0.95
+NAMED, PROBABLY_NAMED = 0.9, 0.75
+#: A size, in half-widths of the curve, up to which an effect is called small, and where nothing larger is left, negligible.
+SMALL, SURELY = 0.2, 0.05
+#: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
+ORDER_SCALES, FACTORS = ("mu1_sd", "offset_sd"), (0.5, 2.0)
+#: What an effect is, in a sentence about one subject.
+EFFECTS = {
+    "has": "has an order effect",
+    "probably has": "probably has an order effect",
+    "undecided": "is undecided",
+    "negligible": "has at most a negligible order effect",
+    "probably none": "probably has no order effect",
+    "none": "has no order effect",
+    "": "has no verdict",
+}
+#: Columns with which evidence.csv begins.
+VERDICT_COLUMNS = (
+    *("subject", "effect", "kind", "fit", "data", "robust", "p_none", "p_constant_error", "p_update", "log_bayes_factor_effect"),
+    *("size_q50", "best_model", "predictive_p", "deviance_p"),
+)
+
+
+class Doubt(NamedTuple):
+    """What a subject's data have against them, in a few words, and the option that acts on it; empty where none does."""
+
+    kind: str
+    option: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.kind} ({self.option})" if self.option else self.kind
+
+
+def data_doubts(study: Study) -> list[tuple[Doubt, ...]]:
+    """Of every subject; swapped blocks explain why blocks are unlike."""
+    found: dict[str, dict[str, Doubt]] = {}
+    for one in data_findings(study):
+        found.setdefault(one.subject, {})[one.code] = Doubt(one.kind, one.option)
+    for said in found.values():
+        if "swapped_blocks" in said:
+            said.pop("block_dispersion", None)
+    return [tuple(found.get(name, {}).values()) for name in study.names]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is concluded of one subject.
+
+    Attributes
+    ----------
+    subject : str
+    p_orders : tuple of 3 floats, or None
+        Posterior probabilities that the order has no effect, makes a constant error, pulls; None where an evidence that counts is missing.
+    varied : tuple of such
+        The same with the scales of mu1 and of the constant error halved, and doubled.
+    log_bayes_factor_effect : float or None
+        Natural log of the evidence of an effect, both kinds equally probable, over that of none; it does not depend on P(none) beforehand.
+    size_q50, p_larger : float or None
+        Posterior median of the size of the effect in half-widths of the curve, and the probability that it is above 0.2.
+    best_model : str
+        The composition with the highest evidence.
+    best_fit : FitSummary or None
+        Its goodness of fit.
+    p_none_scattered : float or None
+        Where it does not fit: P(none) with beta-binomial scatter of the counts as one more part.
+    data : tuple of Doubt
+        What the data have against them; see :mod:`bayes_toe.data.findings`.
+    notes : tuple of str
+        What is withheld, and why.
+    """
+
+    subject: str
+    p_orders: tuple[float, ...] | None
+    varied: tuple[tuple[float, ...], ...]
+    log_bayes_factor_effect: float | None
+    size_q50: float | None
+    p_larger: float | None
+    best_model: str
+    best_fit: FitSummary | None
+    p_none_scattered: float | None = None
+    data: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def p_none(self) -> float | None:
+        """Posterior probability that the order has no effect."""
+        return None if self.p_orders is None else self.p_orders[0]
+
+    @property
+    def p_constant_error(self) -> float | None:
+        """Posterior probability of a constant error."""
+        return None if self.p_orders is None else self.p_orders[1]
+
+    @property
+    def p_update(self) -> float | None:
+        """Posterior probability of a pull toward a prior: the predictive update."""
+        return None if self.p_orders is None else self.p_orders[2]
+
+    @property
+    def effect(self) -> str:
+        """A key of :data:`EFFECTS`; empty where there is no probability."""
+        if self.p_orders is None:
+            return ""
+        side = _side(self.p_orders)
+        return "negligible" if side == "undecided" and self.at_most_small else side
+
+    @property
+    def at_most_small(self) -> bool:
+        """Whether no effect above a fifth of the curve's half-width is left."""
+        return self.p_larger is not None and self.p_larger <= SURELY
+
+    @property
+    def kind(self) -> str:
+        """Constant error or pull, either perhaps with 'probably' before it; 'open'; empty where no effect is said."""
+        return "" if self.p_orders is None else _kind(self.p_orders)
+
+    @property
+    def fit(self) -> str:
+        """Whether the best model describes the answers: 'described', 'not described', 'cannot be told'."""
+        describes = None if self.best_fit is None else self.best_fit.describes
+        return "cannot be told" if describes is None else "described" if describes else "not described"
+
+    @property
+    def robust(self) -> str:
+        """Yes, where halving and doubling the prior's scales of the order changes neither the side of the verdict nor the kind named."""
+        if self.p_orders is None:
+            return ""
+        cases = (self.p_orders, *self.varied)
+        sides = {_side(p).removeprefix("probably ") for p in cases}
+        kinds = {_kind(p).removeprefix("probably ") for p in cases} - {"open", ""}
+        return "yes" if len(sides) == 1 and len(kinds) <= 1 else "no"
+
+    @property
+    def predictive_p(self) -> float | None:
+        """Posterior predictive p-value of the best model's deviance."""
+        return None if self.best_fit is None else self.best_fit.p_overall
+
+    @property
+    def deviance_p(self) -> float | None:
+        """P-value of the best model's deviance."""
+        return None if self.best_fit is None else self.best_fit.p_deviance
+
+    def cell(self, column: str) -> object:
+        """The entry of one of :data:`VERDICT_COLUMNS`."""
+        return "; ".join(map(str, self.data)) if column == "data" else getattr(self, column)
+
+    def describe(self) -> str:
+        """The verdict in words, without the subject's name.
+
+        Examples
+        --------
+        >>> one = Verdict("S", (0.02, 0.03, 0.95), ((0.02, 0.03, 0.95),) * 2, 3.2, 0.6, 0.99, "predictive update", None)
+        >>> one.describe()
+        'has an order effect: a pull (P of any = 0.98, of a pull 0.97 of it); whether the models describe the answers cannot be told'
+        """
+        return "; ".join([self.said_effect(), *self.doubts()])
+
+    def said_effect(self) -> str:
+        """Effect, kind and their probabilities in words."""
+        if self.p_orders is None:
+            return EFFECTS[""]
+        none = self.p_orders[0]
+        words = EFFECTS[self.effect]
+        if none <= PROBABLY_HAS:
+            of = {kind: p / (1.0 - none) for kind, p in zip(KINDS.values(), self.p_orders[1:], strict=True)}
+            likely = max(of, key=lambda kind: of[kind])
+            words = words.replace("an order", "a small order") if self.at_most_small else words
+            if self.kind == "open":
+                return f"{words}, which kind is open (P of any {compared(1.0 - none)})"
+            named = self.kind.replace(likely, f"a {likely}")
+            return f"{words}: {named} (P of any {compared(1.0 - none)}, of a {likely} {of[likely]:.2f} of it)"
+        if self.at_most_small and self.effect != "negligible":
+            words += ", and at most a negligible one"
+        return f"{words} (P of none {compared(none)})"
+
+    def doubts(self) -> list[str]:
+        """What stands against the verdict, each in a few words; nothing where nothing does."""
+        said = []
+        if self.fit == "not described":
+            scattered = "" if self.p_none_scattered is None else f" (with more scatter P of none {compared(self.p_none_scattered)})"
+            said.append(f"but no model describes the answers{scattered}")
+        elif self.fit == "cannot be told":
+            said.append("whether the models describe the answers cannot be told")
+        said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
+        if self.robust == "no":
+            low, high = (f(p[0] for p in (self.p_orders, *self.varied) if p) for f in (min, max))
+            said.append(f"the prior has a say: P of none {low:.2f} to {high:.2f} as its scales are halved and doubled")
+        return said
+
+
+def _side(p: tuple[float, ...]) -> str:
+    none = p[0]
+    if none <= PROBABLY_HAS:
+        return "has" if none <= HAS else "probably has"
+    if none >= PROBABLY_NONE:
+        return "none" if none >= NONE else "probably none"
+    return "undecided"
+
+
+def _kind(p: tuple[float, ...]) -> str:
+    if p[0] > PROBABLY_HAS:
+        return ""
+    share, name = max(zip((one / (1.0 - p[0]) for one in p[1:]), KINDS.values(), strict=True))
+    return name if share >= NAMED else f"probably {name}" if share >= PROBABLY_NAMED else "open"
+
+
+def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] = ()) -> tuple[Verdict, SpaceEvidence]:
+    """The verdict of one subject, and the evidences behind it.
+
+    Parameters
+    ----------
+    subject : Subject
+    prior : Prior
+    seed : int
+        Random streams are keyed by it, the subject's name and the model's.
+    data : sequence of Doubt
+        What the data have against them.
+    """
+    found = space_evidence(subject, prior, SPACE, seed)
+    bounds = [found.sampled[i].evidence.bound if i in found.sampled else np.inf for i in range(len(SPACE))]
+    values = weighed([None if np.isnan(one) else one for one in found.log_evidence.tolist()], bounds)
+    if np.isnan(values).any():
+        missing = ", ".join(SPACE[i].name for i in np.flatnonzero(np.isnan(values)))
+        return Verdict(subject.name, None, (), None, None, None, "", None, None, tuple(data), (f"no evidence of {missing}",)), found
+    of_orders = by_order(values)
+    best = max(found.sampled, key=lambda i: float(values[i]))
+    fit = weighted_fit(found.sampled[best].fitted, seed)
+    sizes, weights = _sizes(found, values)
+    order = np.argsort(sizes)
+    middle = int(np.searchsorted(np.cumsum(weights[order]), 0.5))
+    made = Verdict(
+        subject.name,
+        _probabilities(of_orders),
+        tuple(_probabilities(by_order(_under(found, values, factor))) for factor in FACTORS),
+        float(np.logaddexp(*of_orders[1:]) - np.log(2.0) - of_orders[0]),
+        float(sizes[order][min(middle, len(sizes) - 1)]),
+        float(weights[sizes > SMALL].sum()),
+        SPACE[best].name,
+        fit,
+        data=tuple(data),
+    )
+    if made.fit == "not described":
+        scattering = [compose(**{**dict(model.levels), "spread": "beta-binomial"}) for model in SPACE]
+        more = by_order(space_evidence(subject, prior, scattering, seed).log_evidence)
+        made = replace(made, p_none_scattered=_probabilities(np.logaddexp(of_orders, more))[0])
+    return made, found
+
+
+def by_order(log_evidence: FloatArray) -> FloatArray:
+    """Log evidence of each order level, (models,) -> (3,): the mean over the models that have it, which are equally many."""
+    return np.array([logsumexp(log_evidence[_of(level)]) - np.log(len(_of(level))) for level in ORDERS])
+
+
+def _of(level: str) -> list[int]:
+    return [i for i, model in enumerate(SPACE) if dict(model.levels)["order"] == level]
+
+
+def _probabilities(log_evidence: FloatArray) -> tuple[float, ...]:
+    return tuple(softmax(log_evidence).tolist())
+
+
+def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArray:
+    """The log evidences with the order's scales multiplied: sampled ones by their draws, others as those of their order on average."""
+    other = replace(found.prior, **{name: factor * getattr(found.prior, name) for name in ORDER_SCALES})
+    moved, known = values.copy(), np.zeros(len(values), bool)
+    for i, one in found.sampled.items():
+        posterior, draws, log_weights = one.fitted.proposal.posterior, one.fitted.draws, one.fitted.draws.log_weights.copy()
+        assert isinstance(posterior, Posterior)
+        some = np.isfinite(log_weights)  # elsewhere the likelihood is 0, or the prior
+        log_weights[some] += posterior.log_prior_under(draws.x[some], other) - draws.log_prior[some]
+        moved[i], known[i] = values[i] + logsumexp(log_weights) - logsumexp(draws.log_weights), True
+    for level in ORDERS:
+        same = np.isin(np.arange(len(values)), _of(level))
+        if (same & known).any():
+            moved[same & ~known] += (moved - values)[same & known].mean()
+    return moved
+
+
+def _sizes(found: SpaceEvidence, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Draws of the effect's size over all models, and their weights, which sum to 1; a model that was not sampled as those of its order."""
+    sizes, weights = [np.zeros(1)], [np.zeros(1)]
+    p = softmax(values)
+    for level in ORDERS:
+        places = _of(level)
+        if level == ORDERS[0]:
+            weights[0][0] = p[places].sum()
+            continue
+        known = [i for i in places if i in found.sampled]
+        for i in known:
+            fitted = found.sampled[i].fitted
+            posterior = fitted.proposal.posterior
+            assert isinstance(posterior, Posterior)
+            sizes.append(effect_size(posterior, fitted.draws.x))
+            weights.append(fitted.draws.shares * p[i] * p[places].sum() / p[known].sum())
+    joined = np.concatenate(weights)
+    return np.concatenate(sizes), joined / joined.sum()
+
+
+def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in half-widths of the curve, (points, k) -> (points,)."""
+    subject, known = posterior.subject, posterior.quantities(x)
+    offset = known.get("offset", np.zeros(len(x)))
+    pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
+    lever = subject.s1 - posterior.sbar
+    share = subject.n_trials / subject.n_trials.sum()
+    spread = np.average(np.square(lever), weights=share)  # the mean of the lever is 0, or that of the centre
+    mean = np.average(lever, weights=share)
+    square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.half_of_peak(x)))

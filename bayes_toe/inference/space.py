@@ -1,0 +1,234 @@
+"""Log evidences of many compositions of one subject at once: Laplace's approximation for all, importance sampling for those that matter.
+
+Compositions of one order effect and one curve are one posterior with some coordinates fixed (a slope at 0, no lapses), so all of them climb
+in one batch. Laplace's approximation is taken in coordinates u in which posteriors are nearly normal: the prior mean mu1 in the place of
+the offset c = p (mu1 - sbar), the probit of the lapse rate. Every model within :data:`WINDOW` nats of the best is then sampled; the others
+keep Laplace's value, and none is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import expit, log_expit, ndtr
+
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.data.study import Subject
+from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
+from bayes_toe.inference.evidence import Evidence, importance_evidence
+from bayes_toe.inference.maxima import ascend
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
+from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.target import hessian, one_sided
+from bayes_toe.seeds import generator
+
+#: Nats below the best model within which evidences are sampled.
+WINDOW = 5.0
+_LAPSE = "logit_lapse_rate"
+_FLATTEST = 0.02  # curvature, over that of one coordinate by itself, below which a direction is no use as a scale
+_CLOUD = 400  # draws of Laplace's normal with which a proposal begins
+
+
+class Sampled(NamedTuple):
+    """A model that was sampled: its proposal with draws, its evidence, and its maximum, shape (1, k), unconstrained."""
+
+    fitted: FittedProposal
+    evidence: Evidence
+    mode: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceEvidence:
+    """Log evidences of the models of a space for one subject, nats.
+
+    Attributes
+    ----------
+    subject : Subject
+    prior : Prior
+        In numbers.
+    models : tuple of Model
+    log_evidence : array, shape (models,)
+        By importance sampling where `sampled` has the model, else Laplace's; NaN where withheld.
+    sampled : mapping of int to Sampled
+        By the place of the model.
+    """
+
+    subject: Subject
+    prior: Prior
+    models: tuple[Model, ...]
+    log_evidence: FloatArray
+    sampled: Mapping[int, Sampled]
+
+    def predictor(self, model: str, size: int, rng: np.random.Generator) -> Predictor:
+        """So many posterior draws of a model that was sampled."""
+        fitted = next(self.sampled[i].fitted for i, one in enumerate(self.models) if one.name == model)
+        kept = rng.choice(len(fitted.draws.x), size, p=fitted.draws.shares)
+        posterior = fitted.proposal.posterior
+        assert isinstance(posterior, Posterior)
+        return Predictor(posterior, fitted.draws.x[kept])
+
+
+def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed: int, *, window: float = WINDOW) -> SpaceEvidence:
+    """The log evidence of every model; random streams are keyed by seed, subject and model."""
+    numbers = prior.at(subject)
+    values, own = np.empty(len(models)), dict[int, tuple[Family, int]]()
+    for family, places in families(subject, numbers, models):
+        values[places] = family.laplace
+        own |= {place: (family, i) for i, place in enumerate(places)}
+    within = np.flatnonzero(~(values < np.nanmax(values) - window))  # Laplace's value does not exist for some, which are NaN
+    sampled = {}
+    for place in within.tolist():
+        family, i = own[place]
+        rng = generator(seed, subject.name, models[place].name, "space")
+        posterior = models[place].posterior(subject, numbers)
+        mode, cloud = family.cloud(i, rng)
+        fitted = with_trusted_draws(quick_proposal(posterior, mode, cloud, rng), rng)
+        evidence = importance_evidence(fitted)
+        values[place] = np.nan if evidence.value is None else evidence.value
+        sampled[place] = Sampled(fitted, evidence, mode)
+    return SpaceEvidence(subject, numbers, tuple(models), values, sampled)
+
+
+def families(subject: Subject, prior: Prior, models: Sequence[Model]) -> list[tuple[Family, list[int]]]:
+    """Models that differ in what a largest one has more, with their places among all."""
+    found: dict[object, list[int]] = {}
+    for place, model in enumerate(models):
+        found.setdefault((model.pull, model.coordinates[0], model.link_without_lapses, model.spread), []).append(place)
+    return [(Family(subject, prior, [models[i] for i in places]), places) for places in found.values()]
+
+
+class Family:
+    """Models that are one posterior with some coordinates fixed, in coordinates u; arrays have points first, `which` model each."""
+
+    def __init__(self, subject: Subject, prior: Prior, models: Sequence[Model]) -> None:
+        largest = max(models, key=lambda model: len(model.coordinates))
+        self.models, self.whole = models, Posterior(subject, largest, prior)
+        names = self.whole.coordinates
+        self.free: BoolArray = np.array([[name in model.coordinates for name in names] for model in models])
+        self.rest = np.array([-np.inf if name == _LAPSE else 0.0 for name in names])
+        self.lapse = names.index(_LAPSE) if _LAPSE in names else None
+        pull = largest.pull
+        self.funnel = pull is not None and pull.centre is not None
+        if self.funnel:
+            of_mu1 = prior.distribution("mu1")
+            self.reach, self.unit = float(of_mu1.quantile(0.5)) - self.whole.sbar, of_mu1.spread
+
+    # --- Coordinates ------------------------------------------------------------------------------
+
+    def points(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """X of u and log |dx/du| coordinate by coordinate, (points, k) each, as if all were free."""
+        x, volume = u.copy(), np.zeros_like(u)
+        if self.funnel:
+            x[:, 0] = MAX_PULL * expit(u[:, 1]) * (self.reach + self.unit * u[:, 0])
+            volume[:, 0] = np.log(MAX_PULL * self.unit) + log_expit(u[:, 1])
+        if self.lapse is not None:
+            x[:, self.lapse], volume[:, self.lapse] = logit_of_probit(u[:, self.lapse]), -log_slope(u[:, self.lapse])
+        return x, volume
+
+    def straight(self, x: FloatArray) -> FloatArray:
+        """The inverse of :meth:`points`."""
+        u = x.copy()
+        if self.funnel:
+            u[:, 0] = (x[:, 0] / (MAX_PULL * expit(x[:, 1])) - self.reach) / self.unit
+        if self.lapse is not None:
+            u[:, self.lapse] = probit_of_logit(x[:, self.lapse])
+        return u
+
+    def log_density(self, u: FloatArray, which: IndexArray) -> FloatArray:
+        """With respect to the coordinates that are free, (points, k) -> (points,)."""
+        free, (x, volume) = self.free[which], self.points(u)
+        of_prior = (self.whole.block_log_prior(x) * free[:, self.whole.block_starts]).sum(axis=1)
+        return np.asarray(self.whole.log_likelihood(np.where(free, x, self.rest)) + of_prior + np.where(free, volume, 0.0).sum(axis=1))
+
+    def gradient(self, u: FloatArray, which: IndexArray) -> FloatArray:
+        """Gradient of :meth:`log_density`, 0 in fixed coordinates."""
+        free, (x, _) = self.free[which], self.points(u)
+        slope = self.whole.likelihood_gradient(np.where(free, x, self.rest))[1] + self.whole.prior_gradient(x)
+        if self.funnel:
+            down, per = expit(-u[:, 1]), MAX_PULL * expit(u[:, 1])
+            slope[:, 1] += (1.0 + slope[:, 0] * x[:, 0]) * down
+            slope[:, 0] *= per * self.unit
+        if self.lapse is not None:
+            v = u[:, self.lapse]
+            density = np.exp(-0.5 * np.square(v) - 0.5 * LOG_2PI)
+            slope[:, self.lapse] = slope[:, self.lapse] * np.exp(-log_slope(v)) - density / ndtr(v) + density / ndtr(-v) - v
+        return np.where(free, slope, 0.0)
+
+    # --- Maxima -----------------------------------------------------------------------------------
+
+    def starts(self) -> tuple[FloatArray, IndexArray]:
+        """Of every model the best points of its grid, one for each start of offset and pull, and whose they are."""
+        found, whose = [], []
+        for i, model in enumerate(self.models):
+            grid = Posterior(self.whole.subject, model, self.whole.prior, self.whole.centre).starts()
+            x = np.zeros((len(grid), len(self.rest)))
+            x[:, self.free[i]] = grid
+            u = self.straight(x)
+            u[:, ~self.free[i]] = 0.0
+            value = self.log_density(u, np.full(len(u), i))
+            lead = x[:, : 2 if self.funnel else 1 if model.coordinates[0] == "offset" else 0]
+            _, cell = np.unique(lead, axis=0, return_inverse=True)
+            cell = np.zeros(len(u), np.intp) if lead.shape[1] == 0 else cell.ravel()
+            best = [np.flatnonzero(cell == j)[value[cell == j].argmax()] for j in range(cell.max() + 1)]
+            found.append(u[best])
+            whose.append(np.full(len(best), i))
+        return np.concatenate(found), np.concatenate(whose)
+
+    @cached_property
+    def maxima(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of every model its highest maximum, (models, k), value, (models,), and negative Hessian, (models, k, k), 1 where fixed."""
+        u, whose = self.starts()
+        climb = _Climb(self, whose, len(self.rest))
+        found = ascend(climb, u.T, fixed=~self.free[whose].T, rivals=whose)
+        value = np.where(found.arrived, found.value, -np.inf)
+        best = np.array([np.flatnonzero(whose == i)[np.argmax(value[whose == i])] for i in range(len(self.models))])
+        top, each = found.x.T[best], np.arange(len(best))
+        bend = -hessian(lambda u: self.gradient(u, np.resize(each, len(u))), top, climb.bend[best])
+        bend[:, np.arange(len(self.rest)), np.arange(len(self.rest))] += ~self.free
+        return top, value[best], bend
+
+    @cached_property
+    def laplace(self) -> FloatArray:
+        """Laplace's log evidences, (models,); NaN where there is no proper maximum."""
+        _, value, bend = self.maxima
+        sign, log_det = np.linalg.slogdet(bend)
+        proper = np.isfinite(value) & (sign > 0) & (np.linalg.eigvalsh(bend)[:, 0] > 0)
+        return np.where(proper, value + 0.5 * self.free.sum(axis=1) * LOG_2PI - 0.5 * log_det, np.nan)
+
+    def cloud(self, i: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """The maximum of a model, (1, k), and draws of Laplace's normal, (draws, k), in the model's own coordinates x."""
+        tops, _, bends = self.maxima
+        size = np.sqrt(np.maximum(np.abs(np.diagonal(bends[i])), 1e-3))
+        bend = bends[i] / np.outer(size, size)  # so that the draws do not depend on the unit of intensity
+        bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.eye(len(bend))
+        spread = np.linalg.inv(np.linalg.cholesky(bend)).T / size[:, None]
+        u = tops[i] + rng.standard_normal((_CLOUD, len(spread))) @ spread.T
+        return self.points(tops[i : i + 1])[0][:, self.free[i]], self.points(u)[0][:, self.free[i]]
+
+
+class _Climb:
+    """What :func:`~bayes_toe.inference.newton.ascend` climbs: each start on the density of its own model."""
+
+    def __init__(self, family: Family, whose: IndexArray, k: int) -> None:
+        self.family, self.whose, self.bend = family, whose, np.ones((len(whose), k))
+
+    def value(self, u: FloatArray, index: IndexArray) -> FloatArray:
+        """Log density, (k, points) -> (points,)."""
+        return self.family.log_density(u.T, self.whose[index])
+
+    def derivatives(self, u: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (k, points) and Hessian (k, k, points)."""
+        which = self.whose[index]
+        gradient, bends = one_sided(lambda at: self.family.gradient(at, np.resize(which, len(at))), u.T, self.bend[index])
+        bend = np.abs(np.diagonal(bends, axis1=1, axis2=2))
+        self.bend[index] = np.where(np.isfinite(bend), bend, self.bend[index])
+        return gradient.T, np.moveaxis(bends, 0, -1)
