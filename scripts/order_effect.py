@@ -3,8 +3,8 @@
     python scripts/order_effect.py -o docs --observers 200 --seed 1 --workers 2
 
 writes order_effect.csv, a row an observer, and order_effect_words.csv, and prints the latter. Two designs of observers meet the paper's 13
-pairs 50 times each: *moderate* ones differ little from the paper's; *harsh* ones lapse, depart from Weber's law, difference, and have a peak
-that depends on the intensity. Neither is drawn from the prior of the analysis.
+pairs 50 times each: *moderate* ones differ little from the paper's; *harsh* ones lapse, depart from Weber's law, difference, and have a
+peak that depends on the intensity. Neither is drawn from the prior of the analysis.
 """
 
 from __future__ import annotations

@@ -234,40 +234,32 @@ def methods(
     *,
     results: Annotated[
         Path,
-        typer.Argument(
-            metavar="RESULTS", help="Folder that run wrote, or draws; population.nc, compare.csv and sensitivity.csv in it are told of."
-        ),
+        typer.Argument(metavar="RESULTS", help="Folder that run wrote, or draws; population.nc and compare.csv in it are told of."),
     ],
     output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
     compare: Annotated[
         Path | None,
         typer.Option("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
     ] = None,
-    sensitivity: Annotated[
-        Path | None,
-        typer.Option("--sensitivity", metavar="sensitivity.csv", help="The same of sensitivity."),
-    ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
-    """What was done, for a paper: model, priors, sampling and what it reached, versions, citations, tables for a supplement.
+    """What was done and what came out, for a paper: models, priors, words, sampling, versions, citations, tables for a supplement.
 
     [bold]Example[/bold]: bayes-toe methods results -o methods.md
     """
-    from bayes_toe.cli.methods import read_methods, written
+    from bayes_toe.cli.methods import read_methods, write_text
     from bayes_toe.cli.supplement import templates
     from bayes_toe.data.tables import write_table
 
     if output.suffix not in (".md", ".tex"):
         raise bt.InputError(f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex")
-    told = read_methods(results, compare, sensitivity)
+    told = read_methods(results, compare)
     tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
     files = [output, output.with_suffix(".bib"), *tables]
     task.require_files(*files)
     latex = templates("tex").globals["m"]
     with task.together(*files) as folder:
-        text, references = written(told, output.suffix[1:], output.stem)
-        (folder / output.name).write_text(text, encoding="utf-8")
-        (folder / f"{output.stem}.bib").write_text(references, encoding="utf-8")
+        write_text(told, folder / output.name)
         for table in told.tables:
             beside = folder / f"{output.stem}_{table.name}.csv"
             write_table(table.frame, beside, spreadsheet_safe=task.spreadsheet_safe)

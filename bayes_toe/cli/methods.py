@@ -1,10 +1,15 @@
-"""What was done in an analysis, said from its files: a text for a methods section, and the tables and citations that go with it."""
+"""What was done in an analysis and what came out, as text for a paper, with the tables and citations that go with it.
+
+`run` writes it from what it has at hand, the command `methods` from a results folder: posterior and evidence.csv, and beside them
+population.nc and compare.csv where they are there.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -14,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from bayes_toe.cli.methods_of_models import compared_facts, other_priors, varied_facts
-from bayes_toe.cli.supplement import SupplementTable, group_table, order_effect_table, parameter_table, stored_fit, templates
-from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.prior_sensitivity import SensitivityTable
-from bayes_toe.comparison.saved_tables import ComparisonFile, read_comparison, read_evidence, read_sensitivity
+from bayes_toe.cli.headline import p_value
+from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
+from bayes_toe.comparison import verdict as rules
+from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_evidence
+from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
+from bayes_toe.comparison.words import compared
 from bayes_toe.data.messages import counted, listed, shown
 from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
@@ -26,52 +32,68 @@ from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population
 from bayes_toe.inference.belonging import same_answers
 from bayes_toe.inference.draws import Draws, load
-from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.inference.predictive_checks import MISFIT
+from bayes_toe.inference.space import WINDOW
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SPACE, model_named
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_fields import Stimuli
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bayes_toe.analysis import Analysis
+
 _MOST_NAMED = 10
+#: What notes of reading a study say where it did something to the data.
+_DONE = ("dropped", "left out", "merged", "turned", "only rows", "only pairs")
+#: What parameters of the prior are: in words, and as the equations have them in Markdown and in LaTeX.
+_SYMBOLS = {
+    "mu1": ("prior mean", "mu1", r"\mu_1"),
+    "sigma_p": ("diffusion of the memory, and width where there is no pull", "sigma_p", r"\sigma_p"),
+    "width": ("width", "w", "w"),
+    "gamma": ("noise ratio", "gamma", r"\gamma"),
+    "q0": ("peak", "q0", "q_0"),
+    "offset": ("constant error", "c", "c"),
+    "noise_slope": ("slope of the noise", "b", "b"),
+    "peak_slope": ("slope of the peak", "g", "g"),
+    "lapse_rate": ("answers that do not depend on the stimuli", "lambda", r"\lambda"),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Methods:
-    """An analysis as its files have it.
+    """An analysis as the text tells it.
 
     Attributes
     ----------
     draws : Draws
-    evidence : EvidenceTable or None
-        Of evidence.csv, where that lies beside draws of H1.
+    evidence : pandas.DataFrame or None
+        The rows of evidence.csv in the order of the draws, where these are of the paper's model.
     group : Population or None
-        Of population.nc, where that lies beside them.
+    compared : SavedComparison or None
     figures : bool
-        Whether corner plots lie beside them.
+        Whether there are corner plots.
     notes : tuple of str
         What is there and is not told of, and why.
-    compared, varied : ComparisonFile, SensitivityTable or None
-        Of compare.csv and sensitivity.csv, where these lie beside the draws or are named.
+    summary : pandas.DataFrame, optional
+        Of the draws, where it is known.
     """
 
     draws: Draws
-    evidence: EvidenceTable | None
-    group: Population | None
-    figures: bool
-    notes: tuple[str, ...]
-    compared: ComparisonFile | None = None
-    varied: SensitivityTable | None = None
-
-    @cached_property
-    def summary(self) -> pd.DataFrame:
-        """That of the draws, with the columns of summary.csv."""
-        return self.draws.summary()
+    evidence: pd.DataFrame | None = None
+    group: Population | None = None
+    compared: SavedComparison | None = None
+    figures: bool = False
+    notes: tuple[str, ...] = ()
+    summary: pd.DataFrame | None = None
 
     @cached_property
     def tables(self) -> tuple[SupplementTable, ...]:
         """Those of the supplement."""
-        made = parameter_table(self.draws, self.summary), order_effect_table(self.draws, self.evidence)
-        return made if self.group is None else (*made, group_table(self.group))
+        second = fit_table(self.draws) if self.evidence is None else order_effect_table(self.evidence)
+        summary = self.draws.summary() if self.summary is None else self.summary
+        return (parameter_table(self.draws, summary), second, *(() if self.group is None else (group_table(self.group),)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,8 +101,14 @@ class Methods:
         return ("parameters", "fit" if self.evidence is None else "order_effect", *(() if self.group is None else ("population",)))
 
 
-def read_methods(results: Path, compared: Path | None = None, varied: Path | None = None) -> Methods:
-    """What lies in a results folder, or beside a file of draws; with tables of compare and sensitivity that lie elsewhere.
+def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) -> Methods:
+    """What :func:`read_methods` would find in the results folder of an analysis."""
+    evidence = aligned(analysis.evidence.frame(), analysis.draws)
+    return Methods(analysis.draws, evidence, group, figures=figures, summary=analysis.summary())
+
+
+def read_methods(results: Path, compared: Path | None = None) -> Methods:
+    """What lies in a results folder, or beside a file of draws; with a table of compare that may lie elsewhere.
 
     Raises
     ------
@@ -91,45 +119,22 @@ def read_methods(results: Path, compared: Path | None = None, varied: Path | Non
     draws, beside = load(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
         raise InputError(f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters")
-    notes: list[str] = []
+    notes, evidence = list[str](), beside / "evidence.csv"
     group = _group(beside / "population.nc", draws)
-    if group is None and (beside / "population.csv").exists():
-        notes.append(
-            f"{shown(beside / 'population.csv')}: left out, since what it was made with is in population.nc, which "
-            "bayes-toe population writes"
-        )
-    evidence = _about_h1(_there(beside / "evidence.csv"), draws, notes)
-    scan = _table(varied, beside, "sensitivity.csv")
-    scan = _about_h1(scan, draws, notes) if varied is None else scan
-    models = _table(compared, beside, "compare.csv")
+    if group is None and (table := beside / "population.csv").exists():
+        notes.append(f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes")
+    known = evidence.exists() and draws.model == PREDICTIVE_UPDATE.name
+    if evidence.exists() and not known:
+        notes.append(f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out")
+    models = beside / "compare.csv" if compared is None else compared / "compare.csv" if os.path.isdir(compared) else compared
     return Methods(
         draws,
-        None if evidence is None else read_evidence(evidence, draws),
+        read_evidence(evidence, draws) if known else None,
         group,
+        read_comparison(models, draws) if compared is not None or models.exists() else None,
         (beside / "corner").is_dir(),
         tuple(notes),
-        None if models is None else read_comparison(models, draws),
-        None if scan is None else read_sensitivity(scan, draws),
     )
-
-
-def _about_h1(path: Path | None, draws: Draws, notes: list[str]) -> Path | None:
-    """A file that only draws of H1 can be told with; otherwise a note that it is left out."""
-    if path is None or draws.model == PREDICTIVE_UPDATE.name:
-        return path
-    notes.append(f"{shown(path)} is about H1, the draws are of the model {draws.model!r}: left out")
-    return None
-
-
-def _table(given: Path | None, beside: Path, name: str) -> Path | None:
-    """The file that was named, or in the folder that was named; otherwise that beside the draws, where there is one."""
-    if given is None:
-        return _there(beside / name)
-    return given / name if os.path.isdir(given) else given
-
-
-def _there(path: Path) -> Path | None:
-    return path if path.exists() else None
 
 
 def _posterior(results: Path) -> Path:
@@ -156,47 +161,49 @@ def _group(path: Path, draws: Draws) -> Population | None:
 # --- In words ---------------------------------------------------------------------------------------
 
 
-def written(told: Methods, language: str, stem: str) -> tuple[str, str]:
-    """The document, and its citations as BibTeX.
-
-    Parameters
-    ----------
-    told : Methods
-    language : str
-        "md" or "tex".
-    stem : str
-        Of the names of all files: the document names them.
-    """
-    facts = _facts(told) | {"stem": Markup(stem), "latex": language == "tex"}
-    parts = templates(language).get_template("methods.txt").render(facts).split("\n\n")
-    leads = "**" if language == "md" else r"\paragraph"
-    wrapped = [fill(part, 110, break_long_words=False, break_on_hyphens=False) if part.startswith(leads) else part for part in parts]
+def write_text(told: Methods, path: Path) -> None:
+    """Write the document, in Markdown or LaTeX by its ending, and its citations, NAME.bib."""
+    facts = _facts(told) | {"stem": Markup(path.stem), "latex": path.suffix == ".tex"}
+    parts = templates(path.suffix[1:]).get_template("methods.txt").render(facts).split("\n\n")
+    leads = ("**", r"\paragraph")
+    wrapped = [
+        fill(" ".join(part.split()), 110, break_long_words=False, break_on_hyphens=False) if part.startswith(leads) else part
+        for part in parts
+    ]
     text = "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n"
     every = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
     entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
     cited = [entry for key, entry in entries.items() if f"[@{key}]" in text or rf"\citep{{{key}}}" in text]
-    return text, "\n\n".join(cited).replace("VERSION", _versions(told.draws)["bayes_toe"]) + "\n"
+    path.write_text(text, encoding="utf-8")
+    path.with_suffix(".bib").write_text("\n\n".join(cited).replace("VERSION", facts["versions"]["bayes_toe"]) + "\n", encoding="utf-8")
 
 
 def _facts(told: Methods) -> dict[str, Any]:
-    """Everything that the text says, each from a file."""
-    from bayes_toe.cli.headline import in_short, misfit, scale_first
-
-    draws, evidence = told.draws, told.evidence
-    stats, trials = draws.group("sample_stats"), [draws.subject(name).total_trials for name in draws.names]
-    fits = {name: stored_fit(draws, name) for name in draws.names}
-    wrong = {name: misfit(fit) for name, fit in fits.items() if fit is not None and fit.misfit}
+    """Everything that the text says."""
+    draws, stats, study = told.draws, told.draws.group("sample_stats"), told.draws.study
+    trials = [subject.total_trials for subject in study]
     sizes, r_hats = stats["min_ess"].values, stats["max_r_hat"].values
     least, most = int(sizes.argmin()), int(r_hats.argmax())
+    stimuli = [found for subject in study if (found := Stimuli.of(subject)) is not None]
+    asked = dict.fromkeys(name for model in SPACE for name in model.parameters(draws.prior))
     return {
         "told": told,
         "draws": draws,
         "attrs": draws.attrs,
-        "versions": _versions(draws),
-        "subjects": counted(len(draws.names), "subject"),
+        "versions": json.loads(draws.attrs["versions"]),
+        "rules": {**vars(rules), "WINDOW": f"{WINDOW:g}", "MISFIT": MISFIT},
+        "space": len(SPACE),
+        "subjects": counted(len(trials), "subject"),
         "trials": f"{sum(trials):,}",
-        "each": f"{min(trials):,}" if min(trials) == max(trials) else f"{min(trials):,} to {max(trials):,}",
+        "each": "" if len(trials) == 1 else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
+        "done": [note for note in study.notes if any(word in note for word in _DONE)],
+        "failed": _each(draws.failed),
         "h1": draws.model == PREDICTIVE_UPDATE.name,
+        "priors": [
+            (words, Markup(md), Markup(tex), draws.prior.said(name)) for name, (words, md, tex) in _SYMBOLS.items() if name in asked
+        ],
+        "stimuli": _ranges(stimuli) if any(map(draws.prior.of_stimuli, asked)) else "",
+        "answer": None if told.evidence is None else _answer(told.evidence, draws),
         "sampler": draws.sampler,
         "kept": f"{draws.group('posterior').sizes['chain'] * draws.group('posterior').sizes['draw']:,}",
         "ess": f"{sizes[least]:,.0f}",
@@ -204,29 +211,25 @@ def _facts(told: Methods) -> dict[str, Any]:
         "r_hat": f"{r_hats[most]:.4f}",
         "r_hat_of": draws.names[most],
         "missed": _each(draws.not_converged),
-        "failed": _each(draws.failed),
         "ruled": _ruled(told),
-        "judged": sum(fit is not None and fit.describes is not None for fit in fits.values()),
-        "untold": listed([name for name, fit in fits.items() if fit is not None and fit.describes is None], _MOST_NAMED),
-        "wrong": _each(wrong),
-        "misfits": len(wrong),
         "reference": f"{draws.prior.reference_interval or 1.0:g} s",
-        "weighed": None if evidence is None else _weighed(evidence, draws),
-        "in_short": None if evidence is None else scale_first(draws.study, draws.prior) + in_short(evidence, synthetic=draws.synthetic),
-        "compared": None if told.compared is None else compared_facts(told.compared, draws),
-        "varied": None if told.varied is None else varied_facts(told.varied),
+        **_of_model(draws),
+        "compared": None if told.compared is None else _compared(told.compared, draws, told.evidence is not None),
         "group": None if told.group is None else _group_facts(told.group),
     }
 
 
-def _versions(draws: Draws) -> dict[str, str]:
-    import json
-
-    return {str(name): str(version) for name, version in json.loads(draws.attrs["versions"]).items()}
-
-
 def _each(reasons: Mapping[str, str]) -> str:
     return listed([f"{name} ({reason})" for name, reason in reasons.items()], _MOST_NAMED)
+
+
+def _ranges(stimuli: list[Stimuli]) -> str:
+    """Location and scales of the stimuli over subjects."""
+    said = {"M": [one.mean for one in stimuli], "R": [one.sd for one in stimuli], "D": [one.step for one in stimuli]}
+    ends = {
+        symbol: dict.fromkeys(f"{round(end, 3) + 0.0:g}" for end in (min(found), max(found))) for symbol, found in said.items() if found
+    }
+    return ", ".join(f"{symbol} = {' to '.join(both)}" for symbol, both in ends.items())
 
 
 def _ruled(told: Methods) -> str:
@@ -235,19 +238,72 @@ def _ruled(told: Methods) -> str:
     return ", ".join(f"{key} in {count}" for key, count in counts.items())
 
 
-def _weighed(table: EvidenceTable, draws: Draws) -> dict[str, Any]:
-    from bayes_toe.cli.headline import tally
-    from bayes_toe.comparison.words import STATED
-
-    errors = [row.log_evidence_h1_se for row in table if row.log_evidence_h1_se is not None]
-    return {
-        "priors": other_priors((SYMMETRIC, CONSTANT_BIAS), draws),
-        "error": f"{max(errors):.2g}" if errors else "",
-        "pareto_k": f"{max(row.pareto_k for row in table):.2f}",
-        "withheld": listed([row.subject for row in table if row.log_evidence_orders is None], _MOST_NAMED),
-        "tally": tally(table),
-        "scale": STATED.partition(" (Kass")[0],  # who is cited
+def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
+    """The study's sentence and a new subject; whom no model describes; and the paper's model against free frequencies."""
+    verdicts = [SavedVerdict.of(row) for row in evidence.to_dict("records")]
+    factors = evidence["log_bayes_factor"].dropna()
+    ps = {row["subject"]: min(row["predictive_p"], row["deviance_p"]) for row in evidence.to_dict("records")}
+    found = {
+        "sentence": study_sentence(verdicts, synthetic=draws.synthetic),
+        "new": of_new_subject(verdicts, draws.seed).removeprefix("of a new subject, ").partition(": "),
+        "wrong": _each({one.subject: _p(ps[one.subject]) for one in verdicts if one.fit == "not described"}),
+        "untold": listed([one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED),
+        "unweighed": listed(evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED),
+        "factors": len(factors),
     }
+    return found | {
+        "favoured": int((factors > 0.0).sum()),
+        **{name: f"{value:.1f}" for name, value in (("median", factors.median()), ("lowest", factors.min()), ("highest", factors.max()))},
+        "error": f"{evidence['log_evidence_h1_se'].max():.2g} nat",
+        "pareto_k": f"{evidence['pareto_k'].max():.2f}",
+    }
+
+
+def _p(value: float) -> str:
+    said = p_value(value)
+    return f"p {said if said.startswith('<') else f'= {said}'}"
+
+
+def _of_model(draws: Draws) -> dict[str, Any]:
+    """Of how many subjects the model of the draws describes the answers, by the rule that all models are judged by."""
+    fits = fit_table(draws).frame
+    wrong = fits[fits["fits"] == "no"]
+    return {
+        "judged": int((fits["fits"] != "").sum()),
+        "fitting": int((fits["fits"] == "yes").sum()),
+        "wrong": _each({name: _p(p) for name, p in zip(wrong["subject"], wrong[["predictive_p", "p_deviance"]].min(axis=1), strict=True)}),
+        "untold": listed(fits["subject"][(fits["fits"] == "") & fits["predictive_p"].notna()].tolist(), _MOST_NAMED),
+    }
+
+
+def _compared(found: SavedComparison, draws: Draws, answered: bool) -> dict[str, Any]:
+    """Which models, which are the best, and what each part is; the order is the answer's where there is one."""
+    composed = [record.name for record in found.models if record.levels]
+    free = " and free frequencies (H0)" if len(composed) < len(found.models) else ""
+    said = (
+        f"{counted(len(composed), 'model')} ({listed(composed, _MOST_NAMED)})"
+        if len(composed) <= _MOST_NAMED
+        else f"{len(composed)} models"
+    )
+    shown = {
+        part: [*levels.items()][0 if len(levels) > 2 else 1 :] for part, levels in found.parts.items() if not (answered and part == "order")
+    }
+    return {
+        "models": said + free,
+        "priors": _other_priors(found.models, draws.prior, SPACE if answered else (model_named(draws.model),)),
+        "best": ", ".join(f"{name} for {count}" for name, count in found.best.items()),
+        "withheld": listed(found.withheld, _MOST_NAMED),
+        "parts": [f"{part}, {', '.join(f'P({level}) {compared(p)}' for level, p in levels)}" for part, levels in shown.items()],
+    }
+
+
+def _other_priors(records: Iterable[object], prior: Prior, stated: Iterable[object]) -> str:
+    """Priors of what some models have and those before have not: they decide on evidence as much as the others."""
+    own, all_of_them = (
+        dict.fromkeys(block.describe(prior) for record in some if isinstance(record, Model) for block in record.free)
+        for some in (stated, records)
+    )
+    return ", ".join(said for said in all_of_them if said not in own)
 
 
 def _group_facts(found: Population) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
 from bayes_toe.cli.headline import flagged
+from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.report import Facts, Group, write_report
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
@@ -48,6 +49,8 @@ PRODUCTS = (
     "corner",
     "explorer.html",
     "report.html",
+    "methods.md",
+    "methods.bib",
     "subjects",
 )
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
@@ -98,7 +101,7 @@ def write_results(
     spreadsheet_safe: bool = False,
     group: Group | None = None,
 ) -> Path:
-    """Write posterior.nc (.zarr), summary.csv, evidence.csv, corner/*.png and report.html, of very many subjects also subjects/*.html.
+    """Write posterior.nc (.zarr), summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
 
     Where it is asked for, explorer.html too.
 
@@ -128,7 +131,8 @@ def write_results(
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
     files, posterior = corner_files(draws, drawn), f"posterior.{store}"
-    required = [posterior, "summary.csv", "evidence.csv", "report.html", *(f"corner/{name}" for name in files.values())]
+    required = [posterior, "summary.csv", "evidence.csv", "methods.md", "methods.bib", "report.html"]
+    required += [f"corner/{name}" for name in files.values()]
     required += [*(() if group is None else GROUP_PRODUCTS), *(["explorer.html"] if pictures.explorer else [])]
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, TemporaryDirectory(dir=new.absolute()) as home:
         target, place = new.absolute(), Path(home)  # absolute, since a worker may be in another folder than this process
@@ -138,6 +142,7 @@ def write_results(
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
         if group is not None:
             _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
+        write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
         if pictures.explorer:
             found = None if group is None else group.found
             explore(draws, truths=pictures.truth or None, population=found).save(target / "explorer.html")

@@ -6,7 +6,7 @@ And the two languages in which these and the text of :mod:`bayes_toe.cli.methods
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +16,12 @@ from markupsafe import Markup
 
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.terminal import allowed_quantiles
-from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.words import compared, order_effect
+from bayes_toe.comparison.verdict import VERDICT_COLUMNS
+from bayes_toe.comparison.words import compared
 from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.predictive_checks import MISFIT
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.style import LABELS
 
@@ -116,8 +117,9 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
         ranges = {key: allowed_quantiles(by[key], 3) for key in shown}
         cells = [f"{middle} ({low}, {high}){'*' * (key in ruled)}" for key, (low, middle, high) in ranges.items()]
         rows.append((str(name), *cells, f"{reached['min_ess']:.0f}", f"{reached['max_r_hat']:.3f}", converged))
+    whose = "the paper's model" if draws.model == PREDICTIVE_UPDATE.name else f"the model {draws.model}"
     caption = (
-        f"Posterior medians (5 %, 95 %) of each subject under the model {draws.model}. *: dominated by the prior (contraction below "
+        f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
     )
     head = ("subject", *shown, "ESS", "R-hat", "converged")
@@ -128,61 +130,72 @@ def _probability(value: float) -> str:
     return compared(value).removeprefix("= ")
 
 
-#: What people read of the columns of the next table: the head of each, and its values in words, where there are some.
+#: What people read of the columns of evidence.csv: the head of each, and its values in words.
 _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "subject": ("subject", str),
-    "n_trials": ("trials", str),
-    "order_effect": ("order effect", str),
+    "n_trials": ("trials", "{:.0f}".format),
+    "effect": ("order effect", str),
+    "kind": ("kind", str),
     "p_none": ("P(none)", _probability),
-    "p_constant_error": ("P(constant)", _probability),
-    "p_update": ("P(update)", _probability),
-    "predictive_p": ("predictive p", p_value),
-    "p_deviance": ("p of deviance", p_value),
-    "fits": ("fits", str),
+    "p_constant_error": ("P(constant error)", _probability),
+    "p_update": ("P(pull)", _probability),
+    "size_q50": ("size", "{:.2f}".format),
+    "log_bayes_factor_effect": ("ln BF effect:none", "{:.1f}".format),
+    "fit": ("fit", str),
+    "data": ("data", str),
+    "robust": ("robust", str),
     "log_bayes_factor": ("ln BF H1:H0", "{:.2f}".format),
-    "log_evidence_h1_se": ("s.e.", "{:.4f}".format),
 }
 
 
-def order_effect_table(draws: Draws, evidence: EvidenceTable | None) -> SupplementTable:
-    """Order effect, fit and evidence of every subject; without evidence the fit alone."""
+def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
+    """The verdict of every subject, and the evidence of the paper's model against free frequencies.
+
+    Parameters
+    ----------
+    evidence : pandas.DataFrame
+        With the columns of evidence.csv.
+    """
+    frame = evidence[[*VERDICT_COLUMNS, "n_pairs", "n_trials", "log_bayes_factor", "log_evidence_h1_se", "pareto_k"]]
+
+    def said(row: dict[Any, Any], name: str) -> str:
+        value = row[name]
+        return _NOTHING if value is None or value == "" or value != value else _COLUMNS[name][1](value)
+
+    caption = (
+        "Order effect by subject. P: posterior probabilities over all models, none, constant error and pull equally probable beforehand. "
+        "ln BF effect:none: natural log Bayes factor of an effect of either kind. Size: posterior median, in half-widths of the curve. "
+        "Fit: of the model with the highest evidence. Robust: the same with the prior scales of the order halved and doubled. ln BF H1:H0: "
+        "natural log Bayes factor of the paper's model against free frequencies."
+    )
+    cells = {name: [said(row, name) for row in frame.to_dict("records")] for name in _COLUMNS}
+    shown = [name for name, column in cells.items() if {*column} != {_NOTHING}]
+    rows = tuple(zip(*(cells[name] for name in shown), strict=True))
+    return SupplementTable("order_effect", caption, frame, tuple(_COLUMNS[name][0] for name in shown), rows)
+
+
+def fit_table(draws: Draws) -> SupplementTable:
+    """Whether the model of the draws describes the answers of every subject; empty where it was not judged or cannot be told."""
     import pandas as pd
 
-    frames = [dict(_numbers(draws, name, evidence)) for name in draws.names]
-    columns = {name: column for name, column in _COLUMNS.items() if name in frames[0]}
-
-    def said(row: dict[str, Any], name: str) -> str:
-        value = row[name]
-        return _NOTHING if value is None or value == "" or value != value else columns[name][1](value)
-
-    begin = "Fit of the model" if evidence is None else "Order effect, fit of H1 (the predictive update) and its evidence against H0"
-    caption = f"{begin} by subject. Fits: no where a predictive p or a p-value of the deviance is below 0.01." + (
-        "" if evidence is None else " P: posterior probabilities at equal prior odds; ln BF: natural log Bayes factor, with standard error."
+    stats, nothing = draws.group("sample_stats"), np.full(len(draws.names), np.nan)
+    p, deviance_p = (stats[name].values if name in stats else nothing for name in ("predictive_p", "deviance_p"))
+    wrong = (p < MISFIT) | (deviance_p < MISFIT)
+    known = ~np.isnan(p) & (wrong | (stats["degrees_of_freedom"].values > 0 if "degrees_of_freedom" in stats else False))
+    frame = pd.DataFrame(
+        {
+            "subject": draws.names,
+            "n_pairs": [subject.n_pairs for subject in draws.study],
+            "n_trials": [subject.total_trials for subject in draws.study],
+            "predictive_p": p,
+            "p_deviance": deviance_p,
+            "fits": np.where(known, np.where(wrong, "no", "yes"), ""),
+        }
     )
-    head, rows = tuple(one for one, _ in columns.values()), tuple(tuple(said(row, name) for name in columns) for row in frames)
-    return SupplementTable("fit" if evidence is None else "order_effect", caption, pd.DataFrame(frames), head, rows)
-
-
-def _numbers(draws: Draws, name: str, evidence: EvidenceTable | None) -> Iterator[tuple[str, Any]]:
-    subject, fit = draws.subject(name), stored_fit(draws, name)
-    yield from (("subject", name), ("n_pairs", subject.n_pairs), ("n_trials", subject.total_trials))
-    if evidence is not None:
-        row = evidence[name]
-        yield "order_effect", order_effect(row.log_evidence_orders)
-        for key in ("p_none", "p_constant_error", "p_update"):
-            yield key, getattr(row, key)
-    yield from (("predictive_p", fit and fit.p_overall), ("p_deviance", fit and fit.p_deviance))
-    yield "fits", "" if fit is None or fit.describes is None else "yes" if fit.describes else "no"
-    if evidence is not None:
-        yield from ((key, getattr(row, key)) for key in ("log_bayes_factor", "log_evidence_h1_se", "pareto_k"))
-
-
-def stored_fit(draws: Draws, name: str) -> FitSummary | None:
-    """Goodness of fit as it is stored with draws; None where it was withheld or the model has none."""
-    stats = draws.group("sample_stats")
-    if "predictive_p" not in stats or np.isnan(stats["predictive_p"].sel(subject=name).item()):
-        return None
-    return draws.fit(name)
+    p_values = ([_NOTHING if np.isnan(value) else p_value(value) for value in values.tolist()] for values in (p, deviance_p))
+    rows = zip(draws.names, map(str, frame["n_trials"]), *p_values, [fits or _NOTHING for fits in frame["fits"]], strict=True)
+    caption = f"Fit of the model by subject: no where a predictive p or a p-value of the deviance is below {MISFIT:g}."
+    return SupplementTable("fit", caption, frame, ("subject", "trials", "predictive p", "p of deviance", "fits"), tuple(rows))
 
 
 def group_table(found: Population) -> SupplementTable:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +30,35 @@ _NAMES = 5  # of subjects in a line
 APPENDIX_C = "H0 has a free frequency per pair: this asks whether answers follow one smooth curve, not whether there is an order effect"
 
 
-def study_sentence(verdicts: Sequence[Verdict], *, synthetic: bool = False) -> str:
+@dataclass(frozen=True)
+class SavedVerdict:
+    """What evidence.csv says of one subject, in the words of its columns."""
+
+    subject: str
+    effect: str
+    kind: str
+    fit: str
+    data: tuple[str, ...]
+    robust: str
+    p_orders: tuple[float, ...] | None
+
+    @classmethod
+    def of(cls, row: Mapping[Any, Any]) -> SavedVerdict:
+        """By the row's cells; texts that are not there are empty."""
+        p = tuple(float(row[name]) for name in ("p_none", "p_constant_error", "p_update"))
+        words = {name: str(row[name]) for name in ("subject", "effect", "kind", "fit", "robust")}
+        return cls(**words, data=tuple(filter(None, str(row["data"]).split("; "))), p_orders=None if p[0] != p[0] else p)
+
+    def describe(self) -> str:
+        """The verdict in words, without the subject's name."""
+        none = "" if self.p_orders is None else f" (P of none {compared(self.p_orders[0])})"
+        doubts = ["no model describes the answers"] if self.fit == "not described" else []
+        doubts += [f"data: {', '.join(self.data)}"] if self.data else []
+        doubts += ["the choice of the prior has a say"] if self.robust == "no" else []
+        return "; ".join([EFFECTS[self.effect] + _kinds([self]) + none, *doubts])
+
+
+def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: bool = False) -> str:
     """How many subjects have an order effect, of how many no model describes the answers, and whose data are in doubt; one sentence.
 
     Examples
@@ -61,7 +91,7 @@ def study_sentence(verdicts: Sequence[Verdict], *, synthetic: bool = False) -> s
     return "; ".join(said)
 
 
-def _kinds(some: Sequence[Verdict]) -> str:
+def _kinds(some: Sequence[Verdict | SavedVerdict]) -> str:
     """Of which kinds effects are, in brackets; nothing where none is said.
 
     Examples
@@ -77,7 +107,7 @@ def _kinds(some: Sequence[Verdict]) -> str:
     return f" ({', '.join(shown)})" if shown else ""
 
 
-def of_new_subject(verdicts: Sequence[Verdict], seed: int) -> str:
+def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int) -> str:
     """How probable each kind is of a new subject of the population, by random effects; empty with fewer than two subjects.
 
     Each subject is of one kind, drawn with unknown frequencies. Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709).
