@@ -7,7 +7,7 @@ from .classical.asymmetry import asymmetry as asymmetry
 from .classical.covariates import covariate_tests as covariate_tests
 from .classical.fit import fit as fit
 from .classical.fit import uncertainty_table as uncertainty_table
-from .comparison.average import average as average
+from .comparison.average import average_models as average_models
 from .comparison.evidence_table import EvidenceTable as EvidenceTable
 from .comparison.model_comparison import compare as compare
 from .comparison.prior_sensitivity import sensitivity as sensitivity

@@ -1,8 +1,8 @@
 """Answers averaged over models: what a subject's pull, constant error and gain are, and its P(equal), whichever model it follows.
 
-Each model counts with its posterior probability, at equal prior probabilities of the models in the space. One without a part contributes
-exactly what that part leaves: no pull is 0, no constant error is 0, and the gain is then 1. Free frequencies have none of these and are
-left out. Source: Hoeting et al. 1999 (Statist. Sci. 14:382).
+Each model of the space (:data:`bayes_toe.model.ladder.SPACE`) counts with its posterior probability, at equal prior probabilities; those
+far behind the best have no draws and are left out with less than 1 % of it. One without a part contributes exactly what that part leaves:
+no pull is 0, no constant error is 0, and the gain is then 1. Source: Hoeting et al. 1999 (Statist. Sci. 14:382).
 """
 
 from __future__ import annotations
@@ -17,18 +17,15 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
-from bayes_toe.inference.evidence import Evidence, weighed
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, QUANTILES, Wanted, infer
-from bayes_toe.model.ladder import Record, require_models
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.seeds import root_seed
+from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
@@ -137,9 +134,8 @@ class Averages(SubjectTable[Average]):
         return pd.DataFrame(columns).join(pd.DataFrame(found, columns=["mean", *QUANTILES]))
 
 
-def average(
+def average_models(
     study: Study,
-    models: str | Sequence[str | Record] = "parts",
     *,
     draws: int = 1000,
     seed: int | None = None,
@@ -147,78 +143,47 @@ def average(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> Averages:
-    """Pull, constant error, gain and P(equal) of every subject, averaged over a space of models.
+    """Pull, constant error, gain and P(equal) of every subject, averaged over the space of models.
 
     Parameters
     ----------
     study : Study
-    models : str or sequence of str or record
-        As in :func:`bayes_toe.comparison.model_comparison.compare`; free frequencies do not count.
     draws : int
-        Effective draws to reach under every model, and how many the average has.
+        How many the average has.
     seed, prior, workers, progress
-        As in :func:`bayes_toe.comparison.model_comparison.compare`; with the same seed the weights are those of its evidences.
-
-    Raises
-    ------
-    InputError
-        If a model, the seed or a number is not allowed, or nothing is left to average.
+        As in :func:`bayes_toe.analysis.evidence`; with the same seed the weights are those of its verdicts.
 
     Examples
     --------
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> found = average(Study([one]), ["none", "constant error"], draws=500, seed=1, workers=1)
-    >>> found.summary()["p_without"].round(2).tolist() == [1.0, round(found["S01"].weights[0], 2), 1.0]
-    True
+    >>> found = average_models(Study([one]), draws=500, seed=1, workers=1)
+    >>> found.summary()["q50"].round().tolist()
+    [0.0, 0.0, 1.0]
     """
-    records = [model for model in require_models(models) if isinstance(model, Model)]
-    if not records:
-        raise InputError("models: free frequencies have neither pull nor gain; nothing is left to average")
-    root, chosen, sampler = root_seed(seed), prior_for(study, prior), SamplerSettings(draws=draws, max_quantile_error=np.inf)
-    jobs = [partial(_draw, model.posterior(subject, chosen), root, sampler) for subject in study for model in records]
-    names = [(f"{subject.name}: {model.name}",) for subject in study for model in records]
-    done = run_in_order(jobs, workers, progress, names)
-    found = [averaged(subject, done[i * len(records) : (i + 1) * len(records)], draws) for i, subject in enumerate(study)]
+    root, chosen = root_seed(seed), prior_for(study, prior)
+    jobs = [partial(_averaged, subject, chosen, root, draws) for subject in study]
+    found = run_in_order(jobs, workers, progress, [(subject.name,) for subject in study])
     rows = tuple(one for one in found if isinstance(one, Average))
     withheld = {subject.name: one for subject, one in zip(study, found, strict=True) if isinstance(one, str)}
     return Averages(rows, withheld, root, chosen, study.synthetic)
 
 
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """One model of one subject: evidence, some draws in unconstrained coordinates, and what is wrong with them."""
-
-    target: Posterior
-    evidence: Evidence
-    x: FloatArray
-    not_converged: str
-
-
-def _draw(target: Posterior, seed: int, sampler: SamplerSettings) -> Drawn:
-    result = infer(target, seed, Wanted(sampler, EVIDENCE_DRAWS))
-    assert result.evidence is not None  # it was asked for, as was the other
-    assert result.chains is not None
-    x = result.chains.x.reshape(-1, len(target.coordinates))
-    return Drawn(target, result.evidence, _thinned(x, sampler.draws), "" if result.chains.converged else result.chains.reason)
-
-
-def averaged(counts: Subject, found: Sequence[Drawn], draws: int) -> Average | str:
+def _averaged(counts: Subject, prior: Prior, seed: int, draws: int) -> Average | str:
     """The average of one subject, or why there is none."""
-    values = weighed([one.evidence.value for one in found], [one.evidence.bound for one in found])
-    if np.isnan(values).any():
-        return f"no evidence of {', '.join(one.target.model.name for one, value in zip(found, values, strict=True) if np.isnan(value))}"
-    weights = softmax(values)
+    said, space = verdict(counts, prior, seed)
+    if said.p_orders is None:
+        return "; ".join(said.notes)
+    rng, places = generator(seed, counts.name, "average"), sorted(space.sampled)
+    drawn = [space.predictor(space.models[i].name, draws, rng) for i in places]
+    return mixed(counts, space.log_evidence[places], drawn, draws)
+
+
+def mixed(counts: Subject, log_evidence: FloatArray, drawn: Sequence[Predictor], draws: int) -> Average:
+    """So many draws in all, of each model its share."""
+    weights = np.asarray(softmax(log_evidence))
     sizes = np.diff(np.rint(draws * np.cumsum(weights)).astype(np.int64), prepend=0).tolist()  # each within one of its share
-    poor = [f"{one.target.model.name}: {one.not_converged}" for one, size in zip(found, sizes, strict=True) if size and one.not_converged]
-    if poor:
-        return f"draws did not converge ({'; '.join(poor)})"
-    drawn = tuple(Predictor(one.target, _thinned(one.x, size)) for one, size in zip(found, sizes, strict=True))
-    return Average(counts, tuple(one.target.model.name for one in found), np.asarray(weights), drawn)
-
-
-def _thinned(x: FloatArray, size: int) -> FloatArray:
-    """So many draws, evenly spaced."""
-    return x[np.arange(size) * len(x) // max(size, 1)]
+    parts = (Predictor(one.target, one.x[np.arange(size) * len(one.x) // max(size, 1)]) for one, size in zip(drawn, sizes, strict=True))
+    return Average(counts, tuple(one.target.model.name for one in drawn), weights, tuple(parts))
 
 
 def _quantity(one: Predictor, quantity: str) -> FloatArray:

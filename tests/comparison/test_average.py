@@ -1,15 +1,11 @@
 """Averages over models: weights, exact zeros, mixtures of answers; what is withheld."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from one_subject import sample_model
-from scipy.special import softmax
 
 import bayes_toe as bt
-from bayes_toe.comparison.average import AVERAGED, Averages, Drawn, averaged
-from bayes_toe.inference.evidence import Evidence
+from bayes_toe.comparison.average import AVERAGED, Averages, mixed
 from bayes_toe.inference.prediction import Predictor
 
 MODELS = ("symmetric", "constant error + sloped", "predictive update", "free weighting")
@@ -21,18 +17,15 @@ def drawn(small_study):
     """Draws of one subject under four models, with evidences that give them probabilities of 0.4, 0.3, 0.2 and 0.1."""
     made = [sample_model(small_study["A"], name, draws=DRAWS, seed=2) for name in MODELS]
     logs = np.log([0.4, 0.3, 0.2, 0.1]) - 700
-    return [
-        Drawn(one.target, Evidence(float(log), 0.0, None, None), one.chains.x.reshape(-1, len(one.target.coordinates)), "")
-        for one, log in zip(made, logs, strict=True)
-    ]
+    return logs, [Predictor(one.target, one.chains.x.reshape(-1, len(one.target.coordinates))) for one in made]
 
 
 @pytest.fixture(scope="module")
 def one(drawn, small_study):
-    return averaged(small_study["A"], drawn, DRAWS)
+    return mixed(small_study["A"], *drawn, DRAWS)
 
 
-def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one):
+def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one, drawn):
     assert one.weights == pytest.approx([0.4, 0.3, 0.2, 0.1], rel=1e-12)
     assert [len(part.x) for part in one.drawn] == [320, 240, 160, 80]
     assert {name: round(one.without(name), 12) for name in AVERAGED} == {"pull": 0.7, "offset": 0.4, "gain": 0.7}
@@ -46,10 +39,10 @@ def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one):
 
 def test_answers_are_the_mixture_of_those_of_the_models(one, drawn):
     s1, s2 = np.array([0.0, 0.3, 0.1]), np.array([0.3, 0.0, 0.1])
-    mixed = one.equal(s1, s2)
-    parts = np.array([Predictor(each.target, each.x).equal(s1, s2).mean(axis=0) for each in drawn])
-    spread = np.sqrt(mixed.var(axis=0) / 100)  # as if the draws were worth a hundred independent ones
-    assert np.all(np.abs(mixed.mean(axis=0) - one.weights @ parts) < 4 * spread)
+    answers = one.equal(s1, s2)
+    parts = np.array([each.equal(s1, s2).mean(axis=0) for each in drawn[1]])
+    spread = np.sqrt(answers.var(axis=0) / 100)  # as if the draws were worth a hundred independent ones
+    assert np.all(np.abs(answers.mean(axis=0) - one.weights @ parts) < 4 * spread)
     frame = Averages((one,), {}, 1, bt.Prior()).equal("A", [0.0, 0.3], 0.2)
     assert frame["s2"].tolist() == [0.2, 0.2]
     assert frame["mean"].to_numpy() == pytest.approx(one.equal([0.0, 0.3], [0.2, 0.2]).mean(axis=0), rel=1e-12)
@@ -69,26 +62,11 @@ def test_summary_and_weights(one):
     assert table.weights()["model"].tolist() == list(MODELS)
 
 
-def test_a_missing_evidence_or_draws_that_count_and_did_not_converge_withhold_the_average(drawn, small_study):
-    counts = small_study["A"]
-    assert (
-        averaged(counts, [*drawn[:2], replace(drawn[2], evidence=Evidence(None, None, 0.1, 0.7))], DRAWS)
-        == "no evidence of predictive update"
-    )
-    why = averaged(counts, [drawn[0], replace(drawn[1], not_converged="R-hat 1.2")], DRAWS)
-    assert why == "draws did not converge (constant error + sloped: R-hat 1.2)"
-    far = replace(drawn[1], not_converged="R-hat 1.2", evidence=Evidence(-2000.0, 0.0, None, None))
-    assert averaged(counts, [drawn[0], far], DRAWS).weights.tolist() == [1.0, 0.0]  # nothing of it is used
-    behind = replace(drawn[1], evidence=Evidence(None, None, 0.1, 0.7, "withheld", bound=-2000.0))
-    assert averaged(counts, [drawn[0], behind], DRAWS).weights.tolist() == [1.0, 0.0]
+def test_through_the_pipeline_with_the_probabilities_of_the_verdict(small_study):
+    study = small_study.select(["C"])
+    found = bt.average_models(study, draws=500, seed=4, workers=1)
+    said = bt.evidence(study, seed=4, workers=1)["C"].verdict
+    assert found["C"].without("offset") == pytest.approx(said.p_none, abs=0.01)  # but for models far behind, which have no draws
+    assert found["C"].without("pull") == pytest.approx(said.p_none + said.p_constant_error, abs=0.01)
     with pytest.raises(bt.InputError, match="'A': no average, R-hat"):
         Averages((), {"A": "R-hat"}, 1, bt.Prior())["A"]
-
-
-def test_through_the_pipeline_with_the_evidences_of_a_comparison(small_study):
-    study, names = small_study.select(["C"]), ["free frequencies", "symmetric", "constant error"]
-    found, table = (verb(study, names, draws=500, seed=4, workers=1) for verb in (bt.average, bt.compare))
-    assert found["C"].weights == pytest.approx(softmax(table.log_evidence[0, 1:]), rel=1e-12)
-    assert found["C"].models == ("symmetric", "constant bias")
-    with pytest.raises(bt.InputError, match="nothing is left to average"):
-        bt.average(study, ["free frequencies"])
