@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.study_answer import said_pair
+from bayes_toe.comparison.verdict import HAS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, SURELY
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
 
 #: What the columns of a verdict mean.
@@ -13,6 +14,12 @@ LEGEND = (
     "P: averaged over 48 models (order, noise, lapses, curve, peak), equally probable beforehand. Size: in half-widths of the curve. Fit: "
     f"of the best of them; not described: predictive p or p of the deviance below {MISFIT:g}. Robust: the same with the prior's scales "
     "of the order halved and doubled"
+)
+#: From where on a word is said.
+LIMITS = (
+    f"An order effect is said up to P(none) = {HAS}, and probably up to {PROBABLY_HAS}; probably none from {PROBABLY_NONE} on, none from "
+    f"{NONE}; negligible where it is open and P(size > {SMALL}) is at most {SURELY}; otherwise it is undecided. The kind is named where it "
+    f"has {NAMED:.0%} of the probability of any effect, probably from {PROBABLY_NAMED:.0%} on".replace("%", " %")
 )
 #: What is said of those who must be looked at.
 FLAGGED = "not described, data in doubt, draws not converged, or no verdict"
@@ -39,15 +46,32 @@ def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[s
     return found
 
 
-def p_value(value: float) -> str:
-    """A p-value for a table.
+def told(value: float, limits: Sequence[float] = (HAS, PROBABLY_HAS, PROBABLY_NONE, NONE), digits: int = 2) -> str:
+    """A number with so many decimals, or as many as tell on which side of the limits it is.
 
     Examples
     --------
-    >>> p_value(0.0), p_value(0.0123), p_value(0.5)
-    ('< 0.001', '0.012', '0.50')
+    >>> told(0.2531), told(0.2478), told(0.25), told(0.2499997)
+    ('0.253', '0.248', '0.25', '0.2499997')
     """
-    return "< 0.001" if value < 0.001 else f"{value:.2g}" if value < 0.095 else f"{value:.2f}"
+    while digits < 15 and any(_side(value, one) != _side(round(value, digits), one) for one in limits):
+        digits += 1
+    return f"{value:.{digits}f}"
+
+
+def _side(value: float, limit: float) -> int:
+    return (value > limit) - (value < limit)
+
+
+def p_value(value: float) -> str:
+    """A p-value for a table, two digits that count; one that is below the limit of a misfit looks so.
+
+    Examples
+    --------
+    >>> p_value(0.0), p_value(0.0123), p_value(0.00997), p_value(0.5)
+    ('< 0.001', '0.012', '0.00997', '0.50')
+    """
+    return "< 0.001" if value < 0.001 else told(value, [MISFIT], 2 + (value < 0.095) + (value < 0.0095))
 
 
 def deviance(fit: FitSummary) -> str:

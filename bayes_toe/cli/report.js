@@ -41,7 +41,7 @@
     for (const one of all("[data-subject]")) {
       one.hidden = !one.dataset.subject.toLowerCase().includes(text) || (flagged && !("flagged" in one.dataset));
     }
-    const rows = all("tr[data-subject]");
+    const rows = all("#overview tr[data-subject]");
     form.shown.value = `${rows.filter(row => !row.hidden).length} of ${rows.length} shown`;
   };
   if (form) {

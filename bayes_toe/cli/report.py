@@ -15,17 +15,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.text import Text
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable
+from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
-from bayes_toe.comparison.words import STATED, conclusion, order_effect, order_effect_and_probability
+from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
+from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.tables import file_stems
 from bayes_toe.experiments.answers_check import check_answers
-from bayes_toe.experiments.checks import check_study
+from bayes_toe.experiments.checks import Finding, check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.coordinates import NATURAL
@@ -94,18 +95,27 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     Every text from outside is escaped by the template engine, its control characters too. Pages are written piece by piece: with its
     pictures a report may be larger than memory.
     """
-    paged = len(analysis.study) > MOST_IN_ONE
-    stems = file_stems(analysis.study.names) if paged else {}
-    links = {name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}" for i, name in enumerate(analysis.study.names)}
-    context = _context(analysis, facts) | {"links": links, "paged": paged, "most": _MOST_LISTED if paged else None}
-    context["home"], context["beside"] = ("../report.html", "../") if paged else ("", "")  # from where a subject's section is
-    context["folder"], context["there"] = folder, {path.name for path in folder.iterdir()}
-    context["posterior"] = next((name for name in sorted(context["there"]) if name.startswith("posterior.")), "posterior.nc")
-    subjects, templates = _subjects(analysis, facts, context["findings"]), _environment()
+    names, paged, there = analysis.study.names, len(analysis.study) > MOST_IN_ONE, {path.name for path in folder.iterdir()}
+    stems = file_stems(names) if paged else {}
+    findings, templates = check_study(analysis.study, analysis.settings.prior), _environment()
+    context = _context(analysis, facts) | {
+        "links": {name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}" for i, name in enumerate(names)},
+        "paged": paged,
+        "most": _MOST_LISTED if paged else None,
+        # Of very many those come first who must be looked at.
+        "index": sorted(analysis.verdicts, key=lambda one: paged and one.subject not in facts.flagged),
+        "home": "../report.html" if paged else "",  # from where a subject's section is
+        "beside": "../" if paged else "",
+        "folder": folder,
+        "there": there,
+        "posterior": next((name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"),
+        "findings": [one.message for one in findings if one.subject == ""],
+    }
+    subjects = _subjects(analysis, facts, findings)
     if paged:
         (folder / "subjects").mkdir()
         for subject in subjects:
-            with (folder / links[subject["counts"].name]).open("w", encoding="utf-8") as file:
+            with (folder / context["links"][subject["counts"].name]).open("w", encoding="utf-8") as file:
                 file.writelines(templates.get_template("page.html").generate(context | {"subject": subject}))
     with (folder / "report.html").open("w", encoding="utf-8") as file:
         file.writelines(templates.get_template("report.html").generate(context | {"subjects": subjects}))
@@ -127,39 +137,34 @@ def _environment() -> Environment:
         data_uri=lambda picture: f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}",
         deviance=headline.deviance,
         head=_head,
-        kind=order_effect,
         linked=linked,
         misfit=headline.misfit,
         number=lambda value, digits=2, error=float("nan"): "–" if number(value) == "-" else _typeset(allowed(value, error, digits)),
-        order_effect=order_effect_and_probability,
-        p_value=headline.p_value,
+        p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
+        told=lambda value: "–" if value is None else headline.told(value),
         typeset=_typeset,
+        way_on=way_on,
     )
     return made
 
 
 def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
-    """What does not depend on a subject."""
-    study, table, prior, attrs = analysis.study, analysis.evidence, analysis.settings.prior, analysis.draws.attrs
-    findings, first = check_study(study, prior), headline.scale_first(study, prior)
-    following = first + headline.NEXT
+    """What does not depend on a subject, nor on whether there are pages of them."""
+    study, prior, attrs = analysis.study, analysis.settings.prior, analysis.draws.attrs
     settings, versions = json.loads(attrs["settings"]), json.loads(attrs["versions"])
-    # Of very many those come first who must be looked at.
-    rows = list(zip(table, facts.asymmetry, strict=True))
     return {
         "study": study,
+        "facts": facts,
+        "rows": analysis.evidence.rows,
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "imprecise": analysis.draws.imprecise,
-        "attrs": attrs,
+        "seed": attrs["seed"],
         "sampler": analysis.settings.sampler,
-        "facts": facts,
-        "rows": table.rows,
-        "index": sorted(rows, key=lambda row: len(rows) > MOST_IN_ONE and row[0].subject not in facts.flagged),
+        "answer": study_sentence(analysis.verdicts, synthetic=study.synthetic),
+        "new_subject": of_new_subject(analysis.verdicts, analysis.settings.seed),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "in_short": first + headline.in_short(table, synthetic=study.synthetic),
-        "next": following[0].upper() + following[1:],
         "terms": TERMS,
         "settings": {
             "model": settings["model"],
@@ -168,14 +173,15 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
             **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
             "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
         },
-        "tally": headline.tally(table),
-        "misfits": headline.misfits(table),
-        "said": {"scale": STATED, "fit": headline.FIT, "appendix_c": headline.APPENDIX_C, "flagged": headline.FLAGGED},
-        "findings": findings,
+        "said": {
+            "scale": STATED,
+            "legend": headline.LEGEND,
+            "limits": headline.LIMITS,
+            "flagged": headline.FLAGGED,
+            "appendix_c": APPENDIX_C,
+        },
         "before_pooling": check_answers(study, prior),
         "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
-        "population": facts.asymmetry.population(),
-        "level": LEVEL,
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,
         "group": None if facts.group is None else _group(facts.group),
@@ -202,7 +208,7 @@ def _group(group: Group) -> dict[str, Any]:
     }
 
 
-def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Any]) -> Iterator[dict[str, Any]]:
+def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> Iterator[dict[str, Any]]:
     """What each subject's section says, made when it is written."""
     stats, messages = analysis.draws.group("sample_stats"), defaultdict[str, list[str]](list)
     for finding in findings:
@@ -216,7 +222,8 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Any]) -> Iter
             "anchor": f"subject-{i + 1}",
             "counts": counts,
             "row": row,
-            "effect": asymmetry,
+            "verdict": row.verdict,
+            "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "fit": fit,
             "fitted": {key: (best, *limit) for key, best, limit in limits},

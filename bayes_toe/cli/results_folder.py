@@ -23,6 +23,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
 from bayes_toe.groups.population_table import pooled_subjects
 from bayes_toe.inference.draws import Draws, load
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
@@ -154,7 +155,11 @@ def write_results(
         jobs = _overviews(analysis, asymmetry, saved, place)
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, pictures.truth
-        jobs += [partial(_draw_subject, saved, name, prior, truth.get(name), corner_plots[name], curve_files[name]) for name in drawn]
+        best = {one.target.subject.name: one for one in analysis.best}
+        jobs += [
+            partial(_draw_subject, saved, name, prior, truth.get(name), best.get(name), corner_plots[name], curve_files[name])
+            for name in drawn
+        ]
         run_in_order(jobs, of_this_machine(workers), progress, names)
         opened.cache_clear()
         write_report(analysis, Facts(summary, asymmetry, marked, group, place, curve_files, corner_plots, pictures.which), target)
@@ -228,11 +233,17 @@ def _prior(study: Study, settings: Settings) -> Figure:
 
 
 def _draw_subject(
-    saved: Callable[[], Draws], name: str, prior: Prior, truth: Mapping[str, float] | None, corner_file: Path, curve_file: Path
+    saved: Callable[[], Draws],
+    name: str,
+    prior: Prior,
+    truth: Mapping[str, float] | None,
+    best: Predictor | None,
+    corner_file: Path,
+    curve_file: Path,
 ) -> None:
     draws = saved()
     corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
-    curve_file.write_bytes(png(curves(draws, name, title=_said(draws)), dpi=120))
+    curve_file.write_bytes(png(curves(draws, name, title=_said(draws), beside=best), dpi=120))
 
 
 def _said(of: Study | Draws) -> str:

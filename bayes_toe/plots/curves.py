@@ -38,8 +38,10 @@ _BEYOND = 2.0  # the default range goes so many times below the shortest and abo
 # --- one subject, over the stimuli --------------------------------------------------------------------------------------------------
 
 
-def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
+def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Predictor | None = None) -> Figure:
     """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
+
+    The posterior mean of another model may be laid `beside`, dashed, such as one of :attr:`bayes_toe.analysis.Analysis.best`.
 
     One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
     connects no pairs has no curve: its answers stand alone. With intervals, one panel for each of up to six of them, and below these the
@@ -53,11 +55,15 @@ def curves(draws: Draws, subject: str, *, title: str | None = None) -> Figure:
     counts = draws.subject(subject)
     if title is None:
         title = f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + _unconverged(draws, subject)
+    if beside is not None:
+        title = "\n".join(filter(None, [title, f"dashed: {beside.target.model.name}"]))
     if counts.intervals:
-        return _interval_figure(counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title)
+        return _interval_figure(counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside)
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    return _answers_figure(counts, None if fitted is None else fitted.equal, lambda ax: _distance_panel(ax, counts, fitted), title)
+    equal = None if fitted is None else fitted.equal
+    other = None if beside is None else beside.equal
+    return _answers_figure(counts, equal, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other)
 
 
 def plot_average(averages: Averages, subject: str) -> Figure:
@@ -80,15 +86,14 @@ def plot_average(averages: Averages, subject: str) -> Figure:
 
     def over_difference(ax: Axes) -> None:
         _distance_panel(ax, one.counts, None)
-        mean = one.equal(one.counts.s1, one.counts.s2).mean(axis=0)
-        order, difference = presentation_order(one.counts), one.counts.s2 - one.counts.s1
-        for sign, mark in ORDERS.items():
-            ax.plot(difference[order == sign], mean[order == sign], "_", color=mark.colour, ms=SMALL)
+        _draw_means(ax, one.counts, one.counts.s2 - one.counts.s1, one.equal(one.counts.s1, one.counts.s2))
 
     return _answers_figure(one.counts, one.equal, over_difference, "\n".join(said))
 
 
-def _answers_figure(counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str) -> Figure:
+def _answers_figure(
+    counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str, beside: Curve | None = None
+) -> Figure:
     """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
     weaker = _weaker_stimuli(counts)
     several = 1 <= len(weaker) <= MOST_PANELS
@@ -99,12 +104,12 @@ def _answers_figure(counts: Subject, equal: Curve | None, single: Callable[[Axes
     panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
     for i, ax in enumerate(panels):
         if several:
-            order_panel(ax, counts, equal, float(weaker[i]))
+            order_panel(ax, counts, equal, float(weaker[i]), beside=beside)
             ax.set_title(_said_weaker(weaker[i]) if count > 1 else "", fontsize=10)
         else:
             single(ax)
         ax.set_ylabel("" if i % across else "P('equal')")
-    figure.suptitle(title, fontsize=12)
+    figure.suptitle(title, fontsize=12 if beside is None else 9)
     legend_below(figure)
     return figure
 
@@ -134,10 +139,11 @@ def natural_curve(theta: Natural) -> Curve:
 # --- panels -------------------------------------------------------------------------------------------------------------------------
 
 
-def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, size: float = 5.5) -> Axes:
+def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, size: float = 5.5, beside: Curve | None = None) -> Axes:
     """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
-    `equal` goes from the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve.
+    `equal` goes from the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve. `beside` is another
+    such curve, of which the mean is drawn, dashed.
     """
     refuse_intervals([counts], "panel of both orders")
     stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
@@ -145,18 +151,20 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     for order, mark in ORDERS.items():
         at = shown & (presentation_order(counts) == order)
         if at.any():
+            x, s1, s2 = pairs[order]
             if equal is not None:
-                x, s1, s2 = pairs[order]
                 _draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
+            if beside is not None:
+                ax.plot(x, beside(s1, s2).mean(axis=0), color=mark.colour, lw=0.25 * size, ls=(0, (3, 2)))
             _draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
     ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
     return ax
 
 
-def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> None:
+def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside: Predictor | None = None) -> None:
     """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
 
-    Where nothing is fitted that connects them, over the difference of their stimuli.
+    Where nothing is fitted that connects them, over the difference of their stimuli. Of `beside` there is a bar at every pair.
     """
     z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
     if fitted is not None:
@@ -167,8 +175,17 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None) -> None
         at = presentation_order(counts) == order
         if at.any():
             _draw_points(ax, z[at], counts, at, mark)
+    if beside is not None:
+        _draw_means(ax, counts, z, beside.equal(counts.s1, counts.s2))
     label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
     ax.set(xlabel=label, ylim=(-0.03, 1.03))
+
+
+def _draw_means(ax: Axes, counts: Subject, x: FloatArray, equal: FloatArray) -> None:
+    """The mean P(equal) of every pair as a bar at its place, from draws, shape (draws, pairs)."""
+    order = presentation_order(counts)
+    for sign, mark in ORDERS.items():
+        ax.plot(x[order == sign], equal.mean(axis=0)[order == sign], "_", color=mark.colour, ms=SMALL)
 
 
 def _weaker_stimuli(counts: Subject) -> FloatArray:
@@ -239,7 +256,7 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: 
 # --- over the interval --------------------------------------------------------------------------------------------------------------
 
 
-def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
+def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Predictor | None) -> Figure:
     """Answers and curves at each of up to six intervals, and below, gain and P(equal) of one pair over the interval."""
     tested, weaker = counts.intervals, main_weaker(counts)
     shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
@@ -254,7 +271,7 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
         here = counts.at_isi(isi)
         own = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
         low = float(here.s1.min()) if own is None else own
-        order_panel(ax, here, lambda s1, s2, isi=isi: fitted.equal(s1, s2, np.full(len(s1), isi)), low, size=4.5)  # type: ignore[misc]
+        order_panel(ax, here, _at(fitted, isi), low, size=4.5, beside=None if beside is None else _at(beside, isi))
         about = which_weaker(counts, low)
         ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
         ax.set_ylabel("P('equal')" if i % across == 0 else "")
@@ -265,6 +282,11 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
     _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
     figure.suptitle(title, fontsize=11)
     return figure
+
+
+def _at(fitted: Predictor, isi: float) -> Curve:
+    """P(equal) of pairs at one interval."""
+    return lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi))
 
 
 def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.words import KINDS
 from bayes_toe.plots.style import (
     BAD,
     COLUMN,
@@ -28,13 +27,15 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-_OF_KINDS = ("#DEDEDE", "#E69F00", POSTERIOR)  # told apart by their lightness too
+#: What the kinds of order effect are called, and their colours, told apart by their lightness too.
+KIND_COLOURS = {"none": "#DEDEDE", "constant error": "#E69F00", "pull": POSTERIOR}
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
+_UNDESCRIBED = "no model describes the answers"
 _LINES = 200  # of error bars that can be told apart
 
 
 def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Which order effect every subject has, with misfits marked; beside it the log Bayes factor of H1 against H0."""
+    """Which order effect every subject has; beside it the log Bayes factor of the paper's model (H1) against free frequencies (H0)."""
     crowded = len(table) > MOST_NAMED
     figure = new_figure(9.6, evidence_height(table))
     left, right = figure.subplots(1, 2, sharey=not crowded, width_ratios=(1.0, 0.8))
@@ -55,35 +56,35 @@ def evidence_height(table: EvidenceTable) -> float:
 
 
 def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
-    """Probabilities of the three kinds of order effect, one bar a subject; a cross beside the bar where H1 does not describe the answers.
+    """Probabilities of none, constant error and pull, one bar a subject, hatched where no model describes the answers.
 
     A subject of whom an evidence is withheld has words in the place of the bar. More than :data:`~bayes_toe.plots.style.MOST_NAMED`
     subjects have no names and are sorted by their likeliest kind.
     """
     crowded = len(table) > MOST_NAMED
     ax = panel(ax, wide=COLUMN + 1.0, high=1.2 + (HIGH if crowded else 0.2 * len(table)))  # with room for names
-    y = np.arange(len(table.rows))
-    share = np.array([row.order_probabilities for row in table], np.float64).reshape(-1, len(KINDS))  # None becomes NaN: no bar
-    wrong = np.array([row.misfit for row in table], bool)
-    ax.set(xlim=(0.0, 1.07), xlabel="probability of each order effect", xticks=np.linspace(0.0, 1.0, 6))
+    said = [row.verdict for row in table]
+    share = np.array([(np.nan,) * 3 if one is None or one.p_orders is None else one.p_orders for one in said]).reshape(-1, 3)
+    undescribed = np.array([one is not None and one.fit == "not described" for one in said], bool)
+    ax.set(xlim=(0.0, 1.07 if crowded else 1.0), xlabel="probability of each kind", xticks=np.linspace(0.0, 1.0, 6))
     if crowded:
-        stacked_shares(ax, share, KINDS, _OF_KINDS, wrong)
+        stacked_shares(ax, share, KIND_COLOURS, undescribed)
         return ax
-    start = np.zeros(len(y))
-    for kind, colour, values in zip(KINDS, _OF_KINDS, share.T, strict=True):
-        ax.barh(y, values, left=start, height=0.62, color=colour, label=kind)
-        start = start + values
-    if wrong.any():
-        ax.plot(np.full(wrong.sum(), 1.035), y[wrong], "x", color=BAD, ms=6, mew=1.8, label="misfit of H1", clip_on=False)
-    for i in np.flatnonzero(np.isnan(start)).tolist():
+    y, ends = np.arange(len(said)), np.cumsum(share, axis=1)
+    for (kind, colour), values, end in zip(KIND_COLOURS.items(), share.T, ends.T, strict=True):
+        ax.barh(y, values, left=end - values, height=0.62, color=colour, label=kind)
+    if undescribed.any():
+        hatched = {"height": 0.62, "fc": "none", "ec": "#1C1C1C", "hatch": "/////", "hatch_linewidth": 0.5, "lw": 0.0}
+        ax.barh(y[undescribed], 1.0, label=_UNDESCRIBED, **hatched)
+    for i in np.flatnonzero(np.isnan(ends[:, -1])).tolist():
         ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
     ax.set_yticks(y, [plain(row.subject, 24) for row in table])
     ax.set_ylim(len(y) - 0.5, -0.5)
     return ax
 
 
-def stacked_shares(ax: Axes, share: FloatArray, kinds: Sequence[str], colours: Sequence[str], marked: BoolArray) -> None:
-    """Shares of kinds, shape (subjects, kinds), as a stack of areas: subjects by their likeliest kind, then by its share.
+def stacked_shares(ax: Axes, share: FloatArray, colours: Mapping[str, str], marked: BoolArray) -> None:
+    """Shares of kinds, shape (subjects, kinds), as a stack of areas in their colours: subjects by their likeliest kind, then by its share.
 
     Those without shares (NaN) come last. `marked`, shape (subjects,), get a red line at the right edge. The legend counts all.
     """
@@ -91,14 +92,14 @@ def stacked_shares(ax: Axes, share: FloatArray, kinds: Sequence[str], colours: S
     known = int((kind >= 0).sum())
     edges = np.concatenate([np.zeros((known, 1)), np.cumsum(share[order[:known]], axis=1)], axis=1)
     ends = np.repeat(np.arange(known + 1) - 0.5, 2)[1:-1]  # doubled: steps that begin and end where the subject does
-    for k, (word, colour) in enumerate(zip(kinds, colours, strict=True)):
+    for k, (word, colour) in enumerate(colours.items()):
         left, right = (np.repeat(edges[:, at], 2) for at in (k, k + 1))
         ax.fill_betweenx(ends, left, right, color=colour, lw=0, label=f"{word}: likeliest for {(kind == k).sum():,}")
-    for end in np.cumsum([(kind == k).sum() for k in range(len(kinds) - 1)]):
+    for end in np.cumsum([(kind == k).sum() for k in range(len(colours) - 1)]):
         ax.axhline(end - 0.5, color="white", lw=1.5)
     at = np.flatnonzero(marked[order])
     if len(at):
-        ax.hlines(at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"misfit of H1: {len(at):,}")
+        ax.hlines(at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"{_UNDESCRIBED}: {len(at):,}")
     if known < len(share):
         ax.fill_betweenx([], [], color="white", ec=EQUAL, lw=0.5, label=f"no reliable estimate: {len(share) - known:,}")
     ax.set(ylim=(len(share) - 0.5, -0.5), yticks=[], ylabel=f"{len(share):,} subjects, sorted by their likeliest kind")
@@ -122,7 +123,7 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     keys = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
     value, error, laplace = (np.array([getattr(row, key) for row in rows], np.float64) for key in keys)  # None becomes NaN
     ax.axvline(0.0, color="black", lw=1.0)
-    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: update (H1)")
+    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: the paper's model (H1)")
     if len(rows) > MOST_NAMED:
         _draw_ranked(ax, value, error)
         return ax
@@ -154,7 +155,7 @@ def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
 
 
 def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
-    """Log evidence of H1 (upward) against H0 (to the right), one point a subject, as the paper's figure in Appendix C.
+    """Log evidence of the paper's model (H1, upward) against free frequencies (H0, to the right), as the paper's figure in Appendix C.
 
     Per trial, so that studies and subjects of any length share one scale; above the diagonal one smooth curve does better than free
     frequencies. Subjects without a reliable estimate are counted in the panel.
@@ -162,7 +163,10 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     known = [(row.log_evidence_h0, row.log_evidence_h1, row.n_trials) for row in table.rows if row.log_evidence_h1 is not None]
     points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(-1, 2)
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
-    for favoured, colour, marker, label in ((True, POSTERIOR, "o", "one curve (H1)"), (False, WEAKER_FIRST, "s", "free frequencies (H0)")):
+    for favoured, colour, marker, label in (
+        (True, POSTERIOR, "o", "the paper's model (H1)"),
+        (False, WEAKER_FIRST, "s", "free frequencies (H0)"),
+    ):
         at = (points[:, 1] > points[:, 0]) == favoured
         if at.any():
             ax.plot(*points[at].T, marker, ms=4.5, mfc="none", mew=1.1, color=colour, label=label)

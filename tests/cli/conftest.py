@@ -7,7 +7,11 @@ import pytest
 
 @pytest.fixture(scope="session")
 def marked(analysis):
-    """The analysis of three subjects, of whom one is misfit, and one lacks an evidence."""
+    """The analysis of three subjects: no model describes the first, whose data are in doubt, and the last lacks an evidence."""
     first, second, third = analysis.evidence
-    rows = (replace(first, fit=replace(first.fit, p_overall=0.001)), second, replace(third, log_evidence_symmetric=None))
+    wrong = replace(
+        first.verdict, best_fit=replace(first.verdict.best_fit, p_overall=0.001), p_none_scattered=0.5, data=("block 2 swapped",)
+    )
+    unknown = replace(third.verdict, p_orders=None, varied=(), size_q50=None, p_larger=None)
+    rows = (replace(first, verdict=wrong), second, replace(third, verdict=unknown))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

@@ -7,6 +7,7 @@ import pytest
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
@@ -55,6 +56,18 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
     assert "normalised distance" in common.get_xlabel()
     assert MOST_PANELS < 19
+
+
+def test_the_curve_of_another_model_is_dashed_beside_and_named(small_study, analysis):
+    other = Predictor.of(bt.sample(bt.Study([small_study["A"]]), model="constant bias", draws=200, seed=1, workers=1), "A")
+    figure = bt.plots.curves(analysis.draws, "A", title="", beside=other)
+    words_are_apart(figure)
+    assert figure.get_suptitle() == "dashed: constant bias"
+    dashed = {line.get_color(): line.get_data() for line in figure.axes[0].lines if line.get_linestyle() == "--"}
+    for colour, forward in ((WEAKER_FIRST, True), (STRONGER_FIRST, False)):
+        x, q = dashed[colour]
+        pair = (np.zeros(1), x[-1:]) if forward else (x[-1:], np.zeros(1))
+        assert q[-1] == pytest.approx(other.equal(*pair).mean())
 
 
 def test_equal_pairs_weaker_than_all_others_are_shown_too():

@@ -9,28 +9,36 @@ from legible import require_legible, texts_of
 from matplotlib.colors import to_rgb
 
 import bayes_toe as bt
-from bayes_toe.plots.evidence import _OF_KINDS, evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
+from bayes_toe.plots.evidence import KIND_COLOURS, evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
+
+
+def undescribed(row):
+    return replace(row, verdict=replace(row.verdict, best_fit=replace(row.verdict.best_fit, p_overall=0.001)))
+
+
+def unknown(row):
+    return replace(row, verdict=replace(row.verdict, p_orders=None))
 
 
 def test_evidence_figure_leads_with_the_order_effect_of_every_subject(analysis):
     left, right = bt.plots.evidence_figure(analysis.evidence).axes
     assert [t.get_text() for t in left.get_yticklabels()] == ["A", "B", "C"]
-    for bars, key in zip(left.containers, ("p_none", "p_constant_error", "p_update"), strict=True):
-        assert [bar.get_width() for bar in bars] == pytest.approx([getattr(row, key) for row in analysis.evidence])
+    assert [bars.get_label() for bars in left.containers] == ["none", "constant error", "pull"]
+    for i, bars in enumerate(left.containers):
+        assert [bar.get_width() for bar in bars] == pytest.approx([one.p_orders[i] for one in analysis.verdicts])
+        assert [bar.get_x() for bar in bars] == pytest.approx([sum(one.p_orders[:i]) for one in analysis.verdicts])
     points = right.containers[0].lines[0].get_xdata()
     assert points == pytest.approx([row.log_bayes_factor for row in analysis.evidence])
     said = [text.get_text() for text in left.figure.legends[0].get_texts()]
     assert said.index("importance sampling, 2 s.e.") < said.index("Laplace (both models)")
 
 
-def test_misfits_and_missing_estimates_are_marked(analysis):
+def test_subjects_whom_no_model_describes_are_hatched_and_missing_estimates_said(analysis):
     first, second, third = analysis.evidence
-    bad = replace(second, fit=replace(second.fit, p_overall=0.001))
-    table = bt.EvidenceTable((first, bad, replace(third, log_evidence_symmetric=None)))
-    left = bt.plots.evidence_figure(table).axes[0]
-    [crosses] = left.lines
-    assert list(crosses.get_ydata()) == [1]
+    left = bt.plots.evidence_figure(bt.EvidenceTable((first, undescribed(second), unknown(third)))).axes[0]
+    [hatched] = [bars for bars in left.containers if bars.get_label() == "no model describes the answers"]
+    assert [(bar.get_width(), round(bar.get_y() + bar.get_height() / 2, 9)) for bar in hatched] == [(1.0, 1.0)]
     assert [(text.get_text(), text.get_position()[1]) for text in left.texts] == [("no reliable estimate", 2)]
 
 
@@ -50,10 +58,9 @@ def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
 
 
 def many(table, size):
-    """A table of so many subjects: the rows of another one under other names, the last without an estimate and the one before misfit."""
+    """A table of so many subjects: the rows of another one under other names: the last without an estimate, the one before undescribed."""
     rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(size)]
-    rows[-2] = replace(rows[-2], fit=replace(rows[-2].fit, p_overall=0.001))
-    rows[-1] = replace(rows[-1], log_evidence_h1=None, log_evidence_h1_se=None)
+    rows[-2], rows[-1] = undescribed(rows[-2]), replace(unknown(rows[-1]), log_evidence_h1=None, log_evidence_h1_se=None)
     return bt.EvidenceTable(tuple(rows))
 
 
@@ -67,7 +74,7 @@ def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
     assert sum(values != values) == 1
     assert (values[:-1][1:] <= values[:-1][:-1]).all()
     said = [text.get_text() for text in more.legends[0].get_texts()]
-    assert {"misfit of H1: 1", "no reliable estimate: 1", "importance sampling, above 0 for 499 of 499"} < set(said)
+    assert {"no model describes the answers: 1", "no reliable estimate: 1", "importance sampling, above 0 for 499 of 499"} < set(said)
     assert sum(int(text.rsplit(" ", 1)[1]) for text in said if "likeliest for" in text) == 499
 
 
@@ -77,23 +84,16 @@ def test_stacked_shares_of_many_subjects_lie_in_the_order_of_their_kinds():
     assert order.tolist() == [3, 1, 4, 0, 2]
     assert kind.tolist() == [2, 0, -1, 0, 2]
     ax = panel(None)
-    stacked_shares(ax, share, ("a", "b", "c"), ("red", "green", "blue"), np.array([False, True, False, False, False]))
-    areas = [one for one in ax.collections if str(one.get_label())[0] in "abc"]
+    stacked_shares(ax, share, {"a": "red", "b": "green", "c": "blue"}, np.array([False, True, False, False, False]))
+    areas = [one for one in ax.collections if str(one.get_label())[1] == ":"]
     assert [one.get_label() for one in areas] == ["a: likeliest for 2", "b: likeliest for 0", "c: likeliest for 2"]
-    corners = areas[0].get_paths()[0].vertices
-    assert {(x, y) for x, y in corners.round(6).tolist() if x > 0} >= {
-        (0.9, -0.5),
-        (0.9, 0.5),
-        (0.6, 0.5),
-        (0.6, 1.5),
-        (0.1, 1.5),
-        (0.2, 3.5),
-    }
-    [marks] = [one for one in ax.collections if one.get_label() == "misfit of H1: 1"]
+    corners = {(x, y) for x, y in areas[0].get_paths()[0].vertices.round(6).tolist() if x > 0}
+    assert corners >= {(0.9, -0.5), (0.9, 0.5), (0.6, 0.5), (0.6, 1.5), (0.1, 1.5), (0.2, 3.5)}
+    [marks] = [one for one in ax.collections if one.get_label() == "no model describes the answers: 1"]
     assert marks.get_segments()[0][0, 1] == 1
 
 
 def test_kinds_are_told_apart_in_grey():
-    colours = np.array([to_rgb(colour) for colour in _OF_KINDS])
+    colours = np.array([to_rgb(colour) for colour in KIND_COLOURS.values()])
     lightness = np.sort(colours @ [0.299, 0.587, 0.114])  # as a grey print has it
     assert (np.diff(lightness) > 0.2).all()
