@@ -17,13 +17,16 @@ from reference.calibration_statistics import Reliability
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
+from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
+from bayes_toe.comparison.verdict import EFFECTS
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
+from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
 from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
 from bayes_toe.planning.stopping import STOPPING_COLUMNS
@@ -58,6 +61,9 @@ COMMON = {
     "log_evidence_h1_bootstrap": "Log evidence of H1 by the covariance of bootstrap refits, Appendix C's recipe, nats; empty with intervals.",
     "log_evidence_symmetric": "Log evidence of the model without order effect, nats.",
     "log_evidence_constant_error": "Log evidence of the model with a constant error, nats.",
+    "p_none": "Posterior probability that the order has no effect, the three kinds equally probable beforehand.",
+    "p_constant_error": "The same of a constant error.",
+    "p_update": "The same of a pull, the predictive update.",
     "model": "Name or composition of the model.",
     "parameters": "Number of free parameters of the model.",
     "log_evidence": "Log evidence, nats; empty where withheld.",
@@ -72,7 +78,7 @@ COMMON = {
     "p_worst_pair": "The smallest one of a pair, not corrected for the number of pairs.",
     "note": "What is withheld and why, and what the model ignores.",
     "parts": "Level of every part of the model, `order: update; noise: sloped; ...`; empty for free frequencies.",
-    "part": "Part of the models: order, noise, lapses.",
+    "part": "Part of the models: order, noise, lapses, curve, peak.",
     "level": "Level of the part.",
     "probability": "Posterior probability of the level over all models that have it, levels equally probable beforehand.",
     "log_inclusion_bayes_factor": "Log of posterior odds over prior odds of the level, nats.",
@@ -168,11 +174,27 @@ _PLANNED = {
     "observer": "Name of the simulated observer: the same one in every design.",
 }  # fmt: skip
 
+VERDICT = {
+    "effect": f"The verdict on an order effect: {', '.join(f'`{word}`' for word in EFFECTS if word)}; empty where an evidence is missing.",
+    "kind": "Of which kind: `constant error`, `pull`, either with `probably` before it, or `open`; empty where no effect is said.",
+    "fit": "Whether the best model describes the answers: `described`, `not described`, `cannot be told` (no more pairs than parameters).",
+    "data": "What the data have against them, joined with `; `; empty where nothing was found.",
+    "robust": "`yes` where the prior's scales of the order, halved and doubled, change neither the side of the verdict nor the kind; else `no`.",
+    "p_none": f"{COMMON['p_none'][:-1]}; over {len(SPACE)} models.",
+    "log_bayes_factor_effect": "Log Bayes factor of an effect, both kinds equally probable, against none, nats.",
+    "size_q50": "Posterior median of the size of the effect, in half-widths of the curve; 0 where P(none) is above one half.",
+    "best_model": "The model with the highest evidence.",
+    "predictive_p": "Posterior predictive p-value of its deviance; it does not describe the answers below 0.01.",
+    "deviance_p": "P-value of its deviance; the same below 0.01; empty without degrees of freedom.",
+}
+
 FILES = (
     File("summary.csv", "`run`", "subject and parameter", SUMMARY_COLUMNS),
     File("evidence.csv", "`run`, `evidence`", "subject, in nats; empty where a value does not exist", EVIDENCE_COLUMNS, [SubjectEvidence], {
         "log_bayes_factor_laplace": "`log_evidence_h1_laplace` less `log_evidence_h0_laplace`.",
-        "predictive_p": "Posterior predictive p-value of H1's deviance; below 0.01 a misfit.",
+        **VERDICT,
+        "log_evidence_symmetric": "Log evidence of the paper's model without an order effect, nats.",
+        "log_evidence_constant_error": "Log evidence of the paper's model with a constant error in the place of the pull, nats.",
     }),
     File("compare.csv", "`compare`", "subject and model", COMPARE_COLUMNS),
     File("compare_parts.csv", "`compare`", "subject, part and level; `*` is the study, a new subject of its population", PARTS_COLUMNS),
@@ -249,11 +271,9 @@ FILES = (
             "max_r_hat": "Largest R-hat of a parameter.", "converged": "`yes` or `no`.",
         },
     ),
+    File("methods_order_effect.csv", "`methods`", "subject", ORDER_EFFECT_COLUMNS, [SubjectEvidence], VERDICT),
     File(
-        "methods_order_effect.csv", "`methods`; without an evidence.csv methods_fit.csv, with fewer columns", "subject",
-        ("subject", "n_pairs", "n_trials", "order_effect", "p_none", "p_constant_error", "p_update", "predictive_p", "p_deviance", "fits",
-         "log_bayes_factor", "log_evidence_h1_se", "pareto_k"), [SubjectEvidence], {
-            "order_effect": "In a word, by evidence of at least 1 nat: no order effect, constant error, update, some order effect, undecided.",
+        "methods_fit.csv", "`methods` where there is no evidence.csv", "subject", FIT_TABLE_COLUMNS, (), {
             "predictive_p": "Posterior predictive p-value of the deviance, of the model of the draws.",
             "p_deviance": "p-value of the smallest deviance; empty without degrees of freedom.",
             "fits": "`no` where one of these is below 0.01, empty where they are withheld, or there are no more pairs than parameters.",

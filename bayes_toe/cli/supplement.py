@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
     from bayes_toe.groups.population import Population
 
+#: Columns of methods_order_effect.csv, and of methods_fit.csv.
+ORDER_EFFECT_COLUMNS = (*VERDICT_COLUMNS, "n_pairs", "n_trials", "log_bayes_factor", "log_evidence_h1_se", "pareto_k")
+FIT_TABLE_COLUMNS = ("subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fits")
 _RANGE = {"median": "q50", "q05": "q05", "q95": "q95"}
 _NOTHING = "--"
 #: What letters of a text from outside become.
@@ -142,7 +145,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "size_q50": ("size", "{:.2f}".format),
     "log_bayes_factor_effect": ("ln BF effect:none", "{:.1f}".format),
     "fit": ("fit", str),
-    "data": ("data", str),
+    "data": ("data", lambda value: re.sub(r" \(--[^)]*\)", "", value)),  # options that act on it are no part of a paper
     "robust": ("robust", str),
     "log_bayes_factor": ("ln BF H1:H0", "{:.2f}".format),
 }
@@ -156,7 +159,7 @@ def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
     evidence : pandas.DataFrame
         With the columns of evidence.csv.
     """
-    frame = evidence[[*VERDICT_COLUMNS, "n_pairs", "n_trials", "log_bayes_factor", "log_evidence_h1_se", "pareto_k"]]
+    frame = evidence[[*ORDER_EFFECT_COLUMNS]]
 
     def said(row: dict[Any, Any], name: str) -> str:
         value = row[name]
@@ -182,16 +185,9 @@ def fit_table(draws: Draws) -> SupplementTable:
     p, deviance_p = (stats[name].values if name in stats else nothing for name in ("predictive_p", "deviance_p"))
     wrong = (p < MISFIT) | (deviance_p < MISFIT)
     known = ~np.isnan(p) & (wrong | (stats["degrees_of_freedom"].values > 0 if "degrees_of_freedom" in stats else False))
-    frame = pd.DataFrame(
-        {
-            "subject": draws.names,
-            "n_pairs": [subject.n_pairs for subject in draws.study],
-            "n_trials": [subject.total_trials for subject in draws.study],
-            "predictive_p": p,
-            "p_deviance": deviance_p,
-            "fits": np.where(known, np.where(wrong, "no", "yes"), ""),
-        }
-    )
+    counts = [(subject.n_pairs, subject.total_trials) for subject in draws.study]
+    cells = zip(draws.names, *zip(*counts, strict=True), p, deviance_p, np.where(known, np.where(wrong, "no", "yes"), ""), strict=True)
+    frame = pd.DataFrame(cells, columns=list(FIT_TABLE_COLUMNS))
     p_values = ([_NOTHING if np.isnan(value) else p_value(value) for value in values.tolist()] for values in (p, deviance_p))
     rows = zip(draws.names, map(str, frame["n_trials"]), *p_values, [fits or _NOTHING for fits in frame["fits"]], strict=True)
     caption = f"Fit of the model by subject: no where a predictive p or a p-value of the deviance is below {MISFIT:g}."

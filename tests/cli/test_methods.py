@@ -15,10 +15,13 @@ import bayes_toe as bt
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.supplement import templates
 from bayes_toe.comparison.study_answer import of_new_subject, study_sentence
+from bayes_toe.comparison.verdict import Doubt
 from bayes_toe.comparison.words import compared
 from bayes_toe.inference.draws import Draws
 
 FILES = {"m.md", "m.bib", "m_parameters.csv", "m_parameters.tex", "m_order_effect.csv", "m_order_effect.tex"}
+
+MODELS = ("free frequencies", "symmetric", "constant bias", "free weighting")
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +75,7 @@ def test_the_text_says_what_was_done_and_what_came_out(results, analysis):
     said = [
         "3 subjects gave 1,950 judgements (650 each)",
         "free): 48 models.",
-        "prior mean `mu1 ~ Normal(M, 2.5 R)`; width `w ~ LogNormal(D, 1)`",
+        "prior mean `mu1 ~ Normal(0, 10)`; diffusion of the memory, and width where there is no pull `sigma_p ~ HalfNormal(1)`",
         "constant error `c ~ Normal(0, D/2)`",
         "within 5 nats of a subject's best",
         f"{study_sentence(analysis.verdicts)}.",
@@ -98,13 +101,13 @@ def test_run_writes_what_the_command_does(results, analysis, tmp_path):
     assert joined(tmp_path / "m.md") == document(results)[0]
 
 
-def test_with_the_papers_prior_its_numbers_stand_there(small_study, tmp_path):
-    one = bt.run(
-        replace(small_study.select(["A"]), notes=("3 trials without a response dropped: A 3",)), draws=200, seed=1, prior="paper", workers=1
-    )
+def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(small_study, tmp_path):
+    study = replace(small_study.select(["A"]), notes=("trial rows", "3 trials without a response dropped: A 3"))
+    one = bt.run(study, draws=200, seed=1, workers=1)
     write_text(of_analysis(one, None, figures=False), tmp_path / "m.md")
     text = joined(tmp_path / "m.md")
-    assert "`mu1 ~ Normal(0, 10)`; diffusion of the memory, and width where there is no pull `sigma_p ~ HalfNormal(1)`" in text
+    assert "prior mean `mu1 ~ Normal(M, 2.5 R)`; width `w ~ LogNormal(D, 1)`" in text
+    assert "D the root mean square of the difference over pairs of different stimuli (here M = " in text
     assert "1 subject gave 650 judgements of pairs" in text
     assert "Before the analysis: 3 trials without a response dropped: A 3." in text
     assert "**Order effect.** A " in text
@@ -147,21 +150,23 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     wrong.save(tmp_path / "posterior.nc")
     first, *others = analysis.evidence.rows
     misfit = replace(first.verdict.best_fit, p_overall=0.0)
-    first = replace(first, log_evidence_h1=None, verdict=replace(first.verdict, best_fit=misfit, data=("near chance",)))
+    first = replace(
+        first, log_evidence_h1=None, verdict=replace(first.verdict, best_fit=misfit, data=(Doubt("swapped blocks", "--turn A:2"),))
+    )
     replace(analysis.evidence, rows=(first, *others), failed={"D": "killed"}).save(tmp_path / "evidence.csv")
     text, _ = document(tmp_path)
     said = [
         "effective sample sizes of 12 and more (smallest: A)",
         "did not converge for A (12 effective draws of mu1); numbers of these subjects are not to be relied on",
         "There are no results of D (its process was killed)",
-        "describes the answers of 2 of 3; elsewhere its parameters mean little: A (p = 0.001).",
+        "describes the answers of 2 of 3; elsewhere its parameters mean little: A (p = 0.001",
         "Where no model describes the answers (A (p < 0.001))".replace("<", r"\<"),
         "the data of 1 are in doubt (A)",
         "It was withheld for A.",
     ]
     assert [one for one in said if one not in text] == []
     assert "met these criteria" not in text
-    assert re.search(r"\| A \| 650 \|.*\| not described \| near chance \|", text)
+    assert re.search(r"\| A \| 650 \|.*\| not described \| swapped blocks \|", text)
     assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == ["no", "yes", "yes"]
 
 
@@ -203,7 +208,7 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
 def comparison(small_study, tmp_path_factory):
     """A folder with the tables of a comparison of few models, and the comparison."""
     folder = tmp_path_factory.mktemp("tables")
-    found = bt.compare(small_study, ["free frequencies", "symmetric", "constant bias", "free weighting"], draws=200, seed=1, workers=1)
+    found = bt.compare(small_study, MODELS, draws=200, seed=1, prior="paper", workers=1)
     found.save(folder / "compare.csv")
     return folder, found
 
@@ -254,7 +259,7 @@ def test_a_comparison_of_another_analysis_is_one_line(results, comparison, tmp_p
         ("m.txt", "", "", "m.txt: found the ending '.txt', allowed: .md, .tex"),
         ("m.md", "posterior.nc", None, "found no posterior.nc and no posterior.zarr, allowed: a folder that"),
         ("m.md", "m.bib", None, "m.bib: exists"),
-        ("m.md", "D/2", "D/3", "evidence.csv, column prior: found 'mu1 ~ Normal(M, 2.5 R)"),
+        ("m.md", "D/2", "D/3", "evidence.csv, column prior: found 'mu1 ~ Normal(0, 10)"),
         ("m.md", "(A,.*,13,650,[^,]*,[^,]*),-", r"\1,-1", "evidence.csv: found other answers than the draws have of 'A'"),
         ("m.md", "p_none", "none", "evidence.csv: row 1, column p_none: missing, found"),
     ],
@@ -297,6 +302,6 @@ def test_latex_has_its_tables_in_files(results):
     named = re.findall(r"\\input\{([^}]+)\}", text)
     assert named == ["m_parameters.tex", "m_order_effect.tex"]
     assert all((results / "text" / name).exists() for name in named)
-    assert r"prior mean $\mu_1 \sim$ Normal(M, 2.5 R); width $w \sim$ LogNormal(D, 1)" in text
+    assert r"prior mean $\mu_1 \sim$ Normal(0, 10); " in text
     assert text.count("{") == text.count("}")
     assert not re.search(r"(?<!\\)%(?! Needs)", text)

@@ -12,7 +12,7 @@ from reference.calibration import calibrate
 
 import bayes_toe as bt
 from bayes_toe.classical.covariates import covariate_tests
-from bayes_toe.cli.supplement import order_effect_table, parameter_table
+from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
@@ -50,7 +50,8 @@ def written(analysis, small_study, tmp_path_factory):
         "evidence_calibration.csv": judged.evidence_frame(),
         "evidence_data_sets.csv": judged.data_sets_frame(),
         "methods_parameters.csv": parameter_table(analysis.draws, analysis.summary()).frame,
-        "methods_order_effect.csv": order_effect_table(analysis.draws, analysis.evidence).frame,
+        "methods_order_effect.csv": order_effect_table(analysis.evidence.frame()).frame,
+        "methods_fit.csv": fit_table(analysis.draws).frame,
         "what check prints": [*described(small_study["A"])],
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
         **planned(folder),
