@@ -37,7 +37,7 @@ def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[s
     for row in table:
         said = {
             "not described": row.verdict is not None and row.verdict.fit == "not described",
-            "data": row.verdict is not None and bool(row.verdict.data),
+            "data in doubt": row.verdict is not None and bool(row.verdict.data),
             "not converged": row.subject in not_converged,
             "no verdict": row.verdict is None or row.verdict.p_orders is None,
         }

@@ -20,13 +20,14 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
-from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
+from bayes_toe.comparison.study_answer import APPENDIX_C, doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
+from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.tables import file_stems
 from bayes_toe.experiments.answers_check import check_answers
-from bayes_toe.experiments.checks import Finding, check_study
+from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.coordinates import NATURAL
@@ -136,6 +137,7 @@ def _environment() -> Environment:
         conclusion=conclusion,
         data_uri=lambda picture: f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}",
         deviance=headline.deviance,
+        doubts_of=doubts_of,
         head=_head,
         linked=linked,
         misfit=headline.misfit,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,8 +75,8 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     for (kind, colour), values, end in zip(KIND_COLOURS.items(), share.T, ends.T, strict=True):
         ax.barh(y, values, left=end - values, height=0.62, color=colour, label=kind)
     if undescribed.any():
-        hatched = {"height": 0.62, "fc": "none", "ec": "#1C1C1C", "hatch": "/////", "hatch_linewidth": 0.5, "lw": 0.0}
-        ax.barh(y[undescribed], 1.0, label=_UNDESCRIBED, **hatched)
+        hatched: dict[str, Any] = {"fc": "none", "ec": "#1C1C1C", "hatch": "/////", "hatch_linewidth": 0.5, "lw": 0.0}
+        ax.barh(y[undescribed], 1.0, height=0.62, label=_UNDESCRIBED, **hatched)
     for i in np.flatnonzero(np.isnan(ends[:, -1])).tolist():
         ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
     ax.set_yticks(y, [plain(row.subject, 24) for row in table])

@@ -58,11 +58,11 @@ def test_contents_stay_in_view_and_a_link_unfolds_its_subject(opened):
 
 
 def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marked):
-    known = [row.p_update for row in marked.evidence]
-    head = opened.page.locator("#overview thead tr:last-child th:nth-child(5)")
+    known = [one.p_update for one in marked.verdicts]
+    head = opened.page.locator("#overview thead tr:last-child th:nth-child(6)")
     for order in ("ascending", "descending"):
         head.click()
-        found = [float(one) if one else math.nan for one in values(opened.page, 5)]
+        found = [float(one) if one else math.nan for one in values(opened.page, 6)]
         assert head.get_attribute("aria-sort") == order
         assert found[:2] == sorted([one for one in known if one is not None], reverse=order == "descending")
         assert math.isnan(found[2])
@@ -84,11 +84,19 @@ def test_the_filter_is_of_table_contents_and_subjects(opened):
     assert names(page) == ["A", "B", "C"]
 
 
+def test_the_answer_is_in_sight_first_and_the_table_below_it(browser, path):
+    made = Opened(browser, path, 1200, 700)
+    answer, table, others = (made.page.locator(what).first.bounding_box() for what in (".lead", "#overview", "#read"))
+    assert answer["y"] < table["y"] < table["y"] + table["height"] < 700 < others["y"]
+    made.page.close()
+    assert made.problems == []
+
+
 def test_a_term_leads_to_its_entry(opened):
     page = opened.page
-    page.locator("#read ~ ul a.term", has_text="misfit").click()
-    page.wait_for_selector("#glossary[open] #term-misfit:target")
-    assert "predictive p" in page.locator("#term-misfit").inner_text()
+    page.locator("#read ~ ul a.term", has_text="predictive update").click()
+    page.wait_for_selector("#glossary[open] #term-predictive-update:target")
+    assert "with a pull" in page.locator("#term-predictive-update").inner_text()
 
 
 def test_without_javascript_it_is_whole(browser, path):

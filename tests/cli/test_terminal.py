@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.cli.answers import say_verdicts
 from bayes_toe.cli.describe import say_fits
-from bayes_toe.cli.headline import scale_first
-from bayes_toe.cli.infer import say_draws, say_evidence
+from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, allowed, allowed_in_order, new_console, once, say_lines, say_table
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.comparison.verdict import Doubt
 
 
 def rows_of(text, names):
@@ -22,35 +22,30 @@ def rows_of(text, names):
 
 @pytest.fixture
 def many(analysis):
-    """A hundred subjects, of whom the last is misfit and the one before lacks an evidence."""
-    rows = [replace(analysis.evidence.rows[i % 3], subject=f"S{i}", notes=("the same note",)) for i in range(100)]
-    rows[98] = replace(rows[98], log_evidence_symmetric=None)
-    rows[99] = replace(rows[99], fit=replace(rows[99].fit, p_overall=0.001))
-    return bt.EvidenceTable(tuple(rows))
+    """Verdicts of a hundred subjects: no model describes the last, and the one before has doubtful data."""
+    said = [replace(analysis.verdicts[i % 3], subject=f"S{i}", notes=("the same note",)) for i in range(100)]
+    said[98] = replace(said[98], data=(Doubt("near chance", "--leave-out S98"),))
+    said[99] = replace(said[99], best_fit=replace(said[99].best_fit, p_overall=0.001))
+    return said
 
 
 def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(many, capsys):
-    say_evidence(new_console(False), many, "evidence.csv")
+    say_verdicts(new_console(False), many, 1, "evidence.csv")
     said = capsys.readouterr().out
-    shown = rows_of(said, {row.subject for row in many})
-    assert shown == 2 * ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]  # both tables
-    assert said.count("... and 50 more in evidence.csv") == 2
-    assert "misfit S99: predictive p" in said
+    shown = rows_of(said, {one.subject for one in many})
+    assert shown == ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]
+    assert said.startswith("answer: ")
+    assert said.count("... and 50 more in evidence.csv") == 1
+    assert "data S98: near chance, which --leave-out S98 acts on" in said
+    assert "look S99: no model describes the answers: " in said
     assert f"S{MOST_NAMES - 1}, ... and 80 more: the same note" in said
 
 
-def test_a_wrong_unit_comes_before_compare(many, capsys):
-    study = bt.Study([bt.Subject("A", [0.0, 1e-6], [1e-6, 0.0], [3, 4], [5, 5])])
-    assert scale_first(study, prior_for(study)) == ""
-    say_evidence(new_console(False), many, first=scale_first(study, bt.Prior()))
-    assert "first mend the unit of the stimuli, or use the default prior: " in capsys.readouterr().out.split("next: bayes-toe compare")[0]
-
-
 def test_up_to_so_many_rows_all_are_there_in_their_order(many, capsys):
-    few = bt.EvidenceTable((many.rows[99], *many.rows[: MOST_ROWS - 1]))
-    say_evidence(new_console(False), few)
+    few = [many[99], *many[: MOST_ROWS - 1]]
+    say_verdicts(new_console(False), few, 1)
     said = capsys.readouterr().out
-    assert rows_of(said, {row.subject for row in few}) == 2 * [row.subject for row in few]
+    assert rows_of(said, {one.subject for one in few}) == [one.subject for one in few]
     assert "more in" not in said
 
 
