@@ -14,7 +14,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayes_toe.cli.headline import p_value
+from bayes_toe.cli.headline import p_value, told
 from bayes_toe.cli.terminal import allowed_quantiles
 from bayes_toe.comparison.verdict import VERDICT_COLUMNS
 from bayes_toe.comparison.words import compared
@@ -139,7 +139,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "n_trials": ("trials", "{:.0f}".format),
     "effect": ("order effect", str),
     "kind": ("kind", str),
-    "p_none": ("P(none)", _probability),
+    "p_none": ("P(none)", lambda p: told(p) if 0.005 <= p <= 0.995 else _probability(p)),
     "p_constant_error": ("P(constant error)", _probability),
     "p_update": ("P(pull)", _probability),
     "size_q50": ("size", "{:.2f}".format),
