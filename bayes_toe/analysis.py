@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
@@ -131,7 +132,11 @@ def run(
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    best = tuple(one.best for one in small if one.best is not None)
+    best = tuple(
+        Predictor(model_named(one.evidence.verdict.best_model).posterior(study[one.evidence.subject], settings.prior), one.best)
+        for one in small
+        if one.best is not None and one.evidence.verdict is not None
+    )
     summary = tuple(row for one in small for row in one.summary)
     return Analysis(study, made, _table(small, settings, failed), settings, fits, best, summary)
 
@@ -270,12 +275,15 @@ def _against_frequencies(subject: Subject, settings: Settings) -> SubjectEvidenc
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: the row of the evidence table; draws and, but for intervals, which it does not know, the fit, where asked for."""
+    """One subject: the row of the evidence table; draws and, but for intervals, which it does not know, the fit, where asked for.
+
+    `best`, shape (draws, k), are some of the best model's, where that is not the paper's.
+    """
 
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
-    best: Predictor | None
+    best: FloatArray | None
     summary: tuple[SummaryRow, ...] = ()
 
 
@@ -315,7 +323,7 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     )
     best = None
     if wanted.chains is not None and said.best_model not in ("", PREDICTIVE_UPDATE.name):
-        best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown"))
+        best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
     return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best)
 
 
