@@ -132,8 +132,9 @@ def run(
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
+    by_name = {model.name: model for model in SPACE}
     best = tuple(
-        Predictor(model_named(one.evidence.verdict.best_model).posterior(study[one.evidence.subject], settings.prior), one.best)
+        Predictor(by_name[one.evidence.verdict.best_model].posterior(study[one.evidence.subject], settings.prior), one.best)
         for one in small
         if one.best is not None and one.evidence.verdict is not None
     )

@@ -63,6 +63,7 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
 
     Examples
     --------
+    >>> from bayes_toe.comparison.verdict import Doubt
     >>> has = Verdict("A", (0.0, 0.02, 0.98), (), 9.0, 0.5, 1.0, "update", None)
     >>> none = Verdict("B", (0.9, 0.05, 0.05), (), -2.9, 0.0, 0.0, "none", None, data=(Doubt("near chance"),))
     >>> study_sentence([has, none])
