@@ -104,9 +104,8 @@ def _kinds(some: Sequence[Verdict | SavedVerdict]) -> str:
     found = Counter(one.kind for one in some if one.kind)
     words = {kind: f"a {kind}" if kind in KINDS.values() else f"probably a {kind[9:]}" for kind in found}
     words |= {"open": "of an open kind"}
-    shown = [
-        f"{found[kind]} {words[kind]}" if len(some) > 1 else words[kind] for kind in sorted(found, key=lambda k: (k == "open", k[-4:], k))
-    ]
+    order = sorted(found, key=lambda kind: (kind == "open", kind.removeprefix("probably "), kind.startswith("probably")))
+    shown = [f"{found[kind]} {words[kind]}" if len(some) > 1 else words[kind] for kind in order]
     return f" ({', '.join(shown)})" if shown else ""
 
 
