@@ -18,7 +18,6 @@ from reference.calibration import (
     DRAWS,
     FALSE_ALARM,
     CalibrationTable,
-    EvidenceRow,
     calibrate,
     calibration_settings,
 )
@@ -62,7 +61,7 @@ def write_calibration(table: CalibrationTable, folder: str | Path, *, overwrite:
 def _text(table: CalibrationTable) -> str:
     """calibration.md: verdict, tables, figures, how it was made."""
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True)
-    environment.filters.update(number=number, wrong=_wrong)
+    environment.filters.update(number=number)
     return environment.get_template("calibration.md").render(
         table=table,
         plan=table.outcome.plan,
@@ -77,19 +76,6 @@ def _text(table: CalibrationTable) -> str:
         python=platform.python_version(),
         versions=", ".join(map(" ".join, library_versions().items())),
     )
-
-
-def _wrong(row: EvidenceRow) -> str:
-    """What an estimator other than the default gets wrong in one design, in words."""
-    about = f"{row.estimator}, {row.design} design: "
-    missing = row.missing_h1 + row.missing_h0
-    if row.judged is None or row.median_shift is None or row.largest_shift is None:
-        return f"{about}no number for any of {row.data_sets} data sets."
-    found = f"no number for {missing} of {row.data_sets} data sets; " if missing else ""
-    toward = "toward H1" if row.median_shift > 0 else "toward H0"
-    off = f"the log Bayes factor is off by a median of {row.median_shift:+.2f} nats ({toward}), at most {row.largest_shift:+.1f}"
-    error = "" if row.calibrated else f"; probabilities are not calibrated (ECE {row.judged.error:.3f}, floor {row.judged.floor:.3f})"
-    return f"{about}{found}{off}{error}."
 
 
 def verdict_lines(table: CalibrationTable) -> list[str]:

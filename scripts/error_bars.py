@@ -128,6 +128,7 @@ def page(table: pd.DataFrame) -> str:
         *far_off(table),
         "",
         "`python scripts/error_bars.py -o docs --overwrite` makes this page again. The references are in `tests/reference`.",
+        "In full: [error_bars.csv](error_bars.csv).",
         f"bayes_toe {bt.__version__}, Python {platform.python_version()}, numpy {np.__version__}.",
         "",
         "| case | withheld | mean z | sd of z | largest z | median s.e. (nat) | largest s.e. | largest k-hat |",

@@ -1,5 +1,6 @@
-"""What README and docs say that one can do: commands and options are there, names too, and README's programs run as they stand."""
+"""What README and docs say: commands, options, names and files that they name are there, and README's programs run as they stand."""
 
+import json
 import re
 import shlex
 from contextlib import chdir
@@ -16,6 +17,9 @@ from bayes_toe.cli.app import app
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 TEXTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
+OTHERS = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "tests" / "reference" / "README.md"]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
 
 @cache
@@ -47,6 +51,34 @@ def test_commands_and_options_are_there(path):
 def test_public_names_are_there(path):
     for face, name in re.findall(r"\bbt\.(plots\.|model\.)?(\w+)", path.read_text(encoding="utf-8")):
         assert hasattr(getattr(bt, face[:-1]) if face else bt, name), face + name
+
+
+def words(path):
+    """The text of a document; of a notebook that of its cells in words."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".ipynb":
+        return text
+    return "\n\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown")
+
+
+@pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
+def test_files_are_there(path):
+    """Links, modules and places in the checkout; what a paragraph says of an earlier commit is that commit's."""
+    files = [one.relative_to(ROOT).as_posix() for folder in OURS for one in (ROOT / folder).rglob("*.*")]
+    text = words(path)
+    links = [link for link in re.findall(r"\]\(([^)#\s]+)", text) if not re.match("[a-z]+:", link)]
+    assert [link for link in links if not (path.parent / link).exists()] == []
+    for paragraph in re.split(r"\n\s*\n", text):
+        if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
+            named = re.findall(rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)", paragraph)
+            gone = [name for name in named if not (ROOT / name).exists() and not any(f"/{one}".endswith(f"/{name}") for one in files)]
+            assert gone == [], paragraph
+
+
+def test_tables_and_pictures_of_the_docs_are_used():
+    text = "".join(words(path) for path in [*TEXTS, *OTHERS, *NOTEBOOKS])
+    kept = {one.name for ending in ("csv", "png") for one in (ROOT / "docs").glob(f"*.{ending}")}
+    assert [name for name in sorted(kept) if name not in text] == []
 
 
 def test_readme_is_short():
