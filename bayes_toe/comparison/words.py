@@ -1,4 +1,4 @@
-"""One scale of words for evidence, wherever the program uses words, and what it calls the order effect of a subject."""
+"""One scale of words for evidence, wherever the program uses words."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 #: Nats of a log Bayes factor from which its evidence has this name. Source: Kass and Raftery 1995, who state twice as much, 2 log B.
 SCALE = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
-POSITIVE, STRONG = 1.0, 3.0
+STRONG = 3.0
 #: The scale as it is stated where it is used.
 STATED = (
     "Evidence is called weak below 1 nat (P = 0.73 at equal prior odds), positive below 3 (0.95), strong below 5 (0.993), very strong "
@@ -37,52 +37,6 @@ def conclusion(log_bayes_factor: float | None, sides: tuple[str, str] = ("H1", "
     ('strong for H1', 'weak for H0', 'no estimate')
     """
     return "no estimate" if log_bayes_factor is None else f"{grade(log_bayes_factor)} for {sides[log_bayes_factor <= 0]}"
-
-
-def order_effect(log_evidence: Sequence[float] | None) -> str:
-    """Which order effect a subject has, in a word of :data:`KINDS`, 'some order effect', 'undecided' or 'no estimate'.
-
-    A kind is named where its evidence is positive against each other one; 'some order effect' is said where both kinds of it
-    have positive evidence against none, but not against each other.
-
-    Parameters
-    ----------
-    log_evidence : sequence of 3 floats, optional
-        Of the models without order effect, with a constant error, with the update, nats.
-
-    Examples
-    --------
-    >>> [order_effect(found) for found in ((0.0, -3.0, -2.0), (-9.0, -3.0, -2.5), (0.0, -0.5, -2.0), None)]
-    ['no order effect', 'some order effect', 'undecided', 'no estimate']
-    """
-    if log_evidence is None:
-        return "no estimate"
-    order = sorted(range(len(KINDS)), key=lambda kind: -log_evidence[kind])
-    ahead = [log_evidence[order[0]] - log_evidence[kind] for kind in order[1:]]
-    if ahead[0] >= POSITIVE:
-        return KINDS[order[0]]
-    none_is_last = order[-1] == 0 and log_evidence[order[1]] - log_evidence[0] >= POSITIVE
-    return "some order effect" if none_is_last else "undecided"
-
-
-def order_effect_and_probability(log_evidence: Sequence[float] | None) -> str:
-    """The same with its probability; where it is undecided, with the likeliest kind and that one's.
-
-    Examples
-    --------
-    >>> for found in ((0.0, 4.0, 1.0), (-9.0, -3.0, -2.5), (0.0, -0.5, -2.0)):
-    ...     order_effect_and_probability(found)
-    'constant error (P = 0.94)'
-    'some order effect (P > 0.99)'
-    'undecided, likeliest no order effect (P = 0.57)'
-    """
-    word = order_effect(log_evidence)
-    if log_evidence is None:
-        return word
-    p = probabilities(log_evidence)
-    best = max(range(len(p)), key=p.__getitem__)
-    value = 1.0 - p[0] if word == "some order effect" else p[best]
-    return f"{f'undecided, likeliest {KINDS[best]}' if word == 'undecided' else word} (P {compared(value)})"
 
 
 def compared(p: float) -> str:

@@ -62,10 +62,10 @@ def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
         raise InputError(f"{source}: found other subjects than the draws have, {whom}, allowed: one study")
 
 
-def require_said_prior(source: str, said: str, wanted: str, but: str = "") -> None:
+def require_said_prior(source: str, said: str, wanted: str) -> None:
     """Refuse a table that says another prior, in words, than that of the draws."""
     if said != wanted:
-        raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws{but}, {wanted}")
+        raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws, {wanted}")
 
 
 def _same_prior(draws: Draws, prior: Prior) -> bool:

@@ -1,4 +1,4 @@
-"""The scale of words against the probabilities that it is stated with, and the words for an order effect."""
+"""The scale of words against the probabilities that it is stated with."""
 
 import math
 
@@ -13,24 +13,6 @@ def test_the_scale_is_stated_with_its_own_probabilities():
     for least, shown in ((1.0, "0.73"), (3.0, "0.95"), (5.0, "0.993")):
         assert f"{1 / (1 + math.exp(-least)):.3f}".startswith(shown)
         assert shown in words.STATED
-
-
-@pytest.mark.parametrize(
-    ("found", "word"),
-    [
-        ((0.0, -0.9, -5.0), "undecided"),
-        ((0.0, -1.0, -5.0), "no order effect"),
-        ((-4.0, 0.0, -1.5), "constant error"),
-        ((-4.0, -6.0, 0.0), "update"),
-        ((-1.5, 0.0, -0.2), "some order effect"),
-        ((-1.1, 0.0, -0.2), "undecided"),  # 0.9 nats from the second kind to none
-        ((-0.5, 0.0, -3.0), "undecided"),
-        (None, "no estimate"),
-    ],
-)
-def test_words_for_an_order_effect(found, word):
-    assert words.order_effect(found) == word
-    assert word in words.order_effect_and_probability(found)
 
 
 def test_probabilities_of_evidences_beyond_the_range_of_floats():
