@@ -44,10 +44,11 @@ class SavedVerdict:
 
     @classmethod
     def of(cls, row: Mapping[Any, Any]) -> SavedVerdict:
-        """By the row's cells; texts that are not there are empty."""
+        """By the row's cells, where texts that are not there are empty; of the data what was found, without the option that acts on it."""
         p = tuple(float(row[name]) for name in ("p_none", "p_constant_error", "p_update"))
         words = {name: str(row[name]) for name in ("subject", "effect", "kind", "fit", "robust")}
-        return cls(**words, data=tuple(filter(None, str(row["data"]).split("; "))), p_orders=None if p[0] != p[0] else p)
+        data = tuple(one.partition(" (--")[0] for one in str(row["data"]).split("; ") if one)
+        return cls(**words, data=data, p_orders=None if p[0] != p[0] else p)
 
     def describe(self) -> str:
         """The verdict in words, without the subject's name."""
