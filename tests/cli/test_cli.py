@@ -62,7 +62,7 @@ def refused(*words, cwd):
 def test_run_writes_everything(results):
     out, printed = results
     assert {p.name for p in out.iterdir() if not p.name.startswith(".")} == {
-        "posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html"
+        "posterior.nc", "summary.csv", "evidence.csv", "corner", "report.html", "methods.md", "methods.bib"
     }  # fmt: skip
     assert {p.name for p in (out / "corner").iterdir()} == {"A.png", "B.png"}
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in (out / "corner").iterdir())
