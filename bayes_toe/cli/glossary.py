@@ -58,7 +58,7 @@ TERMS = {
     **{name: f"{symbol(name)}: {meaning(name)}" for name in _QUANTITIES},
 }
 #: Other words for the same.
-_ALSO = {"update": "predictive update", "ESS": "effective sample size", "k-hat": "Pareto k-hat"}
+_ALSO = {"P(constant)": "P(constant error)", "update": "predictive update", "ESS": "effective sample size", "k-hat": "Pareto k-hat"}
 _WORDS = "|".join(map(re.escape, sorted([*TERMS, *_ALSO], key=len, reverse=True)))
 _TERM = re.compile(rf"(?<![\w-])({_WORDS})(s?)(?![\w(-])", re.IGNORECASE)
 _ENTRY = {word.lower(): _ALSO.get(word, word) for word in (*TERMS, *_ALSO)}

@@ -20,7 +20,7 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import TERMS, anchor, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
-from bayes_toe.comparison.study_answer import APPENDIX_C, doubts_of, of_new_subject, study_sentence, way_on
+from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import visible
@@ -98,7 +98,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     """
     names, paged, there = analysis.study.names, len(analysis.study) > MOST_IN_ONE, {path.name for path in folder.iterdir()}
     stems = file_stems(names) if paged else {}
-    findings, templates = check_study(analysis.study, analysis.settings.prior), _environment()
+    findings, about_answers = check_study(analysis.study, analysis.settings.prior), check_answers(analysis.study, analysis.settings.prior)
     context = _context(analysis, facts) | {
         "links": {name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}" for i, name in enumerate(names)},
         "paged": paged,
@@ -111,8 +111,9 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "there": there,
         "posterior": next((name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"),
         "findings": [one.message for one in findings if one.subject == ""],
+        "before_pooling": about_answers,
     }
-    subjects = _subjects(analysis, facts, findings)
+    subjects, templates = _subjects(analysis, facts, [*findings, *about_answers]), _environment()
     if paged:
         (folder / "subjects").mkdir()
         for subject in subjects:
@@ -137,7 +138,6 @@ def _environment() -> Environment:
         conclusion=conclusion,
         data_uri=lambda picture: f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}",
         deviance=headline.deviance,
-        doubts_of=doubts_of,
         head=_head,
         linked=linked,
         misfit=headline.misfit,
@@ -182,7 +182,6 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
             "flagged": headline.FLAGGED,
             "appendix_c": APPENDIX_C,
         },
-        "before_pooling": check_answers(study, prior),
         "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,

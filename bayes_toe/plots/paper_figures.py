@@ -292,6 +292,6 @@ _CAPTIONS = {
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "
     "medians of gamma of all subjects.",
-    "appendix_c_evidence": "Left: log evidence per trial of the predictive update (H1) against free frequencies (H0). Right: log Bayes "
+    "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against free frequencies (H0). Right: log Bayes "
     "factors by importance sampling with twice their standard error, and by Laplace's approximation.",
 }
