@@ -72,31 +72,30 @@ def test_run_writes_everything(results):
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     assert "seed 1" in printed
     assert "grouped rows, comma-separated" in printed
-    said = "in short: 2 of 2 subjects have an order effect (counted where evidence is at least positive: P above 0.73 against each rival)"
-    assert printed.splitlines()[-1] == f"{said}; H1 describes the answers of all"
+    assert "answer: 2 of 2 subjects have an order effect" in printed
     assert not re.search(r"\d+%", printed)  # no progress bar where nobody looks
 
 
 def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
-    sections = ("read", "evidence", "order", "appendix-c", "subject-1", "subject-2", "prior", "method", "files")
+    sections = ("answer", "overview", "read", "subject-1", "subject-2", "order", "appendix-c", "prior", "method", "files")
     order = [text.index(f'id="{place}"') for place in sections]
     assert order == sorted(order)
     assert 'class="misfit"' not in text
     joined = " ".join(text.split())
-    assert "H1 describes the answers of every subject" in joined
-    assert "largest asymmetry is positive for" in joined
-    assert "this asks whether the answers follow one smooth curve, not whether there is an " in text
+    assert "<strong>Answer:</strong> 2 of 2 subjects have an order effect" in joined
+    assert "asymmetry of 2 subjects: " in joined
+    assert "this asks whether answers follow one smooth curve, not whether there is an " in text
     assert not re.search(r"""src=["'](?!data:)""", text)
     beside = set(re.findall(r'href="(?!data:|#)([^"]*)"', text))
-    assert beside == {"summary.csv", "evidence.csv", "corner", "corner/A.png", "corner/B.png", "posterior.nc"}
+    assert beside == {"summary.csv", "evidence.csv", "corner", "corner/A.png", "corner/B.png", "posterior.nc", "methods.md"}
     assert all((results[0] / name).exists() for name in beside)
     assert text.count("data:image/png;base64,") == 5 + 2 * 2
     assert "bayes-toe explore posterior.nc -o explorer.html" in text
     assert text.count("</a>, worst pair</th>") == 2
     assert re.search(r"effective draws asked for</th><td>1000<", text)
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
-    for absent in ("synthetic data", "Before pooling"):
+    for absent in ("synthetic data", "The data before pooling"):
         assert absent not in text
 
 
@@ -108,16 +107,16 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
     study = bt.Study([bt.Subject("bent", subject.s1, subject.s2, equal, subject.n_trials), small_study["B"]])
     grouped_csv(folder / "bent.csv", study)
     said = good("run", "bent.csv", "-o", "bent", "--draws", 300, "--pictures", "none", *ONE, cwd=folder)
-    assert "H1 does not describe the answers of 1 of 2 subjects" in said
-    [line] = [line for line in said.splitlines() if line.startswith("misfit ")]
-    assert line.startswith("misfit bent: predictive p < 0.001, deviance ")
+    assert "no model describes the answers of 1 (bent)" in said
+    [line] = [line for line in said.splitlines() if line.startswith("look ")]
+    assert line.startswith("look bent: no model describes the answers: ")
     assert "called equal" in line
-    places = [said.index(words) for words in ("order effect: ", "misfit bent", "next: bayes-toe compare", "Appendix C: one smooth curve")]
+    places = [said.index(words) for words in ("answer: ", "order effect of every subject", "look bent", "next: ")]
     assert places == sorted(places)
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
-    assert text.count('<div class="misfit">') == 2
-    assert text.count('<span class="badge wrong">misfit</span>') == 2  # in the table, and at the subject
-    assert "Next: bayes-toe compare" in text
+    assert text.count('<div class="misfit">No model describes the answers: ') == 1
+    assert text.count('<span class="badge wrong">not described</span>') == 1
+    assert text.count(' wrong">not described</td>') == 1
 
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path):
@@ -340,7 +339,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path):
     assert "note Columns ignored: [b]Run, ISI, rt." in unread
     good("run", "s.csv", "-o", "out", "--draws", 500, "--columns", "block=[b]Run", "--pictures", "none", *ONE, cwd=tmp_path)
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    section = report[report.index('<h2 id="pooling">') : report.index('id="subject-1"')]
+    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="prior">')]
     assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
 
 
