@@ -75,6 +75,13 @@ def test_files_are_there(path):
             assert gone == [], paragraph
 
 
+@pytest.mark.parametrize("path", [*TEXTS, *OTHERS], ids=lambda path: path.name)
+def test_headings_that_links_lead_to_are_there(path):
+    for file, heading in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
+        known = re.findall("^#+ (.+)$", (path.parent / file if file else path).read_text(encoding="utf-8"), flags=re.MULTILINE)
+        assert heading in [re.sub(r"[^\w -]", "", one.lower()).replace(" ", "-") for one in known], file
+
+
 def test_tables_and_pictures_of_the_docs_are_used():
     text = "".join(words(path) for path in [*TEXTS, *OTHERS, *NOTEBOOKS])
     kept = {one.name for ending in ("csv", "png") for one in (ROOT / "docs").glob(f"*.{ending}")}
