@@ -1,6 +1,6 @@
 """The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
 
-All take the same options: seed, prior, draws, workers, engine, progress, keep.
+All take the same options: seed, prior, draws, workers, progress, keep.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SPACE, SYMM
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Cluster, Progress, Workers, run_in_order
+from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,7 +97,6 @@ def run(
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
-    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Analysis:
@@ -111,12 +110,10 @@ def run(
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
-        Or a preset, "default" or "paper", see :mod:`bayes_toe.model.prior`.
+        Or a preset, "default" or "paper", or a TOML file, see :mod:`bayes_toe.model.prior`.
     workers : int or distributed.Client, optional
         Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
         it.
-    engine : distributed.Client, optional
-        The same client under another name.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     keep : path, optional
@@ -128,7 +125,7 @@ def run(
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
-        study, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
+        study, done, failed = _survivors(study, jobs, workers, progress, kept)
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
@@ -150,7 +147,6 @@ def sample(
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
-    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Draws:
@@ -163,7 +159,7 @@ def sample(
         A name of :data:`bayes_toe.model.ladder.NAMES`; the predictive update (H1) by default.
     draws : int
         Bulk and tail effective draws to reach for every judged quantity of every subject.
-    seed, prior, workers, engine, progress, keep
+    seed, prior, workers, progress, keep
         As in :func:`run`.
 
     Raises
@@ -184,8 +180,7 @@ def sample(
     >>> found.model, found.parameters
     ('constant bias', ('q0', 'width', 'offset'))
     """
-    shared = workers if engine is None else engine
-    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=shared, progress=progress, keep=keep)
+    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress, keep=keep)
     for name, reason in made.failed.items():
         warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
     for name, shortfall in made.not_converged.items():
@@ -223,7 +218,6 @@ def evidence(
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
-    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> EvidenceTable:
@@ -234,7 +228,7 @@ def evidence(
     study : Study
     draws : int
         Independent draws behind the evidence of H1; its standard error goes as one over their root.
-    seed, prior, workers, engine, progress, keep
+    seed, prior, workers, progress, keep
         As in :func:`run`.
 
     Examples
@@ -247,7 +241,7 @@ def evidence(
     with keeping(keep) as kept:
         settings, wanted = _settings(study, draws, kept.seed(seed), prior), Wanted(evidence_draws=draws)
         jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
-        _, done, failed = _survivors(study, jobs, workers if engine is None else engine, progress, kept)
+        _, done, failed = _survivors(study, jobs, workers, progress, kept)
         return _table(done, settings, failed)
 
 

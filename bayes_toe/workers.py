@@ -23,8 +23,6 @@ from bayes_toe.errors import InputError, WorkerError
 if TYPE_CHECKING:
     from distributed import Client
 
-#: A client of a Dask cluster.
-Cluster: TypeAlias = "Client"
 #: Processes of this machine, None: one per processor; or a client of a Dask cluster, whose workers do the work.
 Workers: TypeAlias = "int | Client | None"
 #: Told the name of what is done.

@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--simulate", action="store_true")
     asked = parser.parse_args()
     pairs = [(a, b) for a in LEVELS for b in LEVELS]
-    session = bt.Adaptive.resume(asked.file) if asked.file.exists() else bt.Adaptive(pairs, MODELS, seed=1)
+    session = bt.planning.Adaptive.resume(asked.file) if asked.file.exists() else bt.planning.Adaptive(pairs, MODELS, seed=1)
     rng, waits = np.random.default_rng(session.trials), []
     while session.trials < asked.trials:
         begun = time.perf_counter()

@@ -83,7 +83,7 @@ def measure(seeds: int, names: list[str] | None, workers: int | None) -> pd.Data
 
 def z_scores(case: Case) -> dict[str, object]:
     """The row of one case."""
-    posterior = bt.posterior_of(case.subject, bt.Prior())
+    posterior = bt.model.posterior_of(case.subject, bt.Prior())
     maxima = find_maxima(posterior)
     fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(case.seeds)]
     given = [(one.value, one.se) for one in map(importance_evidence, fitted) if one.value is not None]

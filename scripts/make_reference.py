@@ -49,7 +49,7 @@ def fingerprint(subject: bt.Subject) -> str:
 
 def case(subject: bt.Subject) -> dict[str, object]:
     """One subject's reference as plain numbers."""
-    found = integrate(bt.posterior_of(subject, bt.Prior()))
+    found = integrate(bt.model.posterior_of(subject, bt.Prior()))
     arrays = ("means", "means_error", "sds", "sds_error", "quantiles", "quantiles_error")
     return {
         "counts": fingerprint(subject),

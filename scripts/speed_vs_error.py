@@ -283,7 +283,7 @@ def raced(name: str, runs: int, shrink: int, seed: int) -> list[dict[str, object
     stored = json.loads(REFERENCE.read_text(encoding="utf-8"))
     if name not in stored["cases"]:
         raise InputError(f"--subjects: no reference of {name!r}; there are: {', '.join(stored['cases'])}")
-    posterior, rows = bt.posterior_of(bt.example_study()[name], bt.Prior()), []
+    posterior, rows = bt.model.posterior_of(bt.example_study()[name], bt.Prior()), []
     own(posterior)(100, seed)  # what is imported on the way is not timed
     for method, (prepare, effort, unit, library) in METHODS.items():
         if find_spec(library) is None:

@@ -17,6 +17,7 @@ from bayes_toe.experiments.checks import check_subject, describe
 from bayes_toe.experiments.simulate import Design, at_intervals, design_from, reference_design, simulate_trials, trial_frame
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.prediction import predict_gain
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, gain_at
@@ -98,7 +99,7 @@ def test_check_says_what_intervals_change():
     codes = [found.code for found in check_subject(bt.Subject("a", [0.0] * 4, [0.0, 0.1, 0.0, 0.1], [9] * 4, [9] * 4, isi=[1, 1, 2, 2]))]
     assert "one_first_stimulus" not in codes  # widths and offsets at two intervals tell the pull apart
     lone = bt.Study([bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[500.0, 500.0])])
-    codes = [found.code for found in bt.check_study(lone)]
+    codes = [found.code for found in bt.check(lone)]
     assert {"one_interval", "long_intervals", "one_first_stimulus"} & set(codes) == {"one_interval", "long_intervals"}
     row = describe(lone).to_dict("records")[0]
     assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
@@ -143,7 +144,7 @@ def test_simulated_frequencies_are_those_of_the_model():
 
 
 def fitted(subject, prior=None):
-    return fit_proposal(bt.posterior_of(subject, prior), np.random.default_rng(5))
+    return fit_proposal(bt.model.posterior_of(subject, prior), np.random.default_rng(5))
 
 
 def spread(subject, name="gamma"):
@@ -272,7 +273,7 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
 
 def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     isi = np.array([0.1, 0.5, 2.0, 8.0])
-    table = bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, isi)
+    table = bt.predict(analysis.draws, "S01", 0.0, 0.3, isi)
     truth = Natural(*(v[0] for v in OBSERVERS))
     q = equal_probability_at(0.0, 0.3, isi, truth)
     wide = 4.5 * (table["q95"] - table["q05"]) / 3.29
@@ -281,19 +282,19 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     draws = analysis.draws.natural("S01")
     again = [np.quantile(equal_probability_at(0.0, 0.3, t, draws), [0.05, 0.5, 0.95]) for t in isi]
     assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
-    gains = bt.predict_gain(analysis.draws, "S01", isi)
+    gains = predict_gain(analysis.draws, "S01", isi)
     assert gains["isi"].tolist() == isi.tolist()
     assert (np.abs(gains["q50"] - gain_at(truth, isi)) < 4.5 * (gains["q95"] - gains["q05"]) / 3.29).all()
 
 
 def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, study):
     plain = bt.sample(study.at_isi(1.0).select(["S01"]), draws=200, seed=1, workers=1)
-    assert bt.predict_equal(plain, "S01", [0.0, 0.3], 0.3).columns.tolist()[:3] == ["s1", "s2", "mean"]
+    assert bt.predict(plain, "S01", [0.0, 0.3], 0.3).columns.tolist()[:3] == ["s1", "s2", "mean"]
     for refused, said in (
-        (lambda: bt.predict_equal(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),
-        (lambda: bt.predict_equal(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
-        (lambda: bt.predict_equal(plain, "S01", 0.0, 0.3, 1.0), "made without intervals"),
-        (lambda: bt.predict_gain(plain, "S01", 1.0), "made without intervals"),
+        (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),
+        (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
+        (lambda: bt.predict(plain, "S01", 0.0, 0.3, 1.0), "made without intervals"),
+        (lambda: predict_gain(plain, "S01", 1.0), "made without intervals"),
     ):
         with pytest.raises(InputError, match=said):
             refused()
@@ -305,7 +306,7 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
     assert inside("predict", "posterior.nc", "pairs.csv", "-o", "p.csv", cwd=tmp_path).returncode == 0
     table = pd.read_csv(tmp_path / "p.csv")
     assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
-    expected_rows = bt.predict_equal(analysis.draws, "S02", [0.0, 0.3], [0.3, 0.0], [0.5, 8.0])
+    expected_rows = bt.predict(analysis.draws, "S02", [0.0, 0.3], [0.3, 0.0], [0.5, 8.0])
     assert table.iloc[2:, 1:].to_numpy() == pytest.approx(expected_rows.to_numpy(), rel=1e-12)
     (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
     refused = inside("predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path)

@@ -55,7 +55,18 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
     ids=["path", "subject", "list", "number"],
 )
 def test_every_verb_says_what_a_study_is(given, said):
-    verbs = (bt.run, bt.sample, bt.evidence, bt.compare, bt.sensitivity, bt.fit, bt.asymmetry, bt.population, bt.average, bt.prior_for)
-    for verb in (*verbs, bt.prior_predictive, bt.check_study, bt.check_answers):
+    verbs = (
+        bt.run,
+        bt.sample,
+        bt.evidence,
+        bt.compare,
+        bt.sensitivity,
+        bt.fit,
+        bt.asymmetry,
+        bt.population,
+        bt.average_models,
+        bt.model.prior_for,
+    )
+    for verb in (*verbs, bt.prior_predictive, bt.check):
         with pytest.raises(bt.InputError, match=said):
             verb(given)

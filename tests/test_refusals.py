@@ -32,7 +32,7 @@ READERS = {
     "counts": lambda path: check_study(bt.read_study(path)),
     "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("isi",)),
     "covariates": read_covariates,
-    "prior": lambda path: bt.read_prior(path).describe(),
+    "prior": lambda path: bt.model.read_prior(path).describe(),
     "hyperprior": lambda path: read_hyperprior(path).describe(["mu1"]),
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none, brackets without an end.

@@ -28,7 +28,9 @@ import pandas as pd
 from scipy.stats import boschloo_exact, hypergeom
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.classical.covariates import CovariateTable, covariate_tests
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
+from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -205,6 +207,10 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         some = [row for row in self.rows if row.comparisons]
         keys = ("mean_asymmetry", "mean_absolute_asymmetry", "accuracy")
         return {key: {row.subject: getattr(row, key) for row in some} for key in keys}
+
+    def covariate_tests(self, covariates: Covariates) -> CovariateTable:
+        """Welch's t or Pearson's r of every outcome and covariate, see :func:`bayes_toe.classical.covariates.covariate_tests`."""
+        return covariate_tests(covariates, self.outcomes())
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

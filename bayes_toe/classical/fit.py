@@ -274,6 +274,28 @@ class FitTable(SubjectTable[SubjectFit]):
         fits = ((row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some) for row, some in zip(self, limits, strict=True))
         return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(FIT_COLUMNS))
 
+    def beside(self, draws: Draws) -> pd.DataFrame:
+        """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
+
+        Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log intensity. The two answer different questions:
+        the posterior weighs parameters by the prior and the answers given, the bootstrap says where the maximum would fall if the
+        experiment were done again.
+
+        Raises
+        ------
+        InputError
+            If the draws are not of the same subjects.
+        """
+        if {row.subject for row in self} != set(draws.names):
+            raise InputError("the draws and the fits must be of the same subjects")
+        tails = [0.5 - self.level / 2.0, 0.5, 0.5 + self.level / 2.0]
+        rows = []
+        for row in self:
+            for key, best, (lower, upper) in zip(NATURAL, row.parameters, row.bootstrap.intervals(self.level), strict=True):
+                low, middle, high = np.quantile(draws.values(row.subject, key), tails)
+                rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
+        return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))
+
 
 def fit(
     study: Study,
@@ -333,27 +355,3 @@ def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = 
     if open_:
         notes.append(f"not determined by these answers: {', '.join(open_)}")
     return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))
-
-
-def uncertainty_table(draws: Draws, fits: FitTable) -> pd.DataFrame:
-    """Central posterior interval and percentile bootstrap interval of every subject and natural parameter, both at the table's level.
-
-    Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log intensity. The two answer different questions: the
-    posterior weighs parameters by the prior and the answers given, the bootstrap says where the maximum would fall if the experiment were
-    done again.
-
-    Raises
-    ------
-    InputError
-        If the two do not hold the same subjects.
-    """
-    names = [row.subject for row in fits]
-    if set(names) != set(draws.names):
-        raise InputError("the draws and the fits must be of the same subjects")
-    tails = [0.5 - fits.level / 2.0, 0.5, 0.5 + fits.level / 2.0]
-    rows = []
-    for row in fits:
-        for key, best, (lower, upper) in zip(NATURAL, row.parameters, row.bootstrap.intervals(fits.level), strict=True):
-            low, middle, high = np.quantile(draws.values(row.subject, key), tails)
-            rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
-    return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))

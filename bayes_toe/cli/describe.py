@@ -35,7 +35,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     say_prior(task.console, prior)
     rows = [{**row, "fraction_equal": f"{row['fraction_equal']:.3f}"} for row in map(described, read)]
     say_table(task.console, "subjects", rows)
-    findings = (*bt.check_study(read, prior), *bt.check_answers(read, prior))
+    findings = bt.check(read, prior)
     warnings = [finding for finding in findings if finding.code not in NOTES]
     say_findings(task.console, warnings)
     say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
@@ -67,7 +67,7 @@ def asymmetry(
     say_study(task.console, read)
     say_doubts(task.console, read)
     table = bt.asymmetry(read)
-    tests = None if people is None else bt.covariate_tests(people, table.outcomes())
+    tests = None if people is None else table.covariate_tests(people)
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving)
         if tests is not None:

@@ -43,12 +43,14 @@ def explore(
     [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
     """
     from bayes_toe.explorer.page import entries, page, require_bokeh
+    from bayes_toe.groups.population_file import load_population
+    from bayes_toe.inference.draws import load_draws
 
     require_bokeh()
     task.require_files(output)
-    loaded = [bt.load(path) for path in posteriors]
+    loaded = [load_draws(path) for path in posteriors]
     known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
-    group = None if population is None else bt.load_population(population)
+    group = None if population is None else load_population(population)
     found = entries(loaded, subjects=subject, truths=known, population=group)
     with task.progress("packing", len(found)) as tick:
         made = page(found, group, tick)
@@ -104,10 +106,11 @@ def corner(
     """
     from bayes_toe.cli.results_folder import corner_files, opened
     from bayes_toe.data.whole_files import whole_folder
+    from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
     from bayes_toe.workers import of_this_machine, run_in_order
 
-    endings, draws = require_formats(["png"] if formats is None else formats), bt.load(posterior)
+    endings, draws = require_formats(["png"] if formats is None else formats), load_draws(posterior)
     chosen = draws.names if subject is None else tuple(subject)
     for name in chosen:
         draws.subject(name)  # refuses who is not there
@@ -221,10 +224,11 @@ def predict(
     [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
     """
     from bayes_toe.data.tables import write_table
+    from bayes_toe.inference.draws import load_draws
     from bayes_toe.inference.prediction import predict_pairs
 
     task.require_files(output)
-    draws = bt.load(posterior)
+    draws = load_draws(posterior)
     table = predict_pairs(draws, pairs, draws.names if subject is None else (subject,))
     write_table(table, output, **task.saving)
     task.say_written(f"{len(table)} predictions in", output)

@@ -31,7 +31,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population
 from bayes_toe.inference.belonging import same_answers
-from bayes_toe.inference.draws import Draws, load
+from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.inference.space import WINDOW
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SPACE, model_named
@@ -116,7 +116,7 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
         Where there are no draws, or files are of different analyses.
     """
     posterior = _posterior(results)
-    draws, beside = load(posterior), posterior.parent
+    draws, beside = load_draws(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
         raise InputError(f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters")
     notes, evidence = list[str](), beside / "evidence.csv"

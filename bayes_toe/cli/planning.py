@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
+from bayes_toe import planning
 from bayes_toe.cli.options import writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
@@ -69,7 +70,7 @@ class GoalOptions:
             raise bt.InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
         return grid(self.lowest, self.highest, self.step)
 
-    def goal(self) -> bt.DesignGoal:
+    def goal(self) -> planning.DesignGoal:
         """What the design is for."""
         try:
             found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
@@ -77,7 +78,7 @@ class GoalOptions:
             found = (0.0,)
         if any(not 0.0 < one < float("inf") for one in found):
             raise bt.InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
-        return bt.DesignGoal(self.aim, self.max_pairs, None if self.keep is None else bt.read_study_design(self.keep), found)
+        return planning.DesignGoal(self.aim, self.max_pairs, None if self.keep is None else planning.read_study_design(self.keep), found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,14 +103,14 @@ class SimulationOptions:
     ] = 20
     observers: Observers = None
 
-    def tables(self, designs: Mapping[str, bt.StudyDesign], task: Task, keep: Path) -> dict[str, Any]:
+    def tables(self, designs: Mapping[str, planning.StudyDesign], task: Task, keep: Path) -> dict[str, Any]:
         """What was simulated, by the file of it."""
         from bayes_toe.model.study_prior import preset_or_file
         from bayes_toe.planning.observers import observers_from, shares_from
         from bayes_toe.planning.power_of_studies import power_of_studies
 
         numbers, sizes, prior = _numbers("--trials", self.trials), _numbers("--subjects", self.subjects), preset_or_file(task.prior)
-        rule = None if self.stop is None else bt.StoppingRule(self.stop, numbers[-1], self.look)
+        rule = None if self.stop is None else planning.StoppingRule(self.stop, numbers[-1], self.look)
         kinds = len({one.kind for one in observers_from(self.observers, 1, 0)})  # refuses a bad file before any work
         shares, seed = shares_from(self.observers), task.seed
 
@@ -118,14 +119,14 @@ class SimulationOptions:
                 return work(*asked, self.observers, seed=seed, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
 
         total = kinds * self.data_sets
-        table = simulated("simulating and analysing", len(numbers) * total, bt.power, designs, numbers, data_sets=self.data_sets)
+        table = simulated("simulating and analysing", len(numbers) * total, planning.power, designs, numbers, data_sets=self.data_sets)
         found, seed = {_POWER: table, _STUDIES: power_of_studies(table, sizes, shares)}, table.seed
         if rule is not None:
-            found[_STOPPING] = simulated("simulating sessions", total, bt.stopping, designs, rule, data_sets=self.data_sets)
+            found[_STOPPING] = simulated("simulating sessions", total, planning.stopping, designs, rule, data_sets=self.data_sets)
         if self.population:
             longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
             total = (kinds + bool(shares)) * sum(size > 1 for size in sizes) * self.studies
-            found[_POPULATION] = simulated("simulating studies", total, bt.power_of_populations, longest, sizes, studies=self.studies)
+            found[_POPULATION] = simulated("simulating studies", total, planning.power_of_populations, longest, sizes, studies=self.studies)
         return found
 
 
@@ -176,14 +177,14 @@ class ListOptions:
     blocks: Annotated[int, typer.Option("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")] = 10
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="Of --list: how many, each with an order of trials of its own.")] = 1
 
-    def write(self, made: bt.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
+    def write(self, made: planning.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
         """A randomised, counterbalanced list of trials, which run reads once the answers are filled in."""
         from bayes_toe.experiments.simulate import subject_names
         from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
 
         if self.list_output is None:
             return
-        lists = [bt.trial_list(made, blocks=self.blocks, subject=name, seed=seed) for name in subject_names(self.subjects)]
+        lists = [planning.trial_list(made, blocks=self.blocks, subject=name, seed=seed) for name in subject_names(self.subjects)]
         save_trials(lists, self.list_output, reference=reference, overwrite=task.overwrite)
         who = f"{counted(self.subjects, 'subject')}, {made.total} trials each in {self.blocks} blocks"
         both = "both orders of two stimuli equally often in a block where the design has them so"
@@ -217,7 +218,7 @@ def design(
     wanted.require(given, bool(listed))
     if given is not None:
         task.require_files(*listed)
-        lists.write(bt.read_study_design(given), root_seed(task.seed), wanted.intensity, task)
+        lists.write(planning.read_study_design(given), root_seed(task.seed), wanted.intensity, task)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
@@ -225,7 +226,7 @@ def design(
     task.require_files(*files, *listed)
     prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal()
     with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
-        found = bt.optimal_design(
+        found = planning.optimal_design(
             levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
         )
     with task.together(*files) as folder:
@@ -240,17 +241,17 @@ def design(
     task.leave_unless_whole(found.power.failed, {})
 
 
-def _designs(files: list[Path] | None) -> Mapping[str, bt.StudyDesign]:
+def _designs(files: list[Path] | None) -> Mapping[str, planning.StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
     from bayes_toe.planning.power import named_designs
 
     if not files or len(files) == 1:
-        return named_designs(bt.read_study_design(files[0]) if files else None)
+        return named_designs(planning.read_study_design(files[0]) if files else None)
     names = [file.stem for file in files]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise bt.InputError(f"designs: found {quoted(repeated[0])} twice, allowed: files with different names")
-    return {name: bt.read_study_design(file) for name, file in zip(names, files, strict=True)}
+    return {name: planning.read_study_design(file) for name, file in zip(names, files, strict=True)}
 
 
 def _numbers(option: str, text: str) -> list[int]:

@@ -27,7 +27,7 @@ from bayes_toe.cli.terminal import (
 )
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted
-from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
+from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,7 +90,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     files = _beside(output)
     task.require_files(*files)
     keep = task.partial(output) if posterior is None else None
-    given = None if hyperprior is None else bt.read_hyperprior(hyperprior)
+    given = hyperprior_of(hyperprior)  # refused before anything is sampled
     people = None if covariates is None else bt.read_covariates(covariates)
     if people is None and categorical:
         raise bt.InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")

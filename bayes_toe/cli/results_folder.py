@@ -22,7 +22,7 @@ from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
 from bayes_toe.groups.population_table import pooled_subjects
-from bayes_toe.inference.draws import Draws, load
+from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
@@ -175,7 +175,7 @@ def corner_files(draws: Draws, subjects: tuple[str, ...]) -> dict[str, str]:
 @lru_cache(maxsize=1)
 def opened(posterior: Path, changed: int) -> Draws:
     """A file of draws, which a process opens once for all its jobs; by the time of its last change, since another may get its name."""
-    return load(posterior)
+    return load_draws(posterior)
 
 
 def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:

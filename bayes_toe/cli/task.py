@@ -98,13 +98,13 @@ class Task:
         """
         from bayes_toe.data.messages import shown
         from bayes_toe.inference.belonging import require_belonging
-        from bayes_toe.inference.draws import load
+        from bayes_toe.inference.draws import load_draws
         from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         given = None if self.prior is None else preset_or_file(self.prior)
         if not study.files and (study.turn or study.leave_out):
             raise InputError("--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file")
-        draws, read = load(posterior), study.read() if study.files else None
+        draws, read = load_draws(posterior), study.read() if study.files else None
         prior = None if given is None else prior_for(draws.study, given)
         require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)
         return draws

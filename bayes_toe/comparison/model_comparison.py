@@ -34,7 +34,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import Record, model_named, require_models
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.workers import Cluster, Progress, Workers
+from bayes_toe.workers import Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -305,7 +305,6 @@ def compare(
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
-    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> ModelComparison:
@@ -321,7 +320,7 @@ def compare(
         which verdicts average, or "ladder", the models that have a name. Of the 48 those that are far behind have Laplace's evidence alone.
     draws : int
         Effective draws to reach for every named quantity of every model.
-    seed, prior, workers, engine, progress, keep
+    seed, prior, workers, progress, keep
         As in :func:`bayes_toe.analysis.evidence`; the prior's scales hold for every model. Progress is told 'subject: model'.
 
     Raises
@@ -351,7 +350,7 @@ def compare(
     with keeping(keep, "models of subjects") as kept:
         root = kept.seed(seed)
         jobs = [partial(job, subject, one, draws=draws, seed=root, prior=chosen) for (subject, _), one in zip(of, given, strict=True)]
-        done = kept.work(jobs, workers if engine is None else engine, progress, names)
+        done = kept.work(jobs, workers, progress, names)
         lost = {
             at: (tuple(failed_row(of[at][0], model, one.reason, prior=chosen) for model in of[at][1]), None)
             for at, one in done.failed.items()

@@ -11,6 +11,7 @@ from bayes_toe.data.findings import Finding, answer_findings
 from bayes_toe.data.messages import bare, listed
 from bayes_toe.data.options import LOOKED_AT, looks_like
 from bayes_toe.data.study import Study, require_study
+from bayes_toe.experiments.checks import check_study
 from bayes_toe.model.prior import Prior
 
 #: Natural-log intensities beyond which stimuli look raw.
@@ -19,6 +20,18 @@ LARGEST_LOG = 5.0
 NOTES = frozenset({"columns_ignored"})
 
 _Rule = Iterable[tuple[str, str]]
+
+
+def check(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """What a study cannot tell, and what speaks against pooling its answers: :func:`check_study`, then :func:`check_answers`.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> [finding.code for finding in check(Study([Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99])]))]
+    ['few_pairs', 'no_equal_pairs', 'design_rank', 'raw_stimuli']
+    """
+    return (*check_study(study, prior), *check_answers(study, prior))
 
 
 def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:

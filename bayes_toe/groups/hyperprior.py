@@ -281,6 +281,11 @@ class Hyperprior:
         return {name: known[name] for name in names}
 
 
+def hyperprior_of(given: Hyperprior | str | Path | None) -> Hyperprior:
+    """The hyperprior, or the one in the file of this path; the default one where there is nothing."""
+    return Hyperprior() if given is None else given if isinstance(given, Hyperprior) else read_hyperprior(given)
+
+
 def read_hyperprior(path: str | Path) -> Hyperprior:
     r"""The hyperprior in a TOML file with a section per parameter; what it leaves out keeps its default. :func:`example_file` has all.
 

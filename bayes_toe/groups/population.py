@@ -18,7 +18,7 @@ from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
-from bayes_toe.groups.hyperprior import Hyperprior
+from bayes_toe.groups.hyperprior import Hyperprior, hyperprior_of
 from bayes_toe.groups.joint import Joint, scatter_named
 from bayes_toe.groups.population_file import save_population
 from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
@@ -32,7 +32,7 @@ from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import mean_first, prior_for
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Cluster, Progress, Workers
+from bayes_toe.workers import Progress, Workers
 
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
@@ -199,11 +199,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     seed: int | None = None,
     prior: Prior | str | None = None,
     posterior: Draws | None = None,
-    hyperprior: Hyperprior | None = None,
+    hyperprior: Hyperprior | str | Path | None = None,
     scatter: str = "normal",
     correlations: bool | None = None,
     workers: Workers = None,
-    engine: Cluster | None = None,
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Population:
@@ -221,14 +220,15 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         A model by its name or composition; the predictive update (H1) by default.
     draws : int
         Bulk and tail effective draws to reach for everything.
-    seed, prior, workers, engine, progress, keep
+    seed, prior, workers, progress, keep
         As in :func:`bayes_toe.analysis.sample`; the prior is that of subjects alone and does not enter the joint posterior. `keep` keeps
         these, and progress is told the name of every subject whose own posterior is done.
     posterior : Draws, optional
         Draws of the subjects' own posteriors under that model (:func:`bayes_toe.analysis.sample`), which are then not sampled again: the
         columns `alone_` are of these, and the group's chains take from them where they start and on which scales. Prior and, by default,
         seed are theirs. The joint posterior is the same.
-    hyperprior : Hyperprior, optional
+    hyperprior : Hyperprior or path, optional
+        Or a TOML file of one.
     scatter : {"normal", "t"}
         How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
     correlations : bool, optional
@@ -257,7 +257,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
     with keeping(keep) as kept:
-        numbers = prior_for(study, prior), (Hyperprior() if hyperprior is None else hyperprior).for_study(study)
+        numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
         who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
         if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
             correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
@@ -268,7 +268,6 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
             raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
         if not 1 <= draws <= _MOST_DRAWS:
             raise InputError(f"population: draws={draws} must be in 1..{_MOST_DRAWS}")
-        workers = workers if engine is None else engine
         alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)
         if len(alone) < _FEWEST:
             raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))

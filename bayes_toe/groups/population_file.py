@@ -11,11 +11,12 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Iterable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -28,6 +29,7 @@ from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
+from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.draws_file import as_netcdf
 from bayes_toe.model.prior import stored_prior
 from bayes_toe.version import library_versions
@@ -45,6 +47,20 @@ def save_population(found: Population, path: str | Path, *, overwrite: bool = Fa
     with whole_file(path, overwrite=overwrite) as target, as_netcdf(_tree(found)) as content, target.open("wb") as file:
         file.write(content)
     return Path(path)
+
+
+def load(path: str | Path) -> Draws | Population:
+    """Read what was saved: draws of subjects, posterior.nc or .zarr, or the joint posterior of a population, population.nc.
+
+    Raises
+    ------
+    InputError
+        If it is missing, is damaged, or is neither.
+    """
+    of_population = False
+    with suppress(OSError), h5py.File(path) as file:
+        of_population = "hyperprior" in file.attrs
+    return load_population(path) if of_population else load_draws(path)
 
 
 def load_population(path: str | Path) -> Population:

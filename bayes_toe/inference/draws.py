@@ -346,7 +346,7 @@ class Draws:
         return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))
 
 
-def load(path: str | Path) -> Draws:
+def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more.
 
     Raises

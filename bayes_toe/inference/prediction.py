@@ -73,7 +73,7 @@ class Predictor:
         return self.target.equal_at_distance(self.x, z)
 
 
-def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
+def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
     """Posterior of P(equal) for pairs at intervals, one row each: mean and quantiles over the draws.
 
     The bands hold what the parameters leave open, not the scatter of a finite number of answers. An interval far from those that were
@@ -104,7 +104,7 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
     >>> from bayes_toe.data.study import Study, Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50], isi=[1.0, 0.5, 2.0])
     >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
-    >>> predict_equal(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
+    >>> predict(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     fitted, keys = Predictor.of(draws, subject), ("s1", "s2", "isi")
@@ -116,15 +116,15 @@ def predict_equal(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLi
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
-    """:func:`predict_equal` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject.
+    """:func:`predict` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject.
 
     Raises
     ------
     InputError
-        As :func:`predict_equal`, or if the file cannot be used: one line per problem.
+        As :func:`predict`, or if the file cannot be used: one line per problem.
     """
     pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
-    tables = [predict_equal(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
+    tables = [predict(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
     frame = pd.concat(tables, ignore_index=True)
     frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
     return frame

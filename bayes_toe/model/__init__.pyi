@@ -1,5 +1,6 @@
 from .beliefs import comparison_distance as comparison_distance
 from .beliefs import evolve as evolve
+from .beliefs import noticed as noticed
 from .beliefs import sequence_view as sequence_view
 from .beliefs import steady_prior as steady_prior
 from .beliefs import trial_view as trial_view
@@ -30,3 +31,6 @@ from .geometry import to_symmetric as to_symmetric
 from .intervals import at_interval as at_interval
 from .intervals import equal_probability_at as equal_probability_at
 from .intervals import gain_at as gain_at
+from .ladder import posterior_of as posterior_of
+from .prior import read_prior as read_prior
+from .study_prior import prior_for as prior_for

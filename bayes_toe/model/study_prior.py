@@ -7,7 +7,9 @@ trials. So a column with one interval only changes no evidence.
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,9 +21,18 @@ from bayes_toe.model.prior import DEFAULT, Prior, read_prior
 PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
-def preset_or_file(given: str | None) -> Prior:
+def preset_or_file(given: str | Path | None) -> Prior:
     """The preset of this name, or the prior in the file of this path; the default one where there is nothing."""
-    return DEFAULT if given is None else PRESETS[given] if given in PRESETS else read_prior(given)
+    if given is None:
+        return DEFAULT
+    allowed = f"allowed: {', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
+    if not isinstance(given, str | os.PathLike):
+        raise InputError(f"prior: found {type(given).__name__}, {allowed}")
+    if str(given) in PRESETS:
+        return PRESETS[str(given)]
+    if not Path(given).suffix and not Path(given).exists():
+        raise InputError(f"prior {str(given)!r}: no such preset or file, {allowed}")
+    return read_prior(given)
 
 
 def mean_first(study: Study) -> float:
@@ -37,7 +48,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     ----------
     study : Study
     prior : Prior or str, optional
-        A prior, or the name of a preset: "default" or "paper".
+        A prior, the name of a preset, "default" or "paper", or the path of a TOML file, see :func:`bayes_toe.model.prior.read_prior`.
 
     Raises
     ------
@@ -52,9 +63,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     'mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1); M mean and R sd of the stimuli, D rms step'
     """
     require_study(study)
-    if isinstance(prior, str) and prior not in PRESETS:
-        raise InputError(f"prior {prior!r}: allowed: a Prior, or one of {', '.join(map(repr, PRESETS))}")
-    given = DEFAULT if prior is None else PRESETS[prior] if isinstance(prior, str) else prior
+    given = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
         given.at(subject)
     return replace(given, reference_interval=_reference(study, given.reference_interval))

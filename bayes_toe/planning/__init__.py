@@ -1,1 +1,8 @@
-"""Studies that are still to be made: what a design can tell, which pairs to show, in which order, and what next."""
+"""Studies that are still to be made: what a design can tell, which pairs to show, in which order, and what next.
+
+The stub beside this file lists its public names, which load on first use.
+"""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -268,9 +268,9 @@ def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int
 
 def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
     """Single draws of subjects taken at random; of those with an order effect also their likes without it, pull or error taken away."""
-    from bayes_toe.inference.draws import load
+    from bayes_toe.inference.draws import load_draws
 
-    draws = load(path)
+    draws = load_draws(path)
     record = model_named(draws.model)
     if not isinstance(record, Model):
         raise InputError(f"{path}: draws of {draws.model!r}, which has no parameters of an observer; allowed: those of another model")

@@ -122,7 +122,7 @@ def test_evidence_says_what_is_wrong_with_it():
 
 def test_posterior_and_bootstrap_side_by_side(analysis):
     table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
-    frame = bt.uncertainty_table(analysis.draws, table)
+    frame = table.beside(analysis.draws)
     assert len(frame) == 4 * len(analysis.study)
     row = frame[(frame.subject == "A") & (frame.parameter == "q0")].iloc[0]
     assert row.posterior_lower < row.posterior_median < row.posterior_upper
@@ -130,7 +130,7 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     assert (row.posterior_lower, row.posterior_upper) == pytest.approx((low, high))
     assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(tuple(table["A"].bootstrap.intervals(0.8)[3]))
     with pytest.raises(InputError, match="same subjects"):
-        bt.uncertainty_table(analysis.draws, bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1))
+        bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1).beside(analysis.draws)
 
 
 def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):

@@ -50,7 +50,7 @@ def test_impossible_counts_are_refused(k, n):
 def test_both_orders_collapse_on_one_curve(small_study):
     truth = Natural(*map(np.asarray, (-0.7, 0.25, 0.17, 0.92)))
     subject = small_study["A"]  # rounded expected counts of this observer
-    posterior = bt.posterior_of(subject)
+    posterior = bt.model.posterior_of(subject)
     found = collapse(posterior, unconstrained(truth, posterior.sbar))
     big = float((1 + np.sqrt(1 + 4 * truth.gamma)) / 2)
     expected = (subject.s2 - (subject.s1 + (1 - 1 / big) * (-0.7 - subject.s1))) / (0.25 * big**1.5)
@@ -62,7 +62,7 @@ def test_both_orders_collapse_on_one_curve(small_study):
 
 
 def test_bands_of_the_collapse_hold_their_mass(small_study):
-    posterior = bt.posterior_of(small_study["C"])
+    posterior = bt.model.posterior_of(small_study["C"])
     x = find_maxima(posterior).x[0] + 0.15 * np.random.default_rng(2).standard_normal((4000, 4)) * [0.2, 1, 0.5, 1]
     found = collapse(posterior, x, mass=0.6)
     z = posterior.distance(x)

@@ -65,7 +65,7 @@ def test_files_and_answer(done, folder):
 
 
 def test_files_are_those_of_the_population(done, folder):
-    found = bt.load_population(folder / "group.nc")
+    found = bt.load(folder / "group.nc")
     assert (found.study.names, dict(found.left_out), found.converged) == (tuple(MEMBERS), {"I": "no age"}, True)
     assert found.settings.hyperprior.as_dict()["gamma"]["sd_scale"] == 0.5
     table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values={name: "" for name in ("bf_below", "bf_error")})
@@ -102,7 +102,7 @@ def test_stored_draws_are_not_sampled_again(folder):
     done = inside(*of_draws, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "seed 1; written: stored.nc" in done.stdout
-    assert bt.load_population(folder / "stored.nc").study.names == (*MEMBERS, "I")
+    assert bt.load(folder / "stored.nc").study.names == (*MEMBERS, "I")
     for option, said in (
         (("--resume", "--overwrite"), "--resume: allowed without --posterior"),
         (("--overwrite", "--model", "constant bias"), "posterior.nc: found draws of the model 'symmetric'"),
@@ -124,7 +124,7 @@ def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypa
     assert (done.returncode, done.stderr) == (3, "")
     assert f"attention the group's chains did not converge: {SHORT}" in done.stdout
     assert "attention 7 of 640 trajectories diverged" in done.stdout
-    assert not bt.load_population(folder / "short.nc").converged
+    assert not bt.load(folder / "short.nc").converged
 
 
 def said_of(found, capsys):

@@ -13,6 +13,7 @@ import bayes_toe as bt
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison.evidence_table import (
     EVIDENCE_COLUMNS,
+    EvidenceTable,
     frequency_evidence_laplace,
     subject_evidence,
 )
@@ -100,7 +101,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     assert row.log_bayes_factor_laplace is None
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
-    frame = bt.EvidenceTable((row,)).frame()
+    frame = EvidenceTable((row,)).frame()
     assert frame["log_evidence_h1_laplace"].isna().all()
 
 
@@ -171,7 +172,7 @@ def test_no_verdict_without_every_evidence_that_counts(small_study, monkeypatch)
     row = bt.evidence(bt.Study([subject]), seed=1, workers=1)["A"]
     assert (row.verdict.effect, row.verdict.p_orders) == ("", None)
     assert f"no evidence of {best}" in row.notes
-    frame = bt.EvidenceTable((row,)).frame()
+    frame = EvidenceTable((row,)).frame()
     assert frame[["p_none", "p_constant_error", "p_update", "log_bayes_factor_effect"]].isna().all(axis=None)
     assert frame[["log_evidence_h0", "log_evidence_symmetric"]].notna().all(axis=None)
 

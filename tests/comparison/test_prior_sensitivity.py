@@ -47,7 +47,7 @@ def hard():
 
 def fresh(subject, row):
     """Evidence and draws of a proposal fitted under the row's own prior, from a stream of its own."""
-    fitted = fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77))
+    fitted = fit_proposal(bt.model.posterior_of(subject, row.prior), np.random.default_rng(77))
     estimate = importance_evidence(fitted)
     value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not

@@ -93,7 +93,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
 
 
 def test_free_frequencies_have_no_curve_and_no_axis(small_study):
-    target = bt.posterior_of(small_study["A"], model="free frequencies")
+    target = bt.model.posterior_of(small_study["A"], model="free frequencies")
     x = target.sample(np.random.default_rng(1), 40)[None]
     made = islands(page([Entry("free", target, x)]).html)["entry-0"]
     assert made["axis"] is None
@@ -115,7 +115,7 @@ def test_badges_say_what_is_wrong_before_what_is_right():
 
 def test_a_name_cannot_end_the_page(small_study):
     rude = bt.Subject("</script><b>", *(getattr(small_study["A"], name) for name in ("s1", "s2", "n_equal", "n_trials")))
-    target = bt.posterior_of(rude, model="symmetric")
+    target = bt.model.posterior_of(rude, model="symmetric")
     html = page([Entry("symmetric", target, np.zeros((1, 30, 2)) + np.linspace(-1, 0, 30)[:, None])]).html
     assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"
     assert "</script><b>" not in html
@@ -164,14 +164,14 @@ def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
 
 def test_a_lone_subject_has_all_its_curves():
     s1, s2 = (side.ravel() for side in np.meshgrid(np.arange(5) / 5, np.arange(5) / 5))
-    target = bt.posterior_of(bt.Subject("S", s1, s2, 0 * s1.astype(int) + 3, 0 * s1.astype(int) + 9), model="symmetric")
+    target = bt.model.posterior_of(bt.Subject("S", s1, s2, 0 * s1.astype(int) + 3, 0 * s1.astype(int) + 9), model="symmetric")
     made = islands(page([Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])]).html)["entry-0"]
     assert (len(made["slices"]), made["undrawn"], made["rows"]) == (4, 0, 1000)
 
 
 def test_many_posteriors_have_fewer_draws_and_the_page_stays_small(small_study, monkeypatch):
     monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
-    target = bt.posterior_of(small_study["A"], model="symmetric")
+    target = bt.model.posterior_of(small_study["A"], model="symmetric")
     some = [Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])] * 3
     made = islands(page(some).html)
     assert 300 <= made["entry-0"]["rows"] < 1000

@@ -69,7 +69,7 @@ def test_table_words_and_file(small_study, tmp_path):
     assert not correlations(made_up(small_study))
     assert found.settings.hyperprior.describe(found.names, correlations=True)[-1] == "correlations ~ LKJ(2)"
     file = found.save(tmp_path / "p.nc")
-    assert packed(bt.load_population(file)) == packed(found)
+    assert packed(bt.load(file)) == packed(found)
     import xarray as xr
 
     with xr.open_datatree(file, engine="h5netcdf") as tree:

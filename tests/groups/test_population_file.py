@@ -10,7 +10,9 @@ from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
+from bayes_toe.errors import OutputError
 from bayes_toe.groups import population_file
+from bayes_toe.groups.population_file import load_population
 from bayes_toe.groups.regressors import regressors
 from bayes_toe.records import packed
 
@@ -27,7 +29,7 @@ def file(found, tmp_path_factory):
 
 
 def test_it_comes_back_to_the_bit(found, file):
-    again = bt.load_population(file)
+    again = bt.load(file)
     assert packed(again) == packed(found)
     assert packed(again.table.rows) == packed(found.table.rows)
 
@@ -54,7 +56,7 @@ def test_arviz_opens_it(found, file):
 def test_of_a_large_group_quantities_of_subjects_are_thinned(found, tmp_path, monkeypatch):
     monkeypatch.setattr(population_file, "AFFORDABLE", 100)
     monkeypatch.setattr(population_file, "spaced", lambda *_: pytest.fail("asymmetries say which draws"))
-    again = bt.load_population(found.save(tmp_path / "large.nc"))
+    again = bt.load(found.save(tmp_path / "large.nc"))
     assert packed(again) == packed(found)
     with xr.open_datatree(tmp_path / "large.nc") as tree:
         assert "gain" not in tree["posterior"]
@@ -71,12 +73,12 @@ def test_what_is_no_population_is_refused(found, file, analysis, tmp_path):
     other = analysis.draws.save(tmp_path / "posterior.nc")
     for path in (damaged, tmp_path / "text.nc", other, tmp_path / "none.nc", tmp_path):
         with pytest.raises(bt.InputError, match=r"allowed: a population\.nc") as refused:
-            bt.load_population(path)
+            load_population(path)
         assert str(refused.value).count("\n") == 0
 
 
 def test_nothing_is_replaced_unasked(found, file):
     before = file.read_bytes()
-    with pytest.raises(bt.OutputError):
+    with pytest.raises(OutputError):
         found.save(file)
     assert file.read_bytes() == before

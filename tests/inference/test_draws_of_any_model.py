@@ -64,9 +64,9 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
     assert (fit.degrees_of_freedom, 0.0 <= fit.worst_p <= 1.0) == (13 - len(target.coordinates), True)
     if draws.model == "free frequencies":
         with pytest.raises(InputError, match="says nothing of pairs and intervals that were not tested"):
-            bt.predict_equal(draws, "A", subject.s1, subject.s2)
+            bt.predict(draws, "A", subject.s1, subject.s2)
         return
-    found, q = bt.predict_equal(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
+    found, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
     assert found["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
     assert found["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)
 
@@ -89,7 +89,7 @@ def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
 def test_models_with_intervals_know_them_or_not(name):
     s = ([0.0, 0.0, 0.3, 0.3], [0.3, 0.3, 0.0, 0.0], [20, 30, 28, 33], [50] * 4, [0.5, 2.0, 0.5, 2.0])
     draws = bt.sample(bt.Study([bt.Subject("timed", *s)]), model=name, draws=300, seed=1, workers=1)
-    apart = bt.predict_equal(draws, "timed", 0.0, 0.3, [0.5, 2.0])["mean"].to_numpy()
+    apart = bt.predict(draws, "timed", 0.0, 0.3, [0.5, 2.0])["mean"].to_numpy()
     assert (apart[0] != apart[1]) == posterior_of(draws.subject("timed"), model=name).model.knows_intervals
 
 

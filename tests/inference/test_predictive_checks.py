@@ -43,19 +43,19 @@ def test_deviance_of_answers_that_are_impossible_or_all_but():
 
 def test_the_fit_at_a_maximum(small_study):
     subject = small_study["A"]
-    posterior = bt.posterior_of(subject)
+    posterior = bt.model.posterior_of(subject)
     fit = gof.fit_at(posterior, find_maxima(posterior).x[0])
     assert fit.degrees_of_freedom == 9
     assert (np.sign(fit.residual) == np.sign(subject.n_equal / subject.n_trials - fit.q)).all()
     assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
     assert fit.p_value > 0.999
-    assert np.isnan(gof.fit_at(bt.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
+    assert np.isnan(gof.fit_at(bt.model.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
 
 
 def posterior_and_draws(subject, size=4000):
     """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
-    posterior = bt.posterior_of(subject)
+    posterior = bt.model.posterior_of(subject)
     rng = np.random.default_rng(2)
     return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [0.2, 1, 0.5, 1]
 
@@ -92,7 +92,7 @@ def test_p_values_are_uniform_when_the_truth_is_known():
     s1, s2 = rng.uniform(0, 0.6, (2, 500))
     q = bt.model.equal_probability(s1, s2, *theta)
     subject = bt.Subject("S", s1, s2, rng.binomial(400, q), np.full(500, 400))
-    posterior = bt.posterior_of(subject)
+    posterior = bt.model.posterior_of(subject)
     check = gof.predictive_check(posterior, unconstrained(theta, posterior.sbar)[None], seed=1)
     assert stats.kstest(0.5 * (check.p_fewer + 1.0 - check.p_more), "uniform").pvalue > 1e-4
 
@@ -113,7 +113,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
     odd[[2, 5]] = subject.n_trials[[2, 5]] - odd[[2, 5]]
     bent = bt.Subject("bent", subject.s1, subject.s2, odd, subject.n_trials)
     for one, misfit in ((subject, False), (bent, True)):
-        posterior = bt.posterior_of(one)
+        posterior = bt.model.posterior_of(one)
         best = find_maxima(posterior).x[:1]
         found = gof.summarise_fit(posterior, np.repeat(best, 500, axis=0), seed=1)
         assert found.misfit == misfit
@@ -126,7 +126,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
 
 
 def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
-    posterior = bt.posterior_of(small_study["B"])
+    posterior = bt.model.posterior_of(small_study["B"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
     found = gof.summarise_fit(posterior, x, seed=3, most=len(x))
     check = gof.predictive_check(posterior, x, seed=3)

@@ -92,7 +92,7 @@ def test_bad_sequences_and_parameters_are_refused():
 def test_a_stream_at_another_pace_is_the_papers_model_with_more_diffusion():
     mu1, sigma_p, sigma_l, q0, pause = 0.4, 0.3, 0.2, 0.93, 2.5
     slow = sigma_p * np.sqrt(pause)
-    found = bt.noticed([0.1, 0.7], mu1, sigma_p, sigma_l, q0, intervals=[pause], prior=steady_prior(mu1, slow, sigma_l))
+    found = bt.model.noticed([0.1, 0.7], mu1, sigma_p, sigma_l, q0, intervals=[pause], prior=steady_prior(mu1, slow, sigma_l))
     assert found[0] == pytest.approx(1 - float(bt.model.equal_probability(0.1, 0.7, mu1, slow, sigma_l, q0)), abs=1e-13)
 
 
@@ -116,37 +116,37 @@ def test_noticed_along_a_sequence_by_densities_on_a_grid():
         mean, sd = moments(density)
         density = density / density.sum() * normal(stimulus, sigma_l)
         expected.append(1 - q0 * 2 ** -(((moments(density)[0] - mean) / sd) ** 2))
-    assert bt.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=pauses) == pytest.approx(expected, abs=1e-9)
+    assert bt.model.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=pauses) == pytest.approx(expected, abs=1e-9)
 
 
 def test_noticed_takes_draws_and_their_own_sequences():
     rng = np.random.default_rng(6)
     mu1, sigma_p, sigma_l, q0 = rng.normal(size=50), rng.uniform(0.2, 0.5, 50), rng.uniform(0.1, 0.2, 50), rng.uniform(0.8, 1, 50)
     s = np.array([0.0, 0.3, -0.2, 0.5])
-    found = bt.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
+    found = bt.model.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
     assert found.shape == (50, 3)
-    one = bt.noticed(s, mu1[7], sigma_p[7], sigma_l[7], q0[7], intervals=[1, 2, 0.5])
+    one = bt.model.noticed(s, mu1[7], sigma_p[7], sigma_l[7], q0[7], intervals=[1, 2, 0.5])
     assert found[7] == pytest.approx(one, rel=1e-13)
-    chains = bt.noticed(s, *(v.reshape(2, 25) for v in (mu1, sigma_p, sigma_l, q0)), intervals=[1, 2, 0.5])
+    chains = bt.model.noticed(s, *(v.reshape(2, 25) for v in (mu1, sigma_p, sigma_l, q0)), intervals=[1, 2, 0.5])
     assert chains.reshape(50, 3) == pytest.approx(found, rel=1e-13)
-    own = bt.noticed(np.tile(s, (50, 1)), mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
+    own = bt.model.noticed(np.tile(s, (50, 1)), mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
     assert own == pytest.approx(found, rel=1e-13)
 
 
 def test_only_lapses_are_noticed_in_a_constant_stream_in_the_end_and_a_longer_pause_blurs():
     s = np.zeros(80)
-    found = bt.noticed(s, 2.0, 0.3, 0.2, 0.9)
+    found = bt.model.noticed(s, 2.0, 0.3, 0.2, 0.9)
     assert np.all(np.diff(found) <= 1e-15)
     assert found[0] > 0.2
     assert found[-1] == pytest.approx(0.1, abs=1e-12)
     s[-1] = 0.4
-    assert bt.noticed(s, 0.0, 0.3, 0.2, 0.9)[-1] > bt.noticed(s, 0.0, 0.3, 0.2, 0.9, intervals=[1] * 78 + [4])[-1]
+    assert bt.model.noticed(s, 0.0, 0.3, 0.2, 0.9)[-1] > bt.model.noticed(s, 0.0, 0.3, 0.2, 0.9, intervals=[1] * 78 + [4])[-1]
 
 
 def test_noticed_refuses_what_it_cannot_use():
     with pytest.raises(InputError, match="at least two stimuli"):
-        bt.noticed([0.0], 0.0, 0.3, 0.1, 0.9)
+        bt.model.noticed([0.0], 0.0, 0.3, 0.1, 0.9)
     with pytest.raises(InputError, match="3 stimuli need 2 finite"):
-        bt.noticed([0.0, 0.1, 0.2], 0.0, 0.3, 0.1, 0.9, intervals=[1.0])
+        bt.model.noticed([0.0, 0.1, 0.2], 0.0, 0.3, 0.1, 0.9, intervals=[1.0])
     with pytest.raises(NumericalError, match="q0"):
-        bt.noticed([0.0, 0.1], 0.0, 0.3, 0.1, 1.1)
+        bt.model.noticed([0.0, 0.1], 0.0, 0.3, 0.1, 1.1)

@@ -77,7 +77,7 @@ OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, q0_a=4.0)
 
 def of(prior):
     """Log density of H1's prior and its gradient, with respect to unconstrained coordinates."""
-    posterior = bt.posterior_of(bt.Subject("S", [SBAR], [SBAR], [3], [5]), prior)
+    posterior = bt.model.posterior_of(bt.Subject("S", [SBAR], [SBAR], [3], [5]), prior)
     return posterior.log_prior, posterior.prior_gradient
 
 
@@ -138,7 +138,7 @@ def test_it_is_in_draws_quantiles_and_contraction(parameter, prior):
     limits = [prior_quantile(prior, parameter, one) for one in p]
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
-    middle, target = 0.5 * (limits[0] + limits[2]), bt.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
+    middle, target = 0.5 * (limits[0] + limits[2]), bt.model.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
     assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
 
 
@@ -172,7 +172,7 @@ def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
     assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
     assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
     for row in (rows[0], rows[2]):
-        estimate = importance_evidence(fit_proposal(bt.posterior_of(subject, row.prior), np.random.default_rng(77)))
+        estimate = importance_evidence(fit_proposal(bt.model.posterior_of(subject, row.prior), np.random.default_rng(77)))
         value, error = estimate.value, estimate.se
         assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
     ax = bt.plots.sensitivity_figure(table).axes[table.names.index("B")]
@@ -396,7 +396,7 @@ def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution
 
 
 PRIOR = bt.Prior(0.4, 2.5, 0.3)
-TARGET = bt.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)
+TARGET = bt.model.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)
 
 
 def test_for_normal_densities_it_is_one_minus_the_ratio_of_variances():

@@ -26,13 +26,13 @@ def written(tmp_path, text, name="prior.toml"):
     ],
 )
 def test_what_is_read(tmp_path, text, expected):
-    found = bt.read_prior(written(tmp_path, text))
+    found = bt.model.read_prior(written(tmp_path, text))
     assert found == expected
     assert {type(value) for value in asdict(found).values() if value} == {float, str}
 
 
 def test_the_example_is_the_default(tmp_path):
-    assert bt.read_prior(written(tmp_path, example_file())) == bt.Prior()
+    assert bt.model.read_prior(written(tmp_path, example_file())) == bt.Prior()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_the_example_is_the_default(tmp_path):
 def test_what_is_refused(tmp_path, text, said):
     path = written(tmp_path, text)
     with pytest.raises(bt.InputError) as caught:
-        bt.read_prior(path)
+        bt.model.read_prior(path)
     (line,) = caught.value.problems
     assert line.startswith((f"{path}: ", "prior.toml: "))
     assert said in line
@@ -73,12 +73,12 @@ def test_what_is_refused(tmp_path, text, said):
 
 def test_all_problems_at_once(tmp_path):
     with pytest.raises(bt.InputError) as caught:
-        bt.read_prior(written(tmp_path, "mu1_sd = -1\nx = 2\nsigma_p_scale = 'a'"))
+        bt.model.read_prior(written(tmp_path, "mu1_sd = -1\nx = 2\nsigma_p_scale = 'a'"))
     assert len(caught.value.problems) == 3
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(bt.InputError, match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0"):
-        bt.read_prior(tmp_path / "none.toml")
+        bt.model.read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
-        bt.read_prior(tmp_path)
+        bt.model.read_prior(tmp_path)

@@ -38,9 +38,9 @@ def test_the_stimuli_by_hand():
         bt.InputError, match=r"^subject 'L': the prior takes its scale from pairs of different stimuli, found none; .*--prior p"
     ):
         prior_for(lone)
-    assert np.isfinite(bt.posterior_of(lone["L"], prior_for(lone, "paper")).log_density([[0.1, 0.0, 0.0, 0.0]])).all()
+    assert np.isfinite(bt.model.posterior_of(lone["L"], prior_for(lone, "paper")).log_density([[0.1, 0.0, 0.0, 0.0]])).all()
     with pytest.raises(bt.InputError, match="prior: offset_sd is to come from pairs of different stimuli, and there are none"):
-        bt.posterior_of(lone["L"], bt.Prior(), model="constant error").log_density([[0.1, 0.0, 0.0]])
+        bt.model.posterior_of(lone["L"], bt.Prior(), model="constant error").log_density([[0.1, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize(("factor", "shift"), [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
@@ -59,9 +59,9 @@ def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
     here, there = subject("A"), subject("B", factor=3.0, shift=2.0)
     both, x = bt.Study([here, there]), np.zeros((1, 4))
     for one in (here, there):
-        alone = bt.posterior_of(one, prior_for(bt.Study([one])))
-        assert bt.posterior_of(one, prior_for(both)).log_density(x) == alone.log_density(x)
-    assert bt.posterior_of(there).prior.mu1_sd == pytest.approx(3.0 * bt.posterior_of(here).prior.mu1_sd)
+        alone = bt.model.posterior_of(one, prior_for(bt.Study([one])))
+        assert bt.model.posterior_of(one, prior_for(both)).log_density(x) == alone.log_density(x)
+    assert bt.model.posterior_of(there).prior.mu1_sd == pytest.approx(3.0 * bt.model.posterior_of(here).prior.mu1_sd)
 
 
 def test_presets_words_and_what_is_refused(tmp_path):
@@ -71,7 +71,7 @@ def test_presets_words_and_what_is_refused(tmp_path):
     assert found.describe() == (
         "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M mean and R sd of the stimuli, D rms step"
     )
-    with pytest.raises(bt.InputError, match="prior 'flat': allowed: a Prior, or one of 'default', 'paper'"):
+    with pytest.raises(bt.InputError, match="prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file"):
         prior_for(study(), "flat")
     with pytest.raises(bt.InputError, match=r"gamma_a=stimuli, allowed: a positive finite number$"):
         bt.Prior(gamma_a="stimuli")
@@ -144,7 +144,7 @@ def stretch(name, at):
 @pytest.mark.parametrize("name", ["update", "constant error", "none + sloped peak", "mean-reverting"])
 def test_the_density_has_mass_one(name, prior):
     """By the trapezoidal rule, where H1 has mu1 in the place of the offset p (mu1 - sbar); q0, independent of all others, by itself."""
-    target = bt.posterior_of(subject(), prior, model=name)
+    target = bt.model.posterior_of(subject(), prior, model=name)
     axes = {"log_width": SPREADS, "logit_pull": LOGITS, "logit_split": LOGITS, "peak_slope": 0.7 * NORMAL, "offset": 0.2 * NORMAL}
     if prior.spread == "width":
         axes["log_width"] = np.log(0.3) + 0.5 * NORMAL
@@ -202,7 +202,7 @@ def test_the_gradient_of_every_model_of_the_space(model):
 @pytest.mark.parametrize("name", [model.name for model in MODELS if isinstance(model, Model)])
 def test_one_interval_is_none(name, seconds):
     timed, plain = bt.Study([subject(isi=np.full(5, seconds))]), bt.Study([subject()])
-    first, second = (bt.posterior_of(one["S"], prior_for(one), model=name) for one in (timed, plain))
+    first, second = (bt.model.posterior_of(one["S"], prior_for(one), model=name) for one in (timed, plain))
     x = np.random.default_rng(6).normal(size=(20, len(first.coordinates)))
     assert first.log_density(x).tolist() == second.log_density(x).tolist()
     for a, b in zip(first.gradient(x), second.gradient(x), strict=True):
@@ -214,7 +214,7 @@ def test_evidence_does_not_know_what_a_second_is():
     plain, timed = (bt.evidence(bt.Study([subject(isi=isi)]), seed=3, workers=1)["S"] for isi in (None, np.full(5, 0.05)))
     assert timed.log_evidence_h1 == pytest.approx(plain.log_evidence_h1, abs=1e-12)
     isi = np.array([0.5, 0.5, 2.0, 1.0, 4.0])
-    seconds, minutes = (bt.posterior_of(one["S"], prior_for(one)) for one in (bt.Study([subject(isi=isi / k)]) for k in (1, 60)))
+    seconds, minutes = (bt.model.posterior_of(one["S"], prior_for(one)) for one in (bt.Study([subject(isi=isi / k)]) for k in (1, 60)))
     x = np.random.default_rng(6).normal(size=(20, 4))
     assert seconds.log_density(x) == pytest.approx(minutes.log_density(x), rel=1e-12)
     assert seconds.gain(x, isi) == pytest.approx(minutes.gain(x, isi / 60), rel=1e-12)
@@ -226,9 +226,9 @@ def test_the_reference_can_be_said_and_is_kept():
     common = prior_for(timed).reference_interval
     assert common == pytest.approx(np.exp(np.average(np.log(np.r_[isi, 2 * isi]), weights=np.tile([50, 50, 50, 40, 50], 2))))
     said = prior_for(timed, bt.Prior(reference_interval=1.0))
-    posterior = bt.posterior_of(timed["B"], said)
+    posterior = bt.model.posterior_of(timed["B"], said)
     assert posterior.reference == posterior.for_subject(timed["A"]).reference == 1.0
-    assert bt.posterior_of(timed["B"]).for_subject(timed["A"]).reference == pytest.approx(common * np.sqrt(2))
+    assert bt.model.posterior_of(timed["B"]).for_subject(timed["A"]).reference == pytest.approx(common * np.sqrt(2))
     assert said.describe().endswith("; over 1 s")
     assert model_named("mean-reverting memory").describe(said).endswith("; over 1 s")
     assert prior_for(study(), said).reference_interval is None
@@ -237,6 +237,6 @@ def test_the_reference_can_be_said_and_is_kept():
     # the same observer in two units of time: gamma_t = gamma_1/t, sigma_p over t is sigma_p sqrt(t)
     x = np.array([[0.1, -0.4, -0.5, 2.0]])
     at_one = posterior.natural(x)
-    other = bt.posterior_of(timed["B"], replace(said, reference_interval=4.0))
+    other = bt.model.posterior_of(timed["B"], replace(said, reference_interval=4.0))
     y = other.points({**at_one._asdict(), "sigma_p": 2.0 * at_one.sigma_p})
     assert other.log_likelihood(y) == pytest.approx(posterior.log_likelihood(x), rel=1e-12)

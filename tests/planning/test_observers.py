@@ -207,5 +207,5 @@ def test_the_commands_refuse_them_in_one_line(tmp_path, people_from, mu1, asked,
 
 
 def test_a_session_takes_a_prior_of_the_stimuli():
-    session = bt.Adaptive(PAIRS.moved(FAR), prior="default", seed=1, draws=512)
+    session = bt.planning.Adaptive(PAIRS.moved(FAR), prior="default", seed=1, draws=512)
     assert session.prior.mu1_mean == pytest.approx(FAR + np.mean([PAIRS.s1, PAIRS.s2]))

@@ -58,7 +58,7 @@ def best(levels, trials, goal):
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
-    keep = bt.StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
+    keep = bt.planning.StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
     made = best(WIDE, 200, DesignGoal("parameters", max_pairs=6, keep=keep))[OPTIMISED].design
     counts = {(a, b): n for a, b, n in zip(made.s1.tolist(), made.s2.tolist(), made.n_trials.tolist(), strict=True)}
     assert (counts[0.0, 0.0] >= 25, counts[0.33, 0.33] >= 30, made.total, made.n_pairs <= 6) == (True, True, 200, True)
@@ -110,7 +110,7 @@ def test_the_command(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"]
     assert len(pd.read_csv(tmp_path / "t.csv")) == 100
-    assert bt.read_study_design(tmp_path / "d.csv").total == 100
+    assert bt.planning.read_study_design(tmp_path / "d.csv").total == 100
     assert set(pd.read_csv(tmp_path / "d_compared.csv").design) >= {OPTIMISED, PAPER, "full factorial", "random pairs"}
     assert (tmp_path / "d.md").read_text(encoding="utf-8").startswith("# A design of 100 trials, for: update\n\n* first stimuli")
 

@@ -207,4 +207,4 @@ def test_bad_input_is_one_line(tmp_path, more, said):
 
 def test_studies_of_one_subject_are_refused():
     with pytest.raises(InputError, match=r"studies=1, subjects=\[1\]: allowed is at least 1 study of at least 2 subjects"):
-        bt.power_of_populations(subjects=[1], studies=1)
+        bt.planning.power_of_populations(subjects=[1], studies=1)

@@ -22,8 +22,8 @@ from bayes_toe.planning.study_design import (
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):
-    design = bt.StudyDesign([0.3, 0.0], [0.0, 0.1 + 0.2], [4, 7], isi=[1.0, 0.5])
-    found = bt.read_study_design(design.save(tmp_path / "design.csv"))
+    design = bt.planning.StudyDesign([0.3, 0.0], [0.0, 0.1 + 0.2], [4, 7], isi=[1.0, 0.5])
+    found = bt.planning.read_study_design(design.save(tmp_path / "design.csv"))
     for key in ("s1", "s2", "n_trials", "isi"):
         assert np.array_equal(getattr(found, key), getattr(design, key))
     assert found.s1.tolist() == [0.0, 0.3]
@@ -51,7 +51,7 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
 def test_what_is_wrong_is_said_with_its_place(tmp_path, text, said):
     (tmp_path / "design.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:
-        bt.read_study_design(tmp_path / "design.csv")
+        bt.planning.read_study_design(tmp_path / "design.csv")
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -9,6 +9,7 @@ from legible import require_legible, texts_of
 from matplotlib.colors import to_rgb
 
 import bayes_toe as bt
+from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.plots.evidence import KIND_COLOURS, evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
 
@@ -36,21 +37,21 @@ def test_evidence_figure_leads_with_the_order_effect_of_every_subject(analysis):
 
 def test_subjects_whom_no_model_describes_are_hatched_and_missing_estimates_said(analysis):
     first, second, third = analysis.evidence
-    left = bt.plots.evidence_figure(bt.EvidenceTable((first, undescribed(second), unknown(third)))).axes[0]
+    left = bt.plots.evidence_figure(EvidenceTable((first, undescribed(second), unknown(third)))).axes[0]
     [hatched] = [bars for bars in left.containers if bars.get_label() == "no model describes the answers"]
     assert [(bar.get_width(), round(bar.get_y() + bar.get_height() / 2, 9)) for bar in hatched] == [(1.0, 1.0)]
     assert [(text.get_text(), text.get_position()[1]) for text in left.texts] == [("no reliable estimate", 2)]
 
 
 def test_long_names_leave_room_for_all_words(analysis):
-    table = bt.EvidenceTable(tuple(replace(row, subject=f"participant of the study number {i}") for i, row in enumerate(analysis.evidence)))
+    table = EvidenceTable(tuple(replace(row, subject=f"participant of the study number {i}") for i, row in enumerate(analysis.evidence)))
     require_legible(bt.plots.evidence_figure(table))
     require_legible(order_effect_axes(table).figure)
 
 
 def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
     rows = [replace(row, log_evidence_h0=-0.604 * row.n_trials, log_evidence_h1=-0.498 * row.n_trials) for row in analysis.evidence]
-    ax = evidence_plane_axes(bt.EvidenceTable(tuple(rows)), panel(None, high=3.4))  # a range with many numbers of three decimals
+    ax = evidence_plane_axes(EvidenceTable(tuple(rows)), panel(None, high=3.4))  # a range with many numbers of three decimals
     drawn = [text for text in texts_of(ax.figure) if text in ax.get_xticklabels()]
     boxes = sorted((text.get_window_extent().x0, text.get_window_extent().x1) for text in drawn)
     assert len(boxes) > 1
@@ -61,7 +62,7 @@ def many(table, size):
     """A table of so many subjects: the rows of another one under other names: the last without an estimate, the one before undescribed."""
     rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(size)]
     rows[-2], rows[-1] = undescribed(rows[-2]), replace(unknown(rows[-1]), log_evidence_h1=None, log_evidence_h1_se=None)
-    return bt.EvidenceTable(tuple(rows))
+    return EvidenceTable(tuple(rows))
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):

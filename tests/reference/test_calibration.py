@@ -104,7 +104,7 @@ def test_what_is_judged_is_what_the_commands_say():
 
 def test_the_ranked_likelihood_is_the_posteriors():
     subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
-    posterior = bt.posterior_of(subject)
+    posterior = bt.model.posterior_of(subject)
     x = np.random.default_rng(1).normal(size=(20, 4))
     found = ranked_quantities(subject, posterior.natural(x))
     np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)

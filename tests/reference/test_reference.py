@@ -31,7 +31,7 @@ def test_stored_cases_belong_to_todays_counts_and_prior():
 
 @pytest.mark.parametrize("name", sorted(STORED["cases"]))
 def test_evidence_agrees_within_four_standard_errors(name):
-    fitted = fit_proposal(bt.posterior_of(SUBJECTS[name], bt.Prior()), np.random.default_rng(2604))
+    fitted = fit_proposal(bt.model.posterior_of(SUBJECTS[name], bt.Prior()), np.random.default_rng(2604))
     estimate = importance_evidence(fitted)
     value, error, why_not = estimate.value, estimate.se, estimate.why_not
     if value is None:  # said, not hidden
@@ -51,7 +51,7 @@ def parts(fitted, count):
 @pytest.mark.parametrize(("name", "fits"), [("S01", 25), ("one order missing", 25)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
-    posterior, case = bt.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
+    posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     maxima = find_maxima(posterior)
     fitted = (fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(fits))
     estimates = [importance_evidence(part) for one in fitted for part in parts(one, 100 // fits)]
@@ -63,7 +63,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
 
 @pytest.mark.parametrize("name", sorted(STORED["cases"]))
 def test_draws_have_the_means_and_quantiles(name):
-    posterior, case = bt.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
+    posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     chains = sample_chains(fit_proposal(posterior, np.random.default_rng(1)), SamplerSettings(draws=4000), 1)
     theta = posterior.natural(chains.x)
     if not chains.converged:

@@ -60,8 +60,8 @@ def written(analysis, small_study, tmp_path_factory):
 
 def planned(folder):
     """Those of commands that plan a study."""
-    table = bt.power(trials=[26], data_sets=1, seed=1, workers=1)
-    sessions = bt.stopping(rule=bt.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
+    table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
+    sessions = bt.planning.stopping(rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     assert inside("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder).returncode == 0
     return {
