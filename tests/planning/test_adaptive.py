@@ -6,20 +6,22 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from scipy.special import entr
+from scipy.special import entr, logsumexp
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SYMMETRIC
-from bayes_toe.model.prior import Prior
+from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.planning.adaptive import Adaptive
-from bayes_toe.planning.observers import observers_from
+from bayes_toe.planning.observers import observers_from, prior_of
 from bayes_toe.planning.particles import Particles
 from bayes_toe.planning.study_design import each_once
 
 LEVELS = np.linspace(-0.75, 1.25, 9)
 PAIRS = [(a, b) for a in LEVELS for b in LEVELS]
-EACH = each_once(*np.transpose(PAIRS)).unanswered
+DESIGN = each_once(*np.transpose(PAIRS))
+EACH, PRIOR = DESIGN.unanswered, prior_of([DESIGN], None)
 KEYS = ("s1", "s2", "n_equal", "n_trials")
 THREE = ("symmetric", "constant bias", "predictive update")
 
@@ -60,11 +62,12 @@ def test_the_posterior_is_that_of_sample(done):
 
 def test_probabilities_are_those_of_the_evidences(updates):
     made = session(60, updates, model=THREE)
-    study = bt.Study((made.subject,))
-    [row] = bt.evidence(study, seed=1, workers=1).rows
-    # The constant error's prior counts from the mean first stimulus shown, the session's from that of the candidates.
-    odds = np.log(made.probabilities["predictive update"] / made.probabilities["symmetric"])
-    assert odds == pytest.approx(row.log_evidence_h1 - row.log_evidence_symmetric, abs=0.15)
+    logs = []
+    for name in THREE:
+        posterior = Posterior(made.subject, model_named(name), made.prior)
+        logs.append(fitted_result(posterior, 1, Wanted(evidence_draws=4000))[0].evidence.value)
+    # A constant error counts from the mean first stimulus shown, the session's from that of the candidates.
+    assert np.log(list(made.probabilities.values())) == pytest.approx(logs - logsumexp(logs), abs=0.15)
     assert sum(made.probabilities.values()) == pytest.approx(1.0)
 
 
@@ -88,7 +91,7 @@ def entropy(q):
 def of_prior():
     """40,000 draws of the prior, and their P(equal) of every pair."""
     centre = float(np.mean(LEVELS))
-    cloud = Particles.of_prior(PREDICTIVE_UPDATE, Prior(), centre, 1.0, 40_000, np.random.default_rng(1))
+    cloud = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, centre, 1.0, 40_000, np.random.default_rng(1))
     target = cloud.target(EACH)
     return target.quantities(cloud.x), np.exp(target.log_answers(cloud.x)[0])
 
@@ -96,7 +99,7 @@ def of_prior():
 def test_information_is_the_expected_fall_of_entropy_and_not_the_scatter_of_a_few_draws(of_prior):
     """By the definition, over 40 bins of a quantity, whose own scatter is below 0.001: of 512 draws it was up to 1.5 times as large."""
     quantities, equal = of_prior
-    for about, off in (("gain", 0.0015), ("width", 0.0015), ("parameters", 0.003)):
+    for about, off in (("gain", 0.002), ("width", 0.002), ("parameters", 0.003)):
         left = entropy(equal).mean(axis=0)  # where all parameters are known
         if about != "parameters":
             left = np.mean([entropy(equal[one].mean(axis=0)) for one in np.array_split(np.argsort(quantities[about]), 40)], axis=0)
@@ -108,11 +111,11 @@ def test_information_is_the_expected_fall_of_entropy_and_not_the_scatter_of_a_fe
 
 def test_information_about_the_model_is_what_its_answer_tells_of_two(of_prior):
     made = Adaptive(PAIRS, ("symmetric", "predictive update"), seed=1, draws=8000)
-    symmetric = Particles.of_prior(SYMMETRIC, Prior(), float(np.mean(LEVELS)), 1.0, 40_000, np.random.default_rng(2))
+    symmetric = Particles.of_prior(SYMMETRIC, PRIOR, float(np.mean(LEVELS)), 1.0, 40_000, np.random.default_rng(2))
     q = np.exp(symmetric.target(EACH).log_answers(symmetric.x)[0]).mean(axis=0), of_prior[1].mean(axis=0)
     expected = entropy(np.mean(q, axis=0)) - np.mean([entropy(one) for one in q], axis=0)
     assert made.information() == pytest.approx(expected, abs=0.003)
-    assert expected.max() > 0.02
+    assert expected.max() > 0.015
 
 
 def test_information_is_finite_where_an_answer_is_certain():
@@ -164,7 +167,7 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 
 def test_old_draws_serve_until_new_ones_are_made_in_portions_and_those_outside_of_the_support_weigh_nothing(done):
     """What draws weigh is about all answers, also those that came while they were made."""
-    cloud = Particles.of_prior(PREDICTIVE_UPDATE, Prior(), 0.25, 1.0, 2000, np.random.default_rng(1))
+    cloud = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0, 2000, np.random.default_rng(1))
     cloud.answered(done.subject)
     cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
     before, portions, more = cloud.x, [], bt.Subject.from_trials("one", [0.0], [0.1], [True])

@@ -1,5 +1,7 @@
 """Assumed observers: they depend on nobody else and on no zero of the stimuli; who would never say 'equal' is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from commands import inside
@@ -98,7 +100,7 @@ def test_draws_of_an_earlier_study_are_observers_and_their_likes_without_an_orde
     bt.sample(bt.Study((subject,)), model="update + both ways", draws=500, seed=1, workers=1).save(tmp_path / "posterior.nc")
     observers = observers_from(tmp_path / "posterior.nc", 2, seed=1)
     assert [one.model for one in observers[::2]] == [
-        f"{kind} + Weber + both ways + bell + binomial" for kind in ("none", "constant error", "update")
+        f"{kind} + Weber + both ways + bell + one peak + binomial" for kind in ("none", "constant error", "update")
     ]
     both_orders = each_once([0.0, 0.3], [0.3, 0.0])
     first, second = of_kind(observers, "none")[0].equal(both_orders)
@@ -162,7 +164,7 @@ def test_quantities_hold_over_the_designs_own_interval():
         assert (with_.interval, without.interval) == (0.3, 1.0)
         assert with_.equal(timed) == pytest.approx(without.equal(PAIRS), rel=1e-12)
     assert prior_of([timed, PAIRS], None).reference_interval == 0.3
-    assert prior_of([timed, WIDER], "default").mu1_mean == prior_of([PAIRS, WIDER], "stimuli").mu1_mean
+    assert prior_of([timed, WIDER], None) == replace(prior_of([PAIRS, WIDER], "default"), reference_interval=0.3)
 
 
 STATED = "[none]\nwidth = 0.3\nq0 = 0.9\n[update]\npull = 0.35\nwidth = 0.3\nq0 = 0.9\n{}\n"
