@@ -16,22 +16,23 @@ from bayes_toe.cli import compare, describe, infer, look, planning, population, 
 from bayes_toe.cli.stopping import main as main
 from bayes_toe.cli.task import as_command
 
-#: By what they are for, in the order in which help lists them.
+#: In the order in which help lists them: the way from answers to a paper, then all others.
 COMMANDS = {
-    "A study, from answers to results": (
-        describe.check,
-        infer.run,
+    "From answers to a paper": (describe.check, infer.run, compare.compare, look.explore, look.methods),
+    "More": (
         infer.sample,
         infer.evidence,
-        compare.compare,
         compare.sensitivity,
         population.population,
         describe.asymmetry,
         describe.fit,
+        look.corner,
+        look.figures,
+        look.predict,
+        planning.power,
+        planning.design,
+        synthetic.simulate,
     ),
-    "Look at results, and publish them": (look.explore, look.corner, look.figures, look.predict, look.methods),
-    "Plan a study": (planning.power, planning.design),
-    "Test the program": (synthetic.simulate,),
 }
 
 app = typer.Typer(

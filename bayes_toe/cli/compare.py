@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, writes
+from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import MOST_NAMES, introduce, number, say, say_footnote, say_lines, say_note, say_table
 from bayes_toe.data.messages import listed
@@ -29,7 +29,7 @@ def compare(
     study: StudyFile,
     output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
-    space: Annotated[str, typer.Option("--space", help="parts: 48, over which verdicts average; ladder: those with a name.")] = "parts",
+    space: Annotated[str, rare("--space", help="parts: 48, over which verdicts average; ladder: those with a name.")] = "parts",
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
 ) -> None:
     """Which order effect, and which noise, lapses, curve and peak: probabilities of parts over 48 models, for every subject and the study.
@@ -66,8 +66,8 @@ def sensitivity(
     *,
     study: StudyFileOrSaved,
     output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
-    reach: Annotated[float, typer.Option("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
-    steps: Annotated[int, typer.Option("--steps", help="Values of each, an odd number.")] = 9,
+    reach: Annotated[float, rare("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
+    steps: Annotated[int, rare("--steps", help="Values of each, an odd number.")] = 9,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, writes
+from bayes_toe.cli.options import StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import number, safe, say, say_doubts, say_findings, say_note, say_notes, say_prior, say_study, say_table
 
@@ -82,8 +82,8 @@ def fit(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
-    replicates: Annotated[int, typer.Option("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
-    level: Annotated[float, typer.Option("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
+    replicates: Annotated[int, rare("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
+    level: Annotated[float, rare("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
     """Maximum-likelihood fit of every subject (as in the paper with --prior paper), with percentile bootstrap intervals.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, writes
+from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
@@ -45,7 +45,7 @@ def run(
     *,
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
-    pictures: Annotated[str, typer.Option("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
+    pictures: Annotated[str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
     population: Annotated[bool, typer.Option("--population", help="What the subjects have in common, too: the joint posterior.")] = False,
     explore: Annotated[bool, typer.Option("--explore", help="explorer.html, too: posteriors to drag over, in a browser.")] = False,
     store: Store = "nc",

@@ -11,7 +11,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.infer import say_draws
-from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, writes
+from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, rare, writes
 from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
 from bayes_toe.cli.terminal import introduce, say_notes
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
@@ -29,7 +29,7 @@ def explore(
     output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
     subject: Annotated[list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="truth.csv", help="True parameters of synthetic subjects, as simulate writes them.")
+        Path | None, rare("--truth", metavar="truth.csv", help="True parameters of synthetic subjects, as simulate writes them.")
     ] = None,
     population: Annotated[
         Path | None, typer.Option("--population", metavar="population.nc", help="The group's posterior, to stand behind its subjects.")
@@ -92,10 +92,10 @@ def corner(
     parameters: Annotated[
         str | None, typer.Option("--parameters", metavar="gain,mu1", help="Any quantities of the model, natural or identified.")
     ] = None,
-    coordinates: Annotated[str | None, typer.Option("--coordinates", help="natural (default) or identified.")] = None,
+    coordinates: Annotated[str | None, rare("--coordinates", help="natural (default) or identified.")] = None,
     show_prior: Annotated[bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")] = False,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="truth.csv", help="Known values: columns subject and mu1, gain, ..., marked.")
+        Path | None, rare("--truth", metavar="truth.csv", help="Known values: columns subject and mu1, gain, ..., marked.")
     ] = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png.")] = None,
     task: Annotated[Task, Takes(*WORKERS)],
@@ -162,9 +162,9 @@ def figures(
         typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
     ] = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
-    mass: Annotated[float, typer.Option("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
+    mass: Annotated[float, rare("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="truth.csv", help="True values, columns subject, mu1, sigma_p: squares in the map.")
+        Path | None, rare("--truth", metavar="truth.csv", help="True values, columns subject, mu1, sigma_p: squares in the map.")
     ] = None,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "draws")],
@@ -243,7 +243,7 @@ def methods(
     output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
     compare: Annotated[
         Path | None,
-        typer.Option("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
+        rare("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
     ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:

@@ -29,24 +29,27 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
     return f"default (scales are those of the stimuli), paper, or a file of any of {names}; see check --prior."
 
 
+def rare(*names: str, **how: Any) -> Any:
+    """An option that few need: help has it in a panel of its own."""
+    return typer.Option(*names, rich_help_panel="Advanced", **how)
+
+
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
-DrawCount = Annotated[int, typer.Option("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
+DrawCount = Annotated[int, rare("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
 Processes = Annotated[
     int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
 ]
-Engine = Annotated[Literal["local", "dask"], typer.Option("--engine", help="Processes of this machine, or the workers of a Dask cluster.")]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
+Engine = Annotated[Literal["local", "dask"], rare("--engine", help="Processes of this machine, or the workers of a Dask cluster.")]
+Scheduler = Annotated[str | None, rare("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
 PriorFile = Annotated[str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=prior_help())]
 SpreadsheetSafe = Annotated[
-    bool, typer.Option("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
+    bool, rare("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-Store = Annotated[
-    Literal["nc", "zarr"], typer.Option("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")
-]
+Store = Annotated[Literal["nc", "zarr"], rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
 InTheirPlace = Annotated[
     Path | None,
@@ -89,11 +92,13 @@ class StudyFileOrExample:
     columns: Annotated[
         str | None, _how_to_read("--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,...")
     ] = None
-
     turn: Annotated[
-        list[str] | None, _how_to_read("--turn", "Swap 'equal' and 'different' in these blocks, or in all; repeatable.", _WHOSE)
+        list[str] | None,
+        typer.Option("--turn", metavar=_WHOSE, help="Swap 'equal' and 'different' in these blocks, or in all; repeatable."),
     ] = None
-    leave_out: Annotated[list[str] | None, _how_to_read("--leave-out", "Without a subject, or these blocks; repeatable.", _WHOSE)] = None
+    leave_out: Annotated[
+        list[str] | None, typer.Option("--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable.")
+    ] = None
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""

@@ -11,7 +11,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe import planning
-from bayes_toe.cli.options import writes
+from bayes_toe.cli.options import rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
 from bayes_toe.data.messages import counted, quoted
@@ -36,18 +36,18 @@ class GoalOptions:
     step: Annotated[float, typer.Option("--step", help="Between levels, natural-log intensity.")] = 0.05
     levels: Annotated[
         Path | None,
-        typer.Option("--levels", metavar="levels.csv", help="What hardware can show, column s, or i with --intensity."),
+        rare("--levels", metavar="levels.csv", help="What hardware can show, column s, or i with --intensity."),
     ] = None
     intensity: Annotated[
         float | None,
-        typer.Option("--intensity", metavar="REF", help="Amplitudes, s = ln(i / REF): those of --levels, and i1,i2 in --list."),
+        rare("--intensity", metavar="REF", help="Amplitudes, s = ln(i / REF): those of --levels, and i1,i2 in --list."),
     ] = None
     max_pairs: Annotated[int, typer.Option("--max-pairs", help="Different pairs.")] = 25
-    isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals to choose from, seconds, e.g. 0.5,2.")] = None
+    isi: Annotated[str | None, rare("--isi", help="Inter-stimulus intervals to choose from, seconds, e.g. 0.5,2.")] = None
     aim: Annotated[
         str, typer.Option("--for", metavar="update|gain|mu1|width|parameters", help="Name the update, or know a quantity, or all.")
     ] = "update"
-    keep: Annotated[Path | None, typer.Option("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None
+    keep: Annotated[Path | None, rare("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials.")] = None
 
     def require(self, given: Path | None, listed: bool) -> None:
         """Refuse an intensity of nothing, and a design that is given beside what another one would be looked for among."""
@@ -86,20 +86,18 @@ class SimulationOptions:
     """What is simulated, and of how many observers."""
 
     trials: Annotated[str, typer.Option("--trials", help="Trials of a subject, shared among the pairs as in the design.")] = "325,650,1300"
-    data_sets: Annotated[int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")] = 100
+    data_sets: Annotated[int, rare("--data-sets", min=1, help="Simulated observers of each kind.")] = 100
     subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16"
     stop: Annotated[
         float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
     ] = None
-    look: Annotated[
-        int, typer.Option("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")
-    ] = 50
+    look: Annotated[int, rare("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")] = 50
     population: Annotated[
         bool,
         typer.Option("--population", help="Also whole studies by the analysis of groups, population: about 1 s a subject of each."),
     ] = False
     studies: Annotated[
-        int, typer.Option("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
+        int, rare("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
     ] = 20
     observers: Observers = None
 
@@ -174,7 +172,7 @@ class ListOptions:
         Path | None,
         typer.Option("--list", metavar="trials.csv", help="Trials to show, for PsychoPy or jsPsych; the column response is empty."),
     ] = None
-    blocks: Annotated[int, typer.Option("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")] = 10
+    blocks: Annotated[int, rare("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")] = 10
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="Of --list: how many, each with an order of trials of its own.")] = 1
 
     def write(self, made: planning.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
@@ -200,9 +198,7 @@ def design(
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
     wanted: GoalOptions,
-    data_sets: Annotated[
-        int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind who judge it and its rivals.")
-    ] = 20,
+    data_sets: Annotated[int, rare("--data-sets", min=1, help="Simulated observers of each kind who judge it and its rivals.")] = 20,
     observers: Observers = None,
     lists: ListOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],

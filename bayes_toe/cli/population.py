@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFileOrSaved, writes
+from bayes_toe.cli.options import StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     allowed,
@@ -57,15 +57,15 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         Path | None, typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate: what may move subjects.")
     ] = None,
     categorical: Annotated[
-        list[str] | None, typer.Option("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
+        list[str] | None, rare("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
     ] = None,
-    model: Annotated[str, typer.Option("--model", help="A name or a composition: 'update + sloped + both ways'.")] = "predictive update",
+    model: Annotated[str, rare("--model", help="A name or a composition: 'update + sloped + both ways'.")] = "predictive update",
     scatter: Annotated[
-        str, typer.Option("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
+        str, rare("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
     ] = "normal",
     correlations: Annotated[
         bool | None,
-        typer.Option(
+        rare(
             "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 500 trials each."
         ),
     ] = None,
@@ -78,7 +78,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
             "group's chains, study, prior and, without --seed, seed. The group is sampled, to the same joint posterior.",
         ),
     ] = None,
-    hyperprior: Annotated[Path | None, typer.Option("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
+    hyperprior: Annotated[Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=2000)],
 ) -> None:
     """What the subjects of a study have in common, how far they differ, what covariates do, and each subject in the light of the others.

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bayes_toe.cli.options import writes
+from bayes_toe.cli.options import rare, writes
 from bayes_toe.cli.task import Takes, Task
 
 
@@ -18,13 +18,11 @@ def simulate(  # each is a choice of its own, and has a default
     truth_output: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16,
     batches: Annotated[int, typer.Option("--batches", min=1, help="Repetitions of the whole set of pairs.")] = 50,
-    amplitudes: Annotated[str, typer.Option("--amplitudes", help="Stimuli in units of the reference, weakest first.")] = (
-        "1,1.15,1.36,1.55,1.66"
-    ),
+    amplitudes: Annotated[str, rare("--amplitudes", help="Stimuli in units of the reference, weakest first.")] = ("1,1.15,1.36,1.55,1.66"),
     design: Annotated[
         str, typer.Option("--design", help="reference (the paper's), full (all ordered pairs), or a CSV with s1,s2 (and isi).")
     ] = "reference",
-    isi: Annotated[str | None, typer.Option("--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each.")] = None,
+    isi: Annotated[str | None, rare("--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each.")] = None,
     population: Annotated[str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l,q0.")] = "paper",
     task: Annotated[Task, Takes("seed", "prior", "spreadsheet_safe", "overwrite")],
 ) -> None:

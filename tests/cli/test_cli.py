@@ -407,6 +407,8 @@ LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplot
     [
         ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
         ("import bayes_toe.cli.app", {*LARGE, "scipy"}),
+        ("from bayes_toe.cli.app import app; app(['--help'], standalone_mode=False)", {*LARGE, "scipy"}),
+        ("from bayes_toe.cli.app import app; app(['population', '--help'], standalone_mode=False)", {*LARGE, "scipy"}),
         ("from bayes_toe.cli.app import app; app(['check', 'study.csv'], standalone_mode=False)", LARGE),
     ],
 )

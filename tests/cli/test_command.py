@@ -1,6 +1,7 @@
 """Functions become commands: records become options, in one order; errors become lines and exit codes; help loses nothing."""
 
 import inspect
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -82,6 +83,16 @@ def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_e
     for one in typer.main.get_command(app).commands[function.__name__].params:
         assert "".join(Text.from_markup(one.help).plain.split()) in said, one.name
         assert not Text.from_markup(one.help).spans, one.name  # a bracket is a bracket
+
+
+def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_apart():
+    said = inside("--help").stdout
+    first, more = (re.findall(r"^│ (\w+)  ", part, re.MULTILINE) for part in said.partition("From answers to a paper")[2].split("More"))
+    assert first == ["check", "run", "compare", "explore", "methods"]
+    assert sorted(first + more) == sorted(one.__name__ for commands in COMMANDS.values() for one in commands)
+    usual, rare = inside("run", "--help").stdout.split("Advanced")
+    assert all(f"{name} " in usual for name in ("--output", "--turn", "--leave-out", "--prior", "--seed", "--workers"))
+    assert all(f"{name} " in rare for name in ("--engine", "--scheduler", "--spreadsheet-safe", "--store"))
 
 
 def test_the_sections_of_a_hyperprior_are_named_by_help():
