@@ -281,6 +281,11 @@ class LogNormal:
         """Standard deviation."""
         return self.median * math.exp(self.sd**2 / 2.0) * math.sqrt(math.expm1(self.sd**2))
 
+    @property
+    def of_log(self) -> Normal:
+        """Distribution of the logarithm."""
+        return Normal(math.log(self.median), self.sd)
+
     def _score(self, x: npt.ArrayLike) -> FloatArray:
         """Z = ln(x/median)/sd, -inf from 0 downward."""
         with np.errstate(divide="ignore"):

@@ -16,7 +16,7 @@ from scipy.special import expit, log_expit, logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
-from bayes_toe.model.distributions import Beta, Distribution, Random
+from bayes_toe.model.distributions import Beta, Distribution, LogNormal, Random
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Names
 
@@ -73,12 +73,16 @@ class Log(Scale):
         return np.log(t)
 
     def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """With log dt/dx = x."""
+        """With log dt/dx = x; of a lognormal by the logarithm itself."""
+        if isinstance(distribution, LogNormal):
+            return distribution.of_log.log_density(x)
         with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
             return np.asarray(distribution.log_density(np.exp(x)) + x)
 
     def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """T f' + 1."""
+        if isinstance(distribution, LogNormal):
+            return distribution.of_log.slope(x)
         with np.errstate(over="ignore"):
             t = np.exp(x)
             return np.asarray(t * distribution.slope(t) + 1.0)

@@ -74,8 +74,9 @@ class Stimuli(NamedTuple):
         if not unequal.any():
             return None
         mean = float(np.average(0.5 * (s1 + s2), weights=n))
-        sd = np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n))
-        return cls(mean, float(sd), float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal]))))
+        sd = float(np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n)))
+        step = float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal])))
+        return cls(mean, sd, step) if sd > 0.0 and step > 0.0 else None  # differences whose squares are below the smallest float
 
     def number(self, symbol: str) -> float:
         """What a key of :data:`OF_STIMULI` stands for."""
