@@ -6,6 +6,7 @@ Every exception is a :class:`BayesToeError`; the command line turns each into on
 from __future__ import annotations
 
 from collections.abc import Iterable
+from numbers import Real
 
 
 class BayesToeError(Exception):
@@ -45,6 +46,21 @@ class WorkerError(BayesToeError, RuntimeError):
 
 class NumericalError(BayesToeError, ArithmeticError):
     """A quantity that has to be finite was not: a bug or an impossible input, never hidden."""
+
+
+def require_kind(name: str, given: object, kinds: type | tuple[type, ...], allowed: str) -> None:
+    """Refuse what is of another kind than its parameter takes.
+
+    Examples
+    --------
+    >>> require_kind("draws", "4000", int, "a whole number from 1")
+    Traceback (most recent call last):
+    ...
+    bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number from 1
+    """
+    if not isinstance(given, kinds):
+        found = repr(given) if isinstance(given, str | Real) else type(given).__name__
+        raise InputError(f"{name}: found {found}, allowed: {allowed}")
 
 
 class ConvergenceWarning(UserWarning):

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_info
 
 from bayes_toe.data.messages import shown
 from bayes_toe.data.whole_files import Standing, make_folders, remove_empty, reporting, sweep, under_way, whole_file
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import InputError, OutputError, require_kind
 from bayes_toe.records import fingerprint, packed, unpacked
 from bayes_toe.seeds import root_seed
 from bayes_toe.version import library_versions
@@ -111,6 +111,7 @@ def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept]
     if folder is None:
         yield Kept()
         return
+    require_kind("keep", folder, (str, os.PathLike), "the path of a folder")
     path = Path(folder)
     with ExitStack() as made:
         make_folders(path, made)

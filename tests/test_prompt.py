@@ -70,3 +70,42 @@ def test_every_verb_says_what_a_study_is(given, said):
     for verb in (*verbs, bt.prior_predictive, bt.check):
         with pytest.raises(bt.InputError, match=said):
             verb(given)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda study, _: bt.run(study, prior=3), "prior: found 3, allowed: 'default', 'paper', a TOML file"),
+        (lambda study, _: bt.run(study, prior="papre"), "prior 'papre': no such preset or file, allowed: 'default', 'paper'"),
+        (lambda study, _: bt.evidence(study, draws=2.5), "draws: found 2.5, allowed: a whole number from 1"),
+        (lambda study, _: bt.sample(study, seed="1"), "seed='1': allowed is a whole number"),
+        (lambda study, _: bt.run(study, workers="all"), "workers='all': allowed is a number of processes"),
+        (lambda study, _: bt.run(study, keep=3), "keep: found 3, allowed: the path of a folder"),
+        (lambda study, _: bt.sample(study, model=3), "model: found 3, allowed: a name or a composition"),
+        (lambda study, _: bt.compare(study, models=3), "models: found 3, allowed: names of models, or of a space: "),
+        (lambda study, _: bt.fit(study, level="x"), "level: found 'x', allowed: a number between 0 and 1"),
+        (lambda study, _: bt.fit(study, replicates=1.5), "replicates: found 1.5, allowed: a whole number from 1"),
+        (lambda study, _: bt.sensitivity(study, reach="x"), "reach: found 'x', allowed: a number above 1"),
+        (lambda study, _: bt.population(study, hyperprior=3), "hyperprior: found 3, allowed: a Hyperprior, or the path"),
+        (lambda study, _: bt.population(study, covariates=3), "found 'int', allowed: the path of a file"),
+        (lambda study, _: bt.predict(study, "A", 0.0, 0.3), "draws: found Study, allowed: Draws, such as bt.sample"),
+        (lambda study, _: bt.explore(study), "draws: found Study, allowed: Draws"),
+        (lambda *_: bt.plots.corner("posterior.nc", "A"), "draws: found 'posterior.nc', allowed: Draws, such as .*bt.load"),
+        (lambda *_: bt.load(5), "file: found 5, allowed: the path of a posterior.nc, posterior.zarr or population.nc"),
+        (lambda *_: bt.read_study(5), "found 'int', allowed: the path of a file, or a pandas or polars DataFrame"),
+        (lambda _, path: bt.read_study(path, {"subject": "who"}), "options: found dict, allowed: a ReadOptions"),
+        (lambda *_: bt.Study("S01"), "Study: found 'S', allowed: Subjects, in a list"),
+        (lambda *_: bt.Prior(mu1_sd="x"), "prior: mu1_sd=x, allowed: a positive finite number"),
+    ],
+)
+def test_what_is_of_a_wrong_kind_is_refused_in_a_line_that_says_what_is_allowed(small_study, study_csv, call, said):
+    with pytest.raises(bt.InputError, match=said):
+        call(small_study, study_csv)
+
+
+def test_the_file_of_a_prior_is_taken_where_a_prior_is(small_study, tmp_path):
+    file = tmp_path / "prior.toml"
+    file.write_text("mu1_sd = 2.5", encoding="utf-8")
+    found = [bt.evidence(small_study.select(["A"]), draws=500, prior=one, seed=1, workers=1) for one in (str(file), bt.Prior(mu1_sd=2.5))]
+    assert found[0].frame().equals(found[1].frame())
+    assert bt.check(small_study, prior=str(file)) == bt.check(small_study, prior=bt.Prior(mu1_sd=2.5))

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from scipy.stats import boschloo_exact, hypergeom
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.classical.covariates import CovariateTable, covariate_tests
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
-from bayes_toe.data.covariates import Covariates
+from bayes_toe.data.covariates import Covariates, covariates_of
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -208,9 +209,9 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         keys = ("mean_asymmetry", "mean_absolute_asymmetry", "accuracy")
         return {key: {row.subject: getattr(row, key) for row in some} for key in keys}
 
-    def covariate_tests(self, covariates: Covariates) -> CovariateTable:
+    def covariate_tests(self, covariates: Covariates | str | Path) -> CovariateTable:
         """Welch's t or Pearson's r of every outcome and covariate, see :func:`bayes_toe.classical.covariates.covariate_tests`."""
-        return covariate_tests(covariates, self.outcomes())
+        return covariate_tests(covariates_of(covariates), self.outcomes())
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

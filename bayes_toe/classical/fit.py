@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ from bayes_toe.classical.maximum_likelihood import EDGES, Fits, fit_counts, fit_
 from bayes_toe.classical.penalised_likelihood import Counts, Design, replicate_starts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.prior import DEFAULT, Prior
@@ -160,6 +161,7 @@ def bootstrap_subject(
     >>> bootstrap_subject(subject, seed=1, replicates=20).fits.parameters.shape
     (20, 4)
     """
+    require_kind("replicates", replicates, Integral, "a whole number from 1")
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
     penalty = DEFAULT if prior is None else prior
@@ -204,6 +206,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
 
 def require_level(level: float) -> None:
     """Raise InputError unless 0 < level < 1."""
+    require_kind("level", level, Real, "a number between 0 and 1")
     if not 0.0 < level < 1.0:
         raise InputError(f"level={level:g} must lie between 0 and 1")
 
@@ -336,6 +339,7 @@ def fit(
     'q0=1'
     """
     require_level(level)
+    require_kind("replicates", replicates, Integral, "a whole number from 1")
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
     require_study(study)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from bayes_toe.comparison.reweighting import Weighted, reweighted, under
 from bayes_toe.comparison.words import STRONG, conclusion
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -200,6 +201,8 @@ def require_range(reach: float, steps: int) -> None:
     InputError
         If `reach` is not above 1 and up to 1e6, or `steps` not an odd number from 3 to 999.
     """
+    require_kind("reach", reach, Real, "a number above 1, up to 1e6")
+    require_kind("steps", steps, Integral, "an odd number from 3 to 999")
     if not 1.0 < reach <= 1e6:
         raise InputError(f"reach={reach:g}: allowed is a number above 1, up to 1e6")
     if not 3 <= steps < 1000 or steps % 2 == 0:

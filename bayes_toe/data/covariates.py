@@ -64,6 +64,11 @@ def level_words(values: Iterable[str | float]) -> list[str]:
     return [value if isinstance(value, str) else str(float(value)).removesuffix(".0") for value in values]
 
 
+def covariates_of(given: Covariates | str | Path) -> Covariates:
+    """The covariates, or those in the file of this path."""
+    return given if isinstance(given, Covariates) else read_covariates(given)
+
+
 def read_covariates(path: str | Path) -> Covariates:
     r"""Covariates from a CSV file with a column `subject` and one column per covariate.
 

@@ -33,7 +33,7 @@ from bayes_toe.data.validation import (
     require_texts,
     whole_number,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 
 #: What made the bundled files.
 COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604"
@@ -87,6 +87,7 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
+    require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
     if isinstance(path, list | tuple):
         return read_together(path, lambda one: read_study(one, options))
     rows = _rows(path, options)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -205,6 +205,8 @@ class Study:
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
+        for one in subjects:
+            require_kind("Study", one, Subject, "Subjects, in a list")
         repeated = sorted(name for name, count in Counter(subject.name for subject in subjects).items() if count > 1)
         if not subjects:
             raise InputError("a study needs at least one subject")

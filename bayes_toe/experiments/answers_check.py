@@ -13,6 +13,7 @@ from bayes_toe.data.options import LOOKED_AT, looks_like
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import preset_or_file
 
 #: Natural-log intensities beyond which stimuli look raw.
 LARGEST_LOG = 5.0
@@ -22,7 +23,7 @@ NOTES = frozenset({"columns_ignored"})
 _Rule = Iterable[tuple[str, str]]
 
 
-def check(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
     """What a study cannot tell, and what speaks against pooling its answers: :func:`check_study`, then :func:`check_answers`.
 
     Examples
@@ -31,7 +32,8 @@ def check(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check(Study([Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99])]))]
     ['few_pairs', 'no_equal_pairs', 'design_rank', 'raw_stimuli']
     """
-    return (*check_study(study, prior), *check_answers(study, prior))
+    given = prior if prior is None or isinstance(prior, Prior) else preset_or_file(prior)
+    return (*check_study(study, given), *check_answers(study, given))
 
 
 def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:

@@ -17,7 +17,7 @@ from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import Entry, entries_of, in_group, island, outlined, prior_of, quantiles
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.plots.corner import spans_of
 from bayes_toe.version import __version__
 
@@ -166,9 +166,12 @@ def _named(draws: Draws | Sequence[Draws] | Mapping[str, Draws]) -> dict[str, Dr
     if isinstance(draws, Mapping):
         found = dict(draws)
     else:
-        models = [one.model for one in draws]
+        several = draws if isinstance(draws, Sequence) else [draws]
+        for one in several:
+            require_draws(one)
+        models = [one.model for one in several]
         again = [f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else "" for i, name in enumerate(models)]
-        found = {name + more: one for name, more, one in zip(models, again, draws, strict=True)}
+        found = {name + more: one for name, more, one in zip(models, again, several, strict=True)}
     if not found:
         raise InputError("explore: found no draws, allowed: those of one model or more")
     return found

@@ -9,6 +9,7 @@ Every parameter eta is declared once, in :data:`GROUP_PARAMETERS`; what reads, s
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
@@ -20,7 +21,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.prior_fields import (
     LARGEST,
     LOG_INTENSITY,
@@ -283,7 +284,10 @@ class Hyperprior:
 
 def hyperprior_of(given: Hyperprior | str | Path | None) -> Hyperprior:
     """The hyperprior, or the one in the file of this path; the default one where there is nothing."""
-    return Hyperprior() if given is None else given if isinstance(given, Hyperprior) else read_hyperprior(given)
+    if given is None or isinstance(given, Hyperprior):
+        return given or Hyperprior()
+    require_kind("hyperprior", given, (str, os.PathLike), "a Hyperprior, or the path of a TOML file")
+    return read_hyperprior(given)
 
 
 def read_hyperprior(path: str | Path) -> Hyperprior:

@@ -6,16 +6,17 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.covariates import Covariates
+from bayes_toe.data.covariates import Covariates, covariates_of
 from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
-from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError
+from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior, hyperprior_of
@@ -192,7 +193,7 @@ class Population:
 def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
     study: Study,
     *,
-    covariates: Covariates | None = None,
+    covariates: Covariates | str | Path | None = None,
     categorical: tuple[str, ...] = (),
     model: str = PREDICTIVE_UPDATE.name,
     draws: int = 2000,
@@ -212,8 +213,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     ----------
     study : Study
         At least two subjects.
-    covariates : Covariates, optional
-        What may move subjects; those that lack one are left out and named.
+    covariates : Covariates or path, optional
+        Or a CSV file of them. What may move subjects; those that lack one are left out and named.
     categorical : tuple of str
         Covariates whose numbers are names of levels.
     model : str
@@ -256,9 +257,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
+    people = None if covariates is None else covariates_of(covariates)
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
-        who = Regressors.none(study.names) if covariates is None else regressors(covariates, study.names, categorical=categorical)
+        who = Regressors.none(study.names) if people is None else regressors(people, study.names, categorical=categorical)
         if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
             correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
@@ -266,6 +268,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         scatter_named(scatter)
         if len(who.subjects) < _FEWEST:
             raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
+        require_kind("draws", draws, Integral, f"a whole number from 1 to {_MOST_DRAWS}")
         if not 1 <= draws <= _MOST_DRAWS:
             raise InputError(f"population: draws={draws} must be in 1..{_MOST_DRAWS}")
         alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)

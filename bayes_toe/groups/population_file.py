@@ -9,6 +9,7 @@ checksums.
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterable
 from contextlib import closing, suppress
@@ -23,7 +24,7 @@ import xarray as xr
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
 from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
@@ -57,6 +58,7 @@ def load(path: str | Path) -> Draws | Population:
     InputError
         If it is missing, is damaged, or is neither.
     """
+    require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc, posterior.zarr or population.nc")
     of_population = False
     with suppress(OSError), h5py.File(path) as file:
         of_population = "hyperprior" in file.attrs

@@ -24,7 +24,7 @@ from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import SamplerSettings
@@ -344,6 +344,11 @@ class Draws:
                 row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
             rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
         return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))
+
+
+def require_draws(given: object) -> None:
+    """Refuse what stands in the place of draws, with what makes them."""
+    require_kind("draws", given, Draws, "Draws, such as bt.sample(study), bt.run(study).draws or bt.load('posterior.nc')")
 
 
 def load_draws(path: str | Path) -> Draws:

@@ -14,7 +14,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
@@ -46,6 +46,7 @@ class Predictor:
         InputError
             For an unknown subject, or a model that says nothing of pairs that were not tested.
         """
+        require_draws(draws)
         target = draws.posterior(subject)
         if isinstance(target, FrequencyPosterior):
             raise InputError(f"model {draws.model!r} says nothing of pairs and intervals that were not tested")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import emcee
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 from bayes_toe.model.target import Conjugate, Target, require_defined
@@ -60,6 +61,7 @@ class SamplerSettings:
     max_quantile_error: float = 0.05
 
     def __post_init__(self) -> None:
+        require_kind("draws", self.draws, Integral, "a whole number from 1 to 1000000")
         if self.walkers == 0:
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
         rules = {

@@ -6,11 +6,11 @@ propagator scales them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import overload
 
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FreeFrequencies, FrequencyPosterior
 from bayes_toe.model.parts import NAMED, allowed_words, composition, compositions
 from bayes_toe.model.posterior import Model, Posterior
@@ -46,6 +46,8 @@ def require_models(names: str | Sequence[str | Record]) -> tuple[Record, ...]:
     InputError
         If a name is unknown, or there is none.
     """
+    if not isinstance(names, Iterable) or isinstance(names, Mapping):
+        require_kind("models", names, str, f"names of models, or of a space: {', '.join(SPACES)}")
     if isinstance(names, str):
         return SPACES[names] if names in SPACES else (model_named(names),)
     if not names:
@@ -74,6 +76,7 @@ def model_named(name: str | Record) -> Record:
     """
     if isinstance(name, Record):
         return name
+    require_kind("model", name, str, "a name or a composition, such as 'update + sloped + both ways'")
     for model in MODELS:
         if model.name == name:
             return model

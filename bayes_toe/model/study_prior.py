@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.data.study import Study, require_study
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.intervals import typical_interval
 from bayes_toe.model.prior import DEFAULT, Prior, read_prior
 
@@ -25,13 +25,12 @@ def preset_or_file(given: str | Path | None) -> Prior:
     """The preset of this name, or the prior in the file of this path; the default one where there is nothing."""
     if given is None:
         return DEFAULT
-    allowed = f"allowed: {', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
-    if not isinstance(given, str | os.PathLike):
-        raise InputError(f"prior: found {type(given).__name__}, {allowed}")
+    allowed = f"{', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
+    require_kind("prior", given, (str, os.PathLike), allowed)
     if str(given) in PRESETS:
         return PRESETS[str(given)]
     if not Path(given).suffix and not Path(given).exists():
-        raise InputError(f"prior {str(given)!r}: no such preset or file, {allowed}")
+        raise InputError(f"prior {str(given)!r}: no such preset or file, allowed: {allowed}")
     return read_prior(given)
 
 

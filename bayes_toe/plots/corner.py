@@ -24,7 +24,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior, prior_draws
@@ -81,6 +81,7 @@ def corner(
     InputError
         For an unknown subject or quantity, no quantity at all, or a true value that cannot be one; for more than four subjects.
     """
+    require_draws(draws)
     subjects, alone = ([subject], True) if isinstance(subject, str) else (list(subject), False)
     if not alone and (not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects)):
         raise InputError(f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once")
