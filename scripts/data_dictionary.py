@@ -23,8 +23,8 @@ from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
 from bayes_toe.comparison.verdict import EFFECTS
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.groups.no_difference import Ratio
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
+from bayes_toe.groups.savage_dickey import Ratio
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
@@ -219,6 +219,7 @@ FILES = (
     File(
         "population.csv", "`population`, `run --population`", "quantity of the population", PopulationRow._fields, [PopulationRow], {
             "quantity": "`mean`, `sd` (between subjects), `correlation`, `effect`, `asymmetry` or `new_subject` (a further one).",
+            "bf_zero": "Of the means that may be none, `pull`, `constant error` and both together (`order effect`): Bayes factor of none against any.",
             "bf_no_difference": "Of effects: Bayes factor of no difference against a difference; below 1 the answers speak for a difference.",
             "bf_error": explanation(Ratio, "error"), "bf_below": explanation(Ratio, "below"),
         },

@@ -17,8 +17,9 @@ import numpy as np
 import pandas as pd
 
 import bayes_toe as bt
-from bayes_toe.comparison.verdict import EFFECTS, ORDERS, SMALL, effect_size, verdict
+from bayes_toe.comparison.verdict import EFFECTS, ORDERS, SMALL, verdict
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.prediction import effect_size
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.seeds import generator

@@ -20,7 +20,7 @@ CENTRE = np.array([-0.4, 0.3, -1.2, 1.5])  # of subjects whose prior mean is bel
 SIZE = 16, 50
 
 
-def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
+def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, model="predictive update", hyperprior=None, **parts):
     """With mean, scatter, effects and eta as given, shape (chains, draws, ...), else drawn about :data:`CENTRE`."""
     rng, n, k = np.random.default_rng(seed), len(study), len(NAMES)
     who = Regressors.none(study.names) if who is None else who
@@ -33,10 +33,10 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, **parts):
         "z": np.empty((*size, 0)),
     } | parts
     chains = with_convergence(GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0), gradients=5))
-    hyperprior = bt.Hyperprior().for_study(study)
-    settings = GroupSettings(seed, "predictive update", bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
+    hyperprior = (bt.Hyperprior() if hyperprior is None else hyperprior).for_study(study)
+    settings = GroupSettings(seed, model, bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
-    return Population(study, settings, NAMES, 0.2, who, chains, alone, dict(who.left_out))
+    return Population(study, settings, model_named(model).group, 0.2, who, chains, alone, dict(who.left_out))
 
 
 #: Mean and sd of mu1, probit gamma, log w and probit q0 of ordinary subjects.

@@ -25,8 +25,9 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
+from bayes_toe.comparison.verdict import HAS, NONE, PROBABLY_HAS, PROBABLY_NONE, SMALL
 from bayes_toe.comparison.words import STATED, compared, conclusion
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
 
 if TYPE_CHECKING:
@@ -44,6 +45,13 @@ _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
 CORRELATED = "correlations between subjects, mean (5 %, 95 %)"
 _SIDES = ("a difference", "no difference")
+#: What is said up to a probability of none on average, as of one subject; above the last, 'none on average'.
+_ON_AVERAGE = (
+    (HAS, "one on average"),
+    (PROBABLY_HAS, "probably one on average"),
+    (PROBABLY_NONE, "undecided on average"),
+    (NONE, "probably none on average"),
+)
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -59,7 +67,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     categorical: Annotated[
         list[str] | None, rare("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
     ] = None,
-    model: Annotated[str, rare("--model", help="A name or a composition: 'update + sloped + both ways'.")] = "predictive update",
+    model: Annotated[str, rare("--model", help="A name or a composition; the paper's model is 'predictive update'.")] = "free weighting",
     scatter: Annotated[
         str, rare("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
     ] = "normal",
@@ -74,8 +82,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         typer.Option(
             "--posterior",
             metavar="RESULTS/posterior.nc",
-            help="Draws that run or sample wrote, in the place of sampling subjects alone: their columns alone_, starts and scales of the "
-            "group's chains, study, prior and, without --seed, seed. The group is sampled, to the same joint posterior.",
+            help="Draws that run or sample wrote: study, prior and, without --seed, seed are theirs. Where they are of --model, subjects "
+            "are not sampled alone again. The group is sampled, to the same joint posterior.",
         ),
     ] = None,
     hyperprior: Annotated[Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
@@ -96,7 +104,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         raise bt.InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
     if posterior is not None and task.resume:
         raise bt.InputError("--resume: allowed without --posterior, where subjects are sampled alone")
-    stored = None if posterior is None else task.saved(posterior, study, model)
+    stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     say_study(task.console, read)
     say_doubts(task.console, read)
@@ -163,22 +171,63 @@ def say_attention(console: Console, found: Population, contradicted: Sequence[st
 def answer(found: Population) -> list[str]:
     """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
     from bayes_toe.groups.asymmetries import OVERALL
+    from bayes_toe.groups.population_table import ORDER_EFFECT
 
-    begin, pairs = "[bold]order effect of the population[/bold]:", found.asymmetries
-    if pairs is None:
-        lines = [f"{begin} no pair of different stimuli was presented in both orders; see pull and gain"]
-    else:
-        row, (further,) = found.table.some("asymmetry", OVERALL)[0], found.table.some("new_subject", OVERALL)
-        p, likelier = row.p_direction or 0.0, f"likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
-        decided = f"'equal' is {likelier} (P {compared(p)})", f"direction undecided ('equal' {likelier}: P {compared(p)})"
-        many = counted(len(pairs.comparisons) - 1, "comparison")
-        size = f"asymmetry, P(equal) stronger first less weaker first, {_interval(row)} on average over {many} and all subjects"
-        lines = [f"{begin} {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"]
-    means = {row.parameter: _median(row) for row in found.table.some("mean")}
-    if said := ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means):
-        lines.append(f"[bold]a subject at the mean[/bold]{reference(found)}: {said}")
+    begin, pairs, both = "[bold]order effect of the population[/bold]", found.asymmetries, found.table.some("mean", ORDER_EFFECT)
+    names = list(found.not_described)
+    described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
+    lines = [f"{begin}{reference(found)}: {_on_average(found)}; {counted(len(found.study), 'subject')}, {safe(described)}"] if both else []
+    if not both or _p_none(both[0]) <= PROBABLY_HAS:
+        lines += [_direction(found, "[bold]direction[/bold]: " if both else f"{begin}: ")]
+    if not both:
+        means = {row.parameter: _median(row) for row in found.table.some("mean")}
+        said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
+        lines += [f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}"]
     contrasts = () if pairs is None else compress(found.table.some("asymmetry", OVERALL), pairs.differences)
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
+
+
+def _p_none(row: PopulationRow) -> float:
+    """Of a mean of 0 against any other, as probable beforehand."""
+    factor = row.bf_below if row.bf_zero is None else row.bf_zero
+    return 0.5 if factor is None else factor / (1.0 + factor)
+
+
+def _on_average(found: Population) -> str:
+    """Whether there is an order effect on average, of which kind, how far subjects differ; then both means and both sds."""
+    from bayes_toe.groups.population_table import ORDER_EFFECT
+
+    table, ((both,), spread) = found.table, (found.table.some(quantity, ORDER_EFFECT) for quantity in ("mean", "sd"))
+    means = [row for kind in ("pull", "constant error") for row in table.some("mean", kind)]
+    p = _p_none(both)
+    side = next((words for most, words in _ON_AVERAGE if p <= most), "none on average")
+    kinds = " and ".join(f"a {row.parameter}" for row in means if _p_none(row) <= PROBABLY_HAS)
+    said = f"{side}: {kinds or 'which kind is open'}" if p <= PROBABLY_HAS else side
+    if spread and spread[0].q05 > SMALL:
+        said += ", but subjects differ, with effects of either sign" if p > PROBABLY_HAS else ", and subjects differ"
+    parts = [f"Bayes factor of none {_factor(both)}"] if len(means) > 1 else []
+    for row in means:
+        (sd,) = table.some("sd", row.parameter)
+        parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {_factor(row)}, sd between subjects {_shown(sd.mean, sd)}")
+    return f"{said} ({'; '.join(parts)})"
+
+
+def _factor(row: PopulationRow) -> str:
+    return "-" if row.bf_zero is None is row.bf_below else f"< {row.bf_below:.2g}" if row.bf_zero is None else f"{row.bf_zero:.2g}"
+
+
+def _direction(found: Population, begin: str) -> str:
+    """In which order 'equal' is the likelier answer."""
+    from bayes_toe.groups.asymmetries import OVERALL
+
+    if found.asymmetries is None:
+        return f"{begin}no pair of different stimuli was presented in both orders; see pull and gain"
+    row, (further,) = found.table.some("asymmetry", OVERALL)[0], found.table.some("new_subject", OVERALL)
+    p, likelier = row.p_direction or 0.0, f"likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
+    decided = f"'equal' is {likelier} (P {compared(p)})", f"direction undecided ('equal' {likelier}: P {compared(p)})"
+    many = counted(len(found.asymmetries.comparisons) - 1, "comparison")
+    size = f"asymmetry, P(equal) stronger first less weaker first, {_interval(row)} on average over {many} and all subjects"
+    return f"{begin}{decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
 
 
 def effect(row: PopulationRow) -> dict[Any, Any]:

@@ -145,7 +145,7 @@ def write_results(
             _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
         write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
         if pictures.explorer:
-            found = None if group is None else group.found
+            found = group.found if group is not None and group.found.settings.model == draws.model else None
             explore(draws, truths=pictures.truth or None, population=found).save(target / "explorer.html")
         asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
         saved = partial(opened, target / posterior, (target / posterior).stat().st_mtime_ns)

@@ -88,7 +88,7 @@ class Task:
         terminal.introduce(self.console, read, prior)
         return read, prior
 
-    def saved(self, posterior: Path, study: StudyFileOrExample, model: str = "predictive update", seed: int | None = None) -> Draws:
+    def saved(self, posterior: Path, study: StudyFileOrExample, model: str | None = "predictive update", seed: int | None = None) -> Draws:
         """Saved draws of a model in the place of sampling; of the study, the prior and the seed, where these are given.
 
         Raises

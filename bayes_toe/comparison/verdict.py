@@ -20,6 +20,7 @@ from bayes_toe.comparison.words import compared
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.inference.evidence import weighed
+from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
@@ -328,16 +329,3 @@ def _sizes(found: SpaceEvidence, values: FloatArray) -> tuple[FloatArray, FloatA
             weights.append(fitted.draws.shares * p[i] * p[places].sum() / p[known].sum())
     joined = np.concatenate(weights)
     return np.concatenate(sizes), joined / joined.sum()
-
-
-def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in half-widths of the curve, (points, k) -> (points,)."""
-    subject, known = posterior.subject, posterior.quantities(x)
-    offset = known.get("offset", np.zeros(len(x)))
-    pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
-    lever = subject.s1 - posterior.sbar
-    share = subject.n_trials / subject.n_trials.sum()
-    spread = np.average(np.square(lever), weights=share)  # the mean of the lever is 0, or that of the centre
-    mean = np.average(lever, weights=share)
-    square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.half_of_peak(x)))

@@ -80,7 +80,7 @@ def asymmetries(found: Population, pairs: FloatArray | None = None) -> Asymmetri
     isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
     shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi)
     strong, weak = np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # where a subject, who has pairs in order, has them
-    posterior = found.posterior(found.study.names[0]).for_subject(shown)
+    posterior = found.typical.for_subject(shown)
 
     def asymmetry(eta: FloatArray) -> FloatArray:
         """Of subjects, (draws, scores, k) -> (draws, scores, comparisons)."""

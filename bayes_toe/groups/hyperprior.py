@@ -37,7 +37,7 @@ from bayes_toe.model.prior_fields import (
 )
 
 #: A number, or the key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` that gives it.
-Default = float | Literal["M", "10 R", "0.5/R", "D", "log D"]
+Default = float | Literal["M", "2.5 R", "0.5/R", "D/2", "log D"]
 
 #: The numbers of every group parameter, on its scale.
 NUMBERS: tuple[tuple[str, Kind, str], ...] = (
@@ -90,11 +90,11 @@ class GroupParameter(NamedTuple):
 
         Examples
         --------
-        >>> [GROUP_PARAMETERS[name].label for name in ("mu1", "width", "gamma", "gain")]
-        ['mu1', 'log width', 'probit gamma', 'probit(gain/2)']
+        >>> [GROUP_PARAMETERS[name].label for name in ("mu1", "width", "gamma", "gain", "offset")]
+        ['mu1', 'log width', 'probit gamma', 'probit(gain/2)', 'constant error']
         """
         if self.scale == "identity":
-            return self.name
+            return "constant error" if self.name == "offset" else self.name
         return f"{self.scale} {self.name}" if self.top == 1.0 else f"{self.scale}({self.name}/{self.top:g})"
 
     @property
@@ -111,19 +111,19 @@ class GroupParameter(NamedTuple):
 
 
 _DECLARED = (
-    GroupParameter("mu1", "mean of the prior belief", "identity", "M", "10 R", "10 R", LOG_INTENSITY),
+    GroupParameter("mu1", "mean of the prior belief", "identity", "M", "2.5 R", "2.5 R", LOG_INTENSITY),
     GroupParameter("gamma", "noise ratio (sigma_l/sigma_p)^2", "probit", 0.0, 1.0, 1.0),
     GroupParameter("width", "width w of the curve", "log", "log D", 1.0, 0.7),
-    GroupParameter("q0", "P(equal) of equal stimuli", "probit", 1.0, 1.0, 1.0),
-    # Here the population's mean has what a single subject's prior is by default, Beta(1, 9), on this scale.
+    GroupParameter("q0", "P(equal) of equal stimuli", "probit", 1.0, 0.7, 0.7),
+    # Of q0, lapse rate and icc the population's mean has what a single subject's prior is by default on this scale.
     GroupParameter("lapse_rate", "share of answers that do not depend on the stimuli", "probit", -1.5, 0.6, 0.7),
     GroupParameter("icc", "intra-class correlation of answers", "probit", -1.5, 0.6, 0.7),
     GroupParameter("pull", "pull of a memory that decays", "probit", 0.0, 1.0, 1.0),
     GroupParameter("split", "share v of the decay in that pull, rho = g^v and K = g^(1 - v)", "probit", 0.0, 1.0, 1.0),
-    GroupParameter("gain", "weight of the first stimulus", "probit", 0.0, 1.0, 1.0, top=2.0),
+    GroupParameter("gain", "weight of the first stimulus", "probit", 0.0, 0.4, 0.4, top=2.0),
     GroupParameter("exponent", "exponent of the curve", "log", log(2.0), 0.5, 0.5),
     GroupParameter("noise_slope", "slope of the noise, 0 for Weber's law", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
-    GroupParameter("offset", "constant error", "identity", 0.0, "D", "D", LOG_INTENSITY),
+    GroupParameter("offset", "constant error", "identity", 0.0, "D/2", "D/2", LOG_INTENSITY),
     GroupParameter("peak_slope", "slope of logit q0, 0 for one peak", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
 )
 #: Those that a population can be asked for, by name.
@@ -203,7 +203,7 @@ class Hyperprior:
         >>> from bayes_toe.data.study import Subject
         >>> study = Study([Subject("S", [0.0, 0.5], [0.0, 2.0], [9, 4], [10, 10])])
         >>> Hyperprior().for_study(study).describe(["mu1"])[0]
-        'mu1: mean ~ Normal(0.625, 8.1968), sd between subjects ~ HalfNormal(8.1968), effect ~ Normal(0, 8.1968), natural-log intensity'
+        'mu1: mean ~ Normal(0.625, 2.0492), sd between subjects ~ HalfNormal(2.0492), effect ~ Normal(0, 2.0492), natural-log intensity'
         """
         found = {name: {key: value for key, value in section.items() if value == STIMULI} for name, section in self.as_dict().items()}
         if not any(found.values()):

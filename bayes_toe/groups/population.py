@@ -24,11 +24,20 @@ from bayes_toe.groups.joint import Joint, scatter_named
 from bayes_toe.groups.population_file import save_population
 from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
-from bayes_toe.groups.subjects import GroupLikelihood, NormalApproximation, Unpooled, funnel_of, unpooled, unpooled_from_draws
+from bayes_toe.groups.subjects import (
+    GroupLikelihood,
+    NormalApproximation,
+    Unpooled,
+    centre_of,
+    funnel_of,
+    unpooled,
+    unpooled_from_draws,
+)
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.predictive_checks import summarise_fit
 from bayes_toe.kept import Kept, keeping
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.model.ladder import FREE_WEIGHTING, model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import mean_first, prior_for
@@ -38,7 +47,7 @@ from bayes_toe.workers import Progress, Workers
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
 _FEWEST, _MOST_DRAWS = 2, 100_000
-_JUDGING = 20_000
+_JUDGING, _JUDGED_BY = 20_000, 1000  # draws: of a subject alone, and of a predictive check of its fit
 _MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
 
@@ -83,7 +92,8 @@ class Population:
     names : tuple of str
         The k group parameters, see :data:`bayes_toe.groups.hyperprior.GROUP_PARAMETERS`.
     centre : float
-        Mean first stimulus of the study, from which an offset counts; natural-log intensity.
+        Mean first stimulus of the study, natural-log intensity. An offset counts from it where the prior mean mu1 is in the model, which
+        all subjects share, and else from each subject's own mean: a constant error of 0 then means none, whatever its stimuli were.
     regressors : Regressors
     chains : GroupChains
         Draws on the group scales.
@@ -120,6 +130,16 @@ class Population:
         """What to know before any number is believed, in words: who is left out, then :attr:`shortfalls`."""
         return (*(f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()), *self.shortfalls)
 
+    @cached_property
+    def not_described(self) -> tuple[str, ...]:
+        """Subjects whose answers the model does not describe, with their parameters in the group: the rule of every table of fits."""
+        names = list[str]()
+        for i, name in enumerate(self.study.names):
+            posterior, eta = self.posterior(name), self.chains.eta[:, :, i].reshape(-1, len(self.names))
+            fit = summarise_fit(posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY)
+            names += [name] if fit.misfit else []
+        return tuple(names)
+
     @property
     def shortfalls(self) -> tuple[str, ...]:
         """What was not reached, what diverged, and which subjects are known badly alone, in words."""
@@ -131,14 +151,20 @@ class Population:
         return tuple(found)
 
     def posterior(self, subject: str) -> Posterior:
-        """A subject's posterior with the group's centre: what turns group parameters into quantities and answers."""
-        return Posterior(self.study[subject], self.model, self.settings.prior, centre=self.centre)
+        """A subject's posterior with its centre in the group: what turns group parameters into quantities and answers."""
+        own = self.study[subject]
+        return Posterior(own, self.model, self.settings.prior, centre=centre_of(self.model, own, self.centre))
+
+    @property
+    def typical(self) -> Posterior:
+        """That of the first subject with the group's centre, for a subject at the mean or a further one."""
+        return Posterior(self.study.subjects[0], self.model, self.settings.prior, centre=self.centre)
 
     def quantities(self, eta: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity of parameters on their group scales, (..., k) -> (...) each."""
-        posterior = self.posterior(self.study.names[0])
-        x, _ = posterior.from_group(eta.reshape(-1, eta.shape[-1]))
-        return {name: values.reshape(eta.shape[:-1]) for name, values in posterior.quantities(x).items()}
+        """Every named quantity of parameters on their group scales, (..., k) -> (...) each; a gain's pull, 1 - gain, too."""
+        x, _ = self.typical.from_group(eta.reshape(-1, eta.shape[-1]))
+        found = {name: values.reshape(eta.shape[:-1]) for name, values in self.typical.quantities(x).items()}
+        return found if "pull" in found or "gain" not in found else {**found, "pull": 1.0 - found["gain"]}
 
     def new_subject(self, x: FloatArray | None = None) -> FloatArray:
         """A draw of a further subject for every draw of the hyperparameters, shape (chains, draws, k).
@@ -195,7 +221,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     *,
     covariates: Covariates | str | Path | None = None,
     categorical: tuple[str, ...] = (),
-    model: str = PREDICTIVE_UPDATE.name,
+    model: str = FREE_WEIGHTING.name,
     draws: int = 2000,
     seed: int | None = None,
     prior: Prior | str | None = None,
@@ -218,16 +244,17 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     categorical : tuple of str
         Covariates whose numbers are names of levels.
     model : str
-        A model by its name or composition; the predictive update (H1) by default.
+        A model by its name or composition. By default free weighting: a pull and a constant error, either of which may be none, or of
+        opposite signs in different subjects. The paper's model (H1) is "predictive update".
     draws : int
         Bulk and tail effective draws to reach for everything.
     seed, prior, workers, progress, keep
         As in :func:`bayes_toe.analysis.sample`; the prior is that of subjects alone and does not enter the joint posterior. `keep` keeps
         these, and progress is told the name of every subject whose own posterior is done.
     posterior : Draws, optional
-        Draws of the subjects' own posteriors under that model (:func:`bayes_toe.analysis.sample`), which are then not sampled again: the
-        columns `alone_` are of these, and the group's chains take from them where they start and on which scales. Prior and, by default,
-        seed are theirs. The joint posterior is the same.
+        Draws of the subjects' own posteriors (:func:`bayes_toe.analysis.sample`), whose prior and, by default, seed are taken. Where they
+        are under that model, subjects are not sampled again: the columns `alone_` are of these, and the group's chains take from them
+        where they start and on which scales. The joint posterior is the same.
     hyperprior : Hyperprior or path, optional
         Or a TOML file of one.
     scatter : {"normal", "t"}
@@ -238,8 +265,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     Raises
     ------
     InputError
-        If there are fewer than two subjects, a word or number is not allowed, covariates do not fit, or the posterior is of another study,
-        model or prior.
+        If there are fewer than two subjects, a word or number is not allowed, covariates do not fit, or the posterior is of another study
+        or prior.
 
     Warns
     -----
@@ -251,12 +278,13 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     >>> from bayes_toe.data.read_study import example_study
     >>> found = population(example_study().select(["S01", "S02", "S03", "S04", "S05"]), draws=200, seed=1, workers=1)
     >>> found.names, found.converged
-    (('mu1', 'gamma', 'width', 'q0'), True)
+    (('offset', 'gain', 'width', 'q0'), True)
     """
     if posterior is not None:
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
-        require_belonging(posterior, where, study=study, prior=given, model=model_named(model).name)
+        require_belonging(posterior, where, study=study, prior=given)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
+        posterior = posterior if posterior.model == model_named(model).name else None
     people = None if covariates is None else covariates_of(covariates)
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)

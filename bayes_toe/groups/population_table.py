@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
-from bayes_toe.groups.no_difference import Ratio, no_difference
+from bayes_toe.groups.joint import scatter_named
+from bayes_toe.groups.savage_dickey import ORDER_EFFECTS, Ratio, Ratios, savage_dickey
 from bayes_toe.inference.diagnostics import Convergence, convergence, convergence_of, errors_of
+from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.subject import SUMMARY_COLUMNS, SummaryRow, location
 
 if TYPE_CHECKING:
@@ -26,21 +29,32 @@ _UNPOOLED = {"alone_q05": 0.05, "alone_q50": 0.5, "alone_q95": 0.95}
 SUBJECT_COLUMNS = (*(name for name in SUMMARY_COLUMNS if name != "contraction"), *_UNPOOLED)
 
 
+#: What the rows of the Bayes factor of both means together are of.
+ORDER_EFFECT = "order effect"
+_SCORES = 64
+
+
 class PopulationRow(NamedTuple):
     """One quantity of the population; the names are the columns of population.csv.
 
     Attributes
     ----------
     parameter : str
-        A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, or a comparison.
+        A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, a comparison, or
+        :data:`ORDER_EFFECT`, of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
+        from there, in half-widths of the curve.
     quantity : {"mean", "sd", "correlation", "effect", "asymmetry", "new_subject"}
     level : str
         The regressor of an effect, the part of the population of an asymmetry; empty for what has none.
     mean, sd, q05, q25, q50, q75, q95, ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
         Probability that it has the sign that it probably has; of correlations, effects and asymmetries.
-    bf_no_difference, bf_error, bf_below : float or None
-        Of effects, see :class:`bayes_toe.groups.no_difference.Ratio`.
+    bf_zero : float or None
+        Of means that may be none, of pull and constant error each and of both together: Bayes factor of none against any.
+    bf_no_difference : float or None
+        Of effects: of no difference against a difference.
+    bf_error, bf_below : float or None
+        Of either, see :class:`bayes_toe.groups.savage_dickey.Ratio`.
     """
 
     parameter: str
@@ -57,6 +71,7 @@ class PopulationRow(NamedTuple):
     ess_tail: float
     r_hat: float
     p_direction: float | None = None
+    bf_zero: float | None = None
     bf_no_difference: float | None = None
     bf_error: float | None = None
     bf_below: float | None = None
@@ -80,24 +95,53 @@ def population_table(found: Population) -> PopulationTable:
     return PopulationTable((*_hyperparameters(found), *_asymmetries(found), *_further(found)))
 
 
+def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator[PopulationRow]:
+    """On the group scales, and natural quantities of a subject at these; those that may be none have a Bayes factor."""
+    own = found.chains
+    if ratios.joint is not None:
+        yield _with_ratio(_row(ORDER_EFFECT, "mean", "", _sizes(found, own.mean)), "bf_zero", ratios.joint)
+    natural = found.quantities(own.mean)
+    same = [name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"]  # what is its own scale is not said twice
+    values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {key: natural[key] for key in natural if key not in same}
+    judged = {key: own.convergence["mean", -1, k] for k, pair in enumerate(zip(labels, found.names, strict=True)) for key in pair}
+    of_zero = {ORDER_EFFECTS[name]: ratio for name, ratio in ratios.means.items()}
+    for name, drawn in values.items():
+        row = _row(name, "mean", "", drawn, judged.get(name))  # ranks of a group parameter are those of its quantity
+        yield _with_ratio(_directed(row, drawn), "bf_zero", of_zero[name]) if name in of_zero else row
+
+
 def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
-    """Means on the group scales and natural quantities of a subject at them; scatters; correlations; effects, each with a Bayes factor."""
-    labels, own = [GROUP_PARAMETERS[name].label for name in found.names], found.chains
-    for k, label in enumerate(labels):
-        yield _row(label, "mean", "", own.mean[..., k], own.convergence["mean", -1, k])
-    for name, values in found.quantities(own.mean).items():
-        if name not in labels:  # what is its own scale is not said twice; ranks of a group parameter are those of its quantity
-            yield _row(name, "mean", "", values, own.convergence["mean", -1, found.names.index(name)] if name in found.names else None)
+    """Means, scatters, correlations, effects; some with a Bayes factor."""
+    labels, own, ratios = [GROUP_PARAMETERS[name].label for name in found.names], found.chains, savage_dickey(found)
+    yield from _means(found, labels, ratios)
     for k, label in enumerate(labels):
         yield _row(label, "sd", "", own.scatter[..., k], own.convergence["sd", -1, k])
+    if "gain" in found.names:
+        yield from _scatters(found)
     for j, i in own.correlated:
         values, judged = own.correlation[..., i, j], own.convergence[CORRELATION, j, i]
         yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
-    ratios = no_difference(found) if found.regressors.columns else ()
     for i, column in enumerate(found.regressors.columns):
         for k, label in enumerate(labels):
             values, judged = own.effects[..., i, k], own.convergence["effect", i, k]
-            yield _directed(_row(label, "effect", column.label, values, judged), values, ratios[i][k])
+            row = _directed(_row(label, "effect", column.label, values, judged), values)
+            yield _with_ratio(row, "bf_no_difference", ratios.effects[i][k])
+
+
+def _sizes(found: Population, eta: FloatArray) -> FloatArray:
+    """Of the order effect of subjects with parameters eta, (..., k) -> (...), in half-widths of the curve."""
+    x, _ = found.typical.from_group(eta.reshape(-1, eta.shape[-1]))
+    return effect_size(found.typical, x).reshape(eta.shape[:-1])
+
+
+def _scatters(found: Population) -> Iterator[PopulationRow]:
+    """Of the pull 1 - gain = 1 - 2 Phi(m + tau u), over midpoints of the quantiles u of the scatter, and the size of what is not shared."""
+    own, u = found.chains, scatter_named(found.settings.scatter).quantile((np.arange(_SCORES) + 0.5) / _SCORES)
+    place, away = found.names.index("gain"), own.mean.copy()
+    pull = 2.0 * ndtr(own.mean[..., place, None] + own.scatter[..., place, None] * u).std(axis=-1)
+    yield _row(ORDER_EFFECTS["gain"], "sd", "", pull)
+    away[..., place], away[..., found.names.index("offset")] = ndtri(0.5 - 0.5 * pull), own.scatter[..., found.names.index("offset")]
+    yield _row(ORDER_EFFECT, "sd", "", _sizes(found, away))
 
 
 def _asymmetries(found: Population) -> Iterator[PopulationRow]:
@@ -122,10 +166,12 @@ def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: C
     return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *judged)
 
 
-def _directed(row: PopulationRow, values: FloatArray, of_zero: Ratio | None = None) -> PopulationRow:
-    p = max(float((values > 0.0).mean()), float((values < 0.0).mean()))
-    row = row._replace(p_direction=p)
-    return row if of_zero is None else row._replace(bf_no_difference=of_zero.value, bf_error=of_zero.error, bf_below=of_zero.below)
+def _directed(row: PopulationRow, values: FloatArray) -> PopulationRow:
+    return row._replace(p_direction=max(float((values > 0.0).mean()), float((values < 0.0).mean())))
+
+
+def _with_ratio(row: PopulationRow, column: str, ratio: Ratio) -> PopulationRow:
+    return row._replace(**{column: ratio.value}, bf_error=ratio.error, bf_below=ratio.below)  # type: ignore[arg-type]
 
 
 # --- Subjects -------------------------------------------------------------------------------------

@@ -29,6 +29,11 @@ _ROUNDS = 50
 _PRIOR_DRAWS, _EQUAL = 4000, 4000
 
 
+def centre_of(model: Model, subject: Subject, centre: float) -> float:
+    """From where a subject's offset counts: the group's centre where mu1 is shared, its own mean first stimulus elsewhere."""
+    return centre if "mu1" in model.group else float(np.average(subject.s1, weights=subject.n_trials))
+
+
 # --- The exact likelihood -------------------------------------------------------------------------
 
 
@@ -42,7 +47,7 @@ class GroupLikelihood:
         Whose reference interval the quantities refer to; nothing else of it matters.
     subjects : sequence of Subject
     centre : float
-        Intensity from which offsets count, natural-log units.
+        Of the group, see :func:`centre_of`.
     copies : int
         Points of all subjects in one call.
 
@@ -56,7 +61,8 @@ class GroupLikelihood:
     """
 
     def __init__(self, model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, copies: int) -> None:
-        rows = list(subjects) * copies
+        away = [centre_of(model, one, centre) - centre for one in subjects]  # stimuli less a centre are all that counts
+        rows = [replace(one, s1=one.s1 - far, s2=one.s2 - far) for one, far in zip(subjects, away, strict=True)] * copies
         size = max(1, _BLOCK // max(one.n_pairs for one in subjects))
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
         self._blocks = [
@@ -173,7 +179,7 @@ class Unpooled:
 
 def unpooled(subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int) -> Unpooled:
     """Fit a proposal to a subject's own posterior and draw from it."""
-    posterior = Posterior(subject, model, prior, centre=centre)
+    posterior = Posterior(subject, model, prior, centre=centre_of(model, subject, centre))
     fitted = fit_proposal(posterior, generator(seed, subject.name, model.name, "alone"), draws=draws)
     some = np.isfinite(fitted.draws.log_posterior)
     x, shares = fitted.draws.x[some], np.exp(smoothed_weights(fitted.draws.log_weights[some]).log_weights)
@@ -188,15 +194,14 @@ def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, se
     InputError
         If the subject met other first stimuli than the group, and the model counts from their mean.
     """
-    own = Posterior(draws.subject(name), model, draws.prior)
-    # What is stored depends on the mean first stimulus: of an offset beside a pull of its own, of a slope of the noise.
-    counts_from_centre = ("offset" in model.group and model.pull is not None) or "noise_slope" in model.coordinates
-    if counts_from_centre and not np.isclose(own.sbar, centre):
+    own = draws.subject(name)
+    posterior = Posterior(own, model, draws.prior, centre=centre_of(model, own, centre))
+    # What is stored of a slope of the noise depends on the mean first stimulus.
+    if {"noise_slope", "peak_slope"} & {*model.coordinates} and not np.isclose(Posterior(own, model, draws.prior).sbar, posterior.sbar):
         raise InputError(
             f"posterior: subject {name!r} met other first stimuli than the group, and {model.name!r} counts from their mean; "
             "allowed: no posterior"
         )
-    posterior = replace(own, centre=centre)
     x = posterior.points({key: draws.values(name, key).ravel() for key in draws.parameters})
     equal = np.full(len(x), 1.0 / len(x))
     return _unpooled(posterior, x, (equal, equal), name not in draws.not_converged, seed)

@@ -162,3 +162,16 @@ def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[s
     mean = np.concatenate([part.mean(axis=0) for part in values])
     quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
+
+
+def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in half-widths of the curve, (points, k) -> (points,)."""
+    subject, known = posterior.subject, posterior.quantities(x)
+    offset = known.get("offset", np.zeros(len(x)))
+    pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
+    lever = subject.s1 - posterior.sbar
+    share = subject.n_trials / subject.n_trials.sum()
+    spread = np.average(np.square(lever), weights=share)  # the mean of the lever is 0, or that of the centre
+    mean = np.average(lever, weights=share)
+    square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.half_of_peak(x)))

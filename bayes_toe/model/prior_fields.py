@@ -35,7 +35,6 @@ OF_STIMULI = {
     "D": "the root mean square step between different ones",
     "D/2": "half the root mean square step between different ones",
     "0.5/R": "0.5 over their standard deviation",
-    "10 R": "10 times their standard deviation",
     "log D": "the logarithm of the root mean square step between different ones",
 }
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
@@ -80,7 +79,7 @@ class Stimuli(NamedTuple):
 
     def number(self, symbol: str) -> float:
         """What a key of :data:`OF_STIMULI` stands for."""
-        scales = {"2.5 R": 2.5 * self.sd, "10 R": 10.0 * self.sd, "0.5/R": 0.5 / self.sd, "D": self.step, "D/2": 0.5 * self.step}
+        scales = {"2.5 R": 2.5 * self.sd, "0.5/R": 0.5 / self.sd, "D": self.step, "D/2": 0.5 * self.step}
         return {"M": self.mean, "log D": float(np.log(self.step)), **scales}[symbol]
 
 

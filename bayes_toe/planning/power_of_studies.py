@@ -28,6 +28,7 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.asymmetries import asymmetries
 from bayes_toe.groups.population import Population, population
 from bayes_toe.kept import keeping
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
 from bayes_toe.planning.power import CERTAIN, WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
@@ -267,7 +268,7 @@ def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: 
     own = int(generator(seed, planned.name, "population").integers(2**32))
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
-        found = population(Study(tuple(answers)), draws=_DRAWS, seed=own, prior=prior, workers=1)
+        found = population(Study(tuple(answers)), model=PREDICTIVE_UPDATE.name, draws=_DRAWS, seed=own, prior=prior, workers=1)
     pairs, direction, somewhere = comparisons(design), float("nan"), False
     known = asymmetries(found, pairs)
     if known is not None:

@@ -112,7 +112,7 @@ def _heading(found: Population) -> str:
 
 def _main_quantities(found: Population) -> tuple[str, ...]:
     """What the answers depend on, with mu1 in the place of the offset that follows from it."""
-    names = found.posterior(found.study.names[0]).names
+    names = found.typical.names
     return tuple("mu1" if name == "offset" and "mu1" in names.natural else name for name in names.identified)
 
 
@@ -236,7 +236,7 @@ def _curve(found: Population, isi: float | None) -> Curve:
     eta = found.new_subject().reshape(-1, k)[some]
     effects = found.chains.effects.reshape(found.chains.mean[..., 0].size, -1, k)[some]
     whose = generator(found.settings.seed, "population", "whose covariates").integers(len(columns), size=len(eta))
-    target = found.posterior(found.study.names[0])
+    target = found.typical
     fitted = Predictor(target, target.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))[0])
     return lambda s1, s2: fitted.equal(s1, s2, None if isi is None else np.full(len(s1), isi))
 

@@ -20,7 +20,7 @@ from bayes_toe.inference.diagnostics import Convergence
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
 MEMBERS = "ABCDE"
-SHORT = "8 effective draws of the sd of mu1"
+SHORT = "8 effective draws of the sd of offset"
 OPTIONS = ("--seed", "1", "--draws", "200", "--workers", "1")
 
 
@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     ages = zip(MEMBERS, "12121", (20, 30, 25, 33, 28), strict=True)
     people = ["subject,site,age", *(f"{name},{site},{age}" for name, site, age in ages), "I,1,"]
     (folder / "people.csv").write_text("\n".join(people), encoding="utf-8")
-    (folder / "near.toml").write_text("[gamma]\nsd_scale = 0.5\n", encoding="utf-8")
+    (folder / "near.toml").write_text("[gain]\nsd_scale = 0.5\n", encoding="utf-8")
     return folder
 
 
@@ -54,12 +54,16 @@ def done(folder):
 
 def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
-    said = [line for line in done.stdout.splitlines() if line.startswith(("order", "a subject at the mean", "site 2 - 1: asymmetry"))]
-    assert len(said) == 3
-    assert re.search(r"first, -?[\d.]+ \(-?[\d.]+, -?[\d.]+\) on average over 4 comparisons and all subjects", said[0])
-    assert "(site 1, age mean): pull " in said[1]
-    assert re.search(r"│ site 2 +│ +probit gamma │.*(no|a) difference │", done.stdout)
-    assert "probit gamma: mean ~ Normal(0, 1), sd between subjects ~ HalfNormal(0.5)" in done.stdout
+    said = [line for line in done.stdout.splitlines() if line.startswith(("order", "site 2 - 1: asymmetry"))]
+    assert len(said) == 2
+    number = r"-?[\d.]+"
+    of_each = rf"{number} \({number}, {number}\), Bayes factor of none {number}, sd between subjects {number}"
+    whole = (
+        rf"\(site 1, age mean\): .* on average.* \(Bayes factor of none {number}; pull {of_each}; constant error {of_each}\); 5 subjects"
+    )
+    assert re.search(whole, said[0])
+    assert re.search(r"│ site 2 +│ +probit\(gain/2\) │.*(no|a) difference │", done.stdout)
+    assert "probit(gain/2): mean ~ Normal(0, 0.4), sd between subjects ~ HalfNormal(0.5)" in done.stdout
     assert "note subjects left out: 'I' (no age)" in done.stdout
     assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done.stdout
 
@@ -67,7 +71,7 @@ def test_files_and_answer(done, folder):
 def test_files_are_those_of_the_population(done, folder):
     found = bt.load(folder / "group.nc")
     assert (found.study.names, dict(found.left_out), found.converged) == (tuple(MEMBERS), {"I": "no age"}, True)
-    assert found.settings.hyperprior.as_dict()["gamma"]["sd_scale"] == 0.5
+    assert found.settings.hyperprior.as_dict()["gain"]["sd_scale"] == 0.5
     table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values={name: "" for name in ("bf_below", "bf_error")})
     assert np.array_equal(table["mean"], found.summary()["mean"])
     assert (table.level[table.quantity == "effect"].unique() == ["site 2", "age"]).all()
@@ -105,7 +109,6 @@ def test_stored_draws_are_not_sampled_again(folder):
     assert bt.load(folder / "stored.nc").study.names == (*MEMBERS, "I")
     for option, said in (
         (("--resume", "--overwrite"), "--resume: allowed without --posterior"),
-        (("--overwrite", "--model", "constant bias"), "posterior.nc: found draws of the model 'symmetric'"),
         (("-o", "posterior.nc", "--overwrite"), "posterior.nc: this command reads that file"),
     ):
         refused = inside(*of_draws, *option, cwd=folder)

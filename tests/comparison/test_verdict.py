@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.comparison.verdict import Doubt, Verdict, effect_size, verdict
+from bayes_toe.comparison.verdict import Doubt, Verdict, verdict
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT

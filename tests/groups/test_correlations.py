@@ -8,8 +8,8 @@ from scipy import stats
 import bayes_toe as bt
 from bayes_toe.cli.population import correlations
 from bayes_toe.groups.joint import Root
-from bayes_toe.groups.no_difference import no_difference
 from bayes_toe.groups.regressors import Regressor, Regressors
+from bayes_toe.groups.savage_dickey import savage_dickey
 from bayes_toe.records import packed
 
 #: Strong ones: of mu1 and probit gamma, and of log width and probit q0.
@@ -40,19 +40,24 @@ def test_a_further_subject_has_them(small_study):
     assert np.abs(seen - R).max() < 5 / np.sqrt(800)
 
 
-def test_no_difference_of_known_members_is_the_exact_ratio(small_study):
-    """With members all but known, and their scatter, means and effects are one normal regression."""
+def test_ratios_of_known_members_are_exact(small_study):
+    """With members all but known, and their scatter, means and effects are one normal regression; two means together, too."""
     rng, tau = np.random.default_rng(2), np.array([0.5, 0.3, 0.2, 0.4])
     who = Regressors(small_study.names, np.array([[-1.0], [0.0], [1.0]]), (Regressor("c", "", "c"),))
     eta = CENTRE + rng.standard_normal((3, 4)) * tau
-    found = known(small_study, who=who, scatter=tau, eta=eta + 1e-5 * rng.standard_normal((*SIZE, 3, 4)))
+    found = known(small_study, who=who, scatter=tau, model="free weighting", eta=eta + 1e-5 * rng.standard_normal((*SIZE, 3, 4)))
     given = found.settings.hyperprior.numbers(found.names)
     precision = np.linalg.inv(R * np.outer(tau, tau))
     a = np.column_stack([np.ones(3), who.x])
     whole = np.kron(a.T @ a, precision) + np.diag(np.concatenate([given.mean_sd, given.effect_sd]) ** -2.0)
     covariance = np.linalg.inv(whole)
     centre = covariance @ (a.T @ (eta - given.mean) @ precision).ravel()
-    for k, one in enumerate(no_difference(found)[0]):
+    ratios = savage_dickey(found)
+    both = [0, 1]  # constant error and gain
+    exact = stats.multivariate_normal.logpdf(-given.mean[both], centre[both], covariance[np.ix_(both, both)])
+    exact -= stats.norm.logpdf(0.0, given.mean[both], given.mean_sd[both]).sum()
+    assert np.log(ratios.joint.value) == pytest.approx(exact, rel=1e-4)
+    for k, one in enumerate(ratios.effects[0]):
         sd = np.sqrt(covariance[4 + k, 4 + k])
         exact = stats.norm.pdf(0.0, centre[4 + k], sd) / stats.norm.pdf(0.0, 0.0, given.effect_sd[k])
         assert one.value == pytest.approx(exact, rel=1e-4)

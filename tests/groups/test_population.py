@@ -31,7 +31,7 @@ def run():
     """A run that is short however the chains mix: what is asked here does not need more."""
 
     def short(study=STUDY, **more):
-        return population(study, **{"draws": 40, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1, **more})
+        return population(study, **{"model": "predictive update", "draws": 40, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1, **more})
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(chains, "LIMIT", 1)
@@ -121,10 +121,16 @@ def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, m
     assert set(other.unpooled[:, 1, 3]) <= set(other.posterior("B").to_group(stored.points("B").reshape(-1, 4))[:, 3])
 
 
+def test_of_draws_of_another_model_seed_and_prior_are_taken(run, stored):
+    """That of `run` is the paper's, which has no place for none."""
+    other = run(posterior=stored, seed=None, model="free weighting")
+    assert (other.names, other.settings.seed, other.settings.prior) == (("offset", "gain", "width", "q0"), 1, stored.prior)
+    assert (other.unpooled == run(model="free weighting", prior=stored.prior).unpooled).all()
+
+
 def test_stored_draws_of_something_else_are_refused(run, stored):
     for what, said in (
         ({"study": few_pairs(["A", "B"])}, "posterior: found draws of subject 'C', whom .* does not have"),
-        ({"model": "constant bias"}, "posterior: found draws of the model 'predictive update', allowed: 'constant bias'"),
         ({"prior": bt.Prior(mu1_sd=1.0)}, "posterior: found draws under .*; allowed: that prior, or none, given"),
     ):
         with pytest.raises(InputError, match=said):

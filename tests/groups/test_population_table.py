@@ -27,7 +27,7 @@ def rows(subject):
 def test_columns_and_kinds(found, tmp_path):
     frame = pd.read_csv(found.table.save(tmp_path / "population.csv"), keep_default_na=False, na_values={"bf_below": ""})
     assert ",".join(frame.columns) == (
-        "parameter,quantity,level,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,p_direction,bf_no_difference,bf_error,bf_below"
+        "parameter,quantity,level,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,p_direction,bf_zero,bf_no_difference,bf_error,bf_below"
     )
     assert frame.quantity.drop_duplicates().tolist() == ["mean", "sd", "effect", "asymmetry", "new_subject"]
     assert not frame.duplicated(["parameter", "quantity", "level"]).any()

@@ -8,7 +8,8 @@ from bayes_toe.groups.population import population
 
 def test_the_real_vibrotactile_subjects_hardly_pull(real_data):
     """Worked out with other code and a somewhat narrower hyperprior: probit gamma -1.65 (-2.26, -1.21), a pull of about 0.05."""
-    found = population(bt.read_study(real_data / "vibrotactile_rate" / "trials.csv"), seed=1, draws=100, workers=1)
+    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv")
+    found = population(study, model="predictive update", seed=1, draws=100, workers=1)
     assert found.converged
     gamma, pull = (found.table.some("mean", name)[0] for name in ("probit gamma", "pull"))
     assert gamma.q50 == pytest.approx(-1.65, abs=0.3)

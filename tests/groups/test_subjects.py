@@ -51,13 +51,13 @@ def test_of_each_what_its_own_posterior_has(model, intervals):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             (value,), (gradient,) = likelihood(eta)
             for i, one in enumerate(people):
-                own = Posterior(one, model, PRIOR, centre=CENTRE)
+                own = Posterior(one, model, PRIOR, centre=CENTRE if "mu1" in model.group else None)
                 x, jacobian = own.from_group(eta[:, i])
                 wanted = own.log_likelihood(x)[0]
-                assert value[i] == pytest.approx(wanted, rel=1e-13, abs=1e-13)
+                assert value[i] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
                 if np.isfinite(wanted):
                     steep = own.likelihood_gradient(x)[1][0] @ jacobian[0]
-                    assert gradient[i] == pytest.approx(steep, rel=1e-11, abs=1e-11 * (1.0 + np.abs(steep).max()))
+                    assert gradient[i] == pytest.approx(steep, rel=1e-9, abs=1e-10 * (1.0 + np.abs(steep).max()))
 
 
 @pytest.mark.parametrize("model", MODELS[:: len(OTHERS)] + MODELS[1 :: len(OTHERS)], ids=lambda model: model.name)

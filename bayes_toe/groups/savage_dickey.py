@@ -1,15 +1,16 @@
-"""The Bayes factor for 'this covariate makes no difference', by the Savage-Dickey ratio: density at 0, posterior over prior.
+"""Bayes factors for 'none on average' and 'no difference' by the Savage-Dickey ratio: density where it would be, posterior over prior.
 
-Given the subjects' parameters eta and their scatter, mean and effects are a linear regression with a normal prior, so the density of an
-effect is a normal one, exactly; the posterior density is its average over draws, which holds far from where any draw of the effect is. (Of
-Student's scatter: given also a precision for each subject, which is drawn.) Far out, few draws carry the average: its error says so, and
-where it is too large only a bound is given.
+Given the subjects' parameters eta and their scatter, means and effects are a linear regression with a normal prior, so their density is a
+normal one, exactly, of one of them or of several together; the posterior density is its average over draws, which holds far from where any
+draw is. (Of Student's scatter: given also a precision for each subject, which is drawn.) Far out, few draws carry the average: its error
+says so, and where it is too large only a bound is given.
 
 Source: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA 85, 398-409 (the average of densities).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -26,11 +27,13 @@ if TYPE_CHECKING:
 #: The largest relative Monte Carlo error with which a ratio is stated.
 MOST_ERROR = 0.3
 _MOST_K = 0.7
+#: Group parameters whose mean is 0, on their scale, where there is no order effect on average, and what that effect is called.
+ORDER_EFFECTS = {"gain": "pull", "offset": "constant error"}
 _UNSEEN = 3.0  # over effective draws: the most probable that something can be of which there was none, at 95 %
 
 
 class Ratio(NamedTuple):
-    """Bayes factor of no difference against a difference.
+    """Bayes factor of a mean or an effect of 0 against any other.
 
     Attributes
     ----------
@@ -47,37 +50,51 @@ class Ratio(NamedTuple):
     below: float | None
 
 
-def no_difference(found: Population) -> tuple[tuple[Ratio, ...], ...]:
-    """For every regressor and parameter."""
-    chains, given = found.chains, found.settings.hyperprior.numbers(found.names)
+class Ratios(NamedTuple):
+    """Those of the means that may be none, by the group parameter; of all of these together; of effects, a row a regressor."""
+
+    means: dict[str, Ratio]
+    joint: Ratio | None
+    effects: tuple[tuple[Ratio, ...], ...]
+
+
+def savage_dickey(found: Population) -> Ratios:
+    """For what tells of an order effect on average, and for every regressor and parameter."""
+    chains, given, x = found.chains, found.settings.hyperprior.numbers(found.names), found.regressors.x
     rng, scatter = generator(found.settings.seed, "population", "no difference"), scatter_named(found.settings.scatter)
     whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
-    expected = chains.mean[..., None, :] + found.regressors.x @ chains.effects
+    expected = chains.mean[..., None, :] + x @ chains.effects
     weights = scatter.precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
-    sds = np.stack([given.mean_sd, *[given.effect_sd] * found.regressors.x.shape[1]])
-    centre, sd = _regression(with_ones(found.regressors.x), chains.eta - given.mean, weights, whiten, sds)
-    per_sd = given.effect_sd / sd
-    log_ratios = np.log(per_sd) - 0.5 * np.square(centre / sd)
-    sizes = [[chains.convergence["effect", i, k].ess_bulk for k in range(sd.shape[3])] for i in range(sd.shape[2])]
-    return tuple(
-        tuple(ratio(log_ratios[:, :, i, k], per_sd[:, :, i, k], size) for k, size in enumerate(row)) for i, row in enumerate(sizes)
-    )
+    k, r = len(found.names), x.shape[1]
+    prior_sd = np.concatenate([given.mean_sd, np.tile(given.effect_sd, r)])
+    centre, covariance = _regression(with_ones(x), chains.eta - given.mean, weights, whiten, prior_sd)
+    zero = np.concatenate([-given.mean, np.zeros(r * k)])  # means count from those of the prior
+
+    def at_zero(places: Sequence[int]) -> Ratio:
+        own, far, sds = covariance[..., places, :][..., places], zero[places] - centre[..., places], prior_sd[places]
+        squares = np.einsum("...i,...ij,...j->...", far, np.linalg.inv(own), far)
+        highest = np.log(sds).sum() - 0.5 * np.linalg.slogdet(own)[1] + 0.5 * np.square(zero[places] / sds).sum()
+        keys = [("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place) for place in places]
+        return ratio(highest - 0.5 * squares, np.exp(highest), min(chains.convergence[key].ess_bulk for key in keys))
+
+    own = {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names}
+    effects = tuple(tuple(at_zero([(1 + i) * k + j]) for j in range(k)) for i in range(r))
+    return Ratios({name: at_zero([place]) for name, place in own.items()}, at_zero([*own.values()]) if own else None, effects)
 
 
 def _regression(
     a: FloatArray, y: FloatArray, weights: FloatArray, whiten: FloatArray, prior_sd: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Means and sds of effects given y, (chains, draws, N, k), on the columns of a, (N, 1 + r): (chains, draws, r, k) each.
+    """Means, (chains, draws, q k), and covariance of coefficients given y, (chains, draws, N, k), on the columns of a, (N, q).
 
     Weights, (chains, draws, N, k), are those of whitened scores, by (chains, draws, k, k).
     """
     (*lead, k), q = y[:, :, 0].shape, a.shape[1]
     of_scores = np.einsum("cdnl,np,nq->cdlpq", weights, a, a, optimize=True)
     precision = np.einsum("cdlpq,cdlj,cdlm->cdpjqm", of_scores, whiten, whiten, optimize=True).reshape(*lead, q * k, q * k)
-    inverse = np.linalg.inv(precision + np.diag(prior_sd.ravel() ** -2.0))
+    covariance = np.linalg.inv(precision + np.diag(prior_sd**-2.0))
     pulled = a.T @ (weights * (y @ whiten.swapaxes(-1, -2))) @ whiten
-    centre, variance = (inverse @ pulled.reshape(*lead, -1, 1))[..., 0], np.diagonal(inverse, axis1=-2, axis2=-1)
-    return centre.reshape(*lead, q, k)[:, :, 1:], np.sqrt(variance).reshape(*lead, q, k)[:, :, 1:]
+    return (covariance @ pulled.reshape(*lead, -1, 1))[..., 0], covariance
 
 
 def ratio(log_ratios: FloatArray, highest: FloatArray, effective: float) -> Ratio:
