@@ -18,7 +18,7 @@ from scipy.special import logsumexp, softmax
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.findings import data_findings
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, as_option
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -74,6 +74,9 @@ def data_doubts(study: Study) -> list[tuple[Doubt, ...]]:
     for said in found.values():
         if "swapped_blocks" in said:
             said.pop("block_dispersion", None)
+    for subject in study:
+        if subject.n_equal.sum() in (0, subject.total_trials):  # a shift then explains what no width can
+            found.setdefault(subject.name, {})["one_answer"] = Doubt("one answer only", f"--leave-out {as_option(subject.name)}")
     return [tuple(found.get(name, {}).values()) for name in study.names]
 
 
@@ -185,8 +188,8 @@ class Verdict:
         Examples
         --------
         >>> one = Verdict("S", (0.02, 0.03, 0.95), ((0.02, 0.03, 0.95),) * 2, 3.2, 0.6, 0.99, "predictive update", None)
-        >>> one.describe()
-        'has an order effect: a pull (P of any = 0.98, of a pull 0.97 of it); whether the models describe the answers cannot be told'
+        >>> one.said_effect()
+        'has an order effect: a pull (P of an effect = 0.98, that it is a pull = 0.97)'
         """
         return "; ".join([self.said_effect(), *self.doubts()])
 
@@ -201,9 +204,9 @@ class Verdict:
             likely = max(of, key=lambda kind: of[kind])
             words = words.replace("an order", "a small order") if self.at_most_small else words
             if self.kind == "open":
-                return f"{words}, which kind is open (P of any {compared(1.0 - none)})"
+                return f"{words}, which kind is open (P of an effect {compared(1.0 - none)})"
             named = self.kind.replace(likely, f"a {likely}")
-            return f"{words}: {named} (P of any {compared(1.0 - none)}, of a {likely} {of[likely]:.2f} of it)"
+            return f"{words}: {named} (P of an effect {compared(1.0 - none)}, that it is a {likely} {compared(of[likely])})"
         if self.at_most_small and self.effect != "negligible":
             words += ", and at most a negligible one"
         return f"{words} (P of none {compared(none)})"
@@ -218,8 +221,10 @@ class Verdict:
             said.append("whether the models describe the answers cannot be told")
         said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
         if self.robust == "no":
-            low, high = (f(p[0] for p in (self.p_orders, *self.varied) if p) for f in (min, max))
-            said.append(f"the prior has a say: P of none {low:.2f} to {high:.2f} as its scales are halved and doubled")
+            cases = [p for p in (self.p_orders, *self.varied) if p]
+            low, high = (f(p[0] for p in cases) for f in (min, max))
+            moved = f"P of none {low:.2f} to {high:.2f}" if len({_side(p).removeprefix("probably ") for p in cases}) > 1 else "another kind"
+            said.append(f"the prior has a say: {moved} as its scales are halved and doubled")
         return said
 
 
@@ -252,8 +257,7 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         What the data have against them.
     """
     found = space_evidence(subject, prior, SPACE, seed)
-    bounds = [found.sampled[i].evidence.bound if i in found.sampled else np.inf for i in range(len(SPACE))]
-    values = weighed([None if np.isnan(one) else one for one in found.log_evidence.tolist()], bounds)
+    values = weighed([None if np.isnan(one) else one for one in found.log_evidence.tolist()], found.bounds.tolist())
     if np.isnan(values).any():
         missing = ", ".join(SPACE[i].name for i in np.flatnonzero(np.isnan(values)))
         return Verdict(subject.name, None, (), None, None, None, "", None, None, tuple(data), (f"no evidence of {missing}",)), found
@@ -273,6 +277,7 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         SPACE[best].name,
         fit,
         data=tuple(data),
+        notes=found.notes,
     )
     if made.fit == "not described":
         scattering = [compose(**{**dict(model.levels), "spread": "beta-binomial"}) for model in SPACE]

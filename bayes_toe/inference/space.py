@@ -57,16 +57,22 @@ class SpaceEvidence:
         In numbers.
     models : tuple of Model
     log_evidence : array, shape (models,)
-        By importance sampling where `sampled` has the model, else Laplace's; NaN where withheld.
+        By importance sampling where `sampled` has the model, else Laplace's; NaN where there is neither.
+    bounds : array, shape (models,)
+        What a log evidence that is NaN is at most; infinite where that is not known.
     sampled : mapping of int to Sampled
         By the place of the model.
+    notes : tuple of str
+        Of models near the best that have Laplace's value because their draws cannot be trusted.
     """
 
     subject: Subject
     prior: Prior
     models: tuple[Model, ...]
     log_evidence: FloatArray
+    bounds: FloatArray
     sampled: Mapping[int, Sampled]
+    notes: tuple[str, ...] = ()
 
     def predictor(self, model: str, size: int, rng: np.random.Generator) -> Predictor:
         """So many posterior draws of a model that was sampled."""
@@ -85,17 +91,20 @@ def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed
         values[places] = family.laplace
         own |= {place: (family, i) for i, place in enumerate(places)}
     within = np.flatnonzero(~(values < np.nanmax(values) - window))  # Laplace's value does not exist for some, which are NaN
-    sampled = {}
+    sampled, bounds, notes = dict[int, Sampled](), np.full(len(models), np.inf), list[str]()
     for place in within.tolist():
         family, i = own[place]
         rng = generator(seed, subject.name, models[place].name, "space")
-        posterior = models[place].posterior(subject, numbers)
         mode, cloud = family.cloud(i, rng)
-        fitted = with_trusted_draws(quick_proposal(posterior, mode, cloud, rng), rng)
+        fitted = with_trusted_draws(quick_proposal(models[place].posterior(subject, numbers), mode, cloud, rng), rng)
         evidence = importance_evidence(fitted)
-        values[place] = np.nan if evidence.value is None else evidence.value
-        sampled[place] = Sampled(fitted, evidence, mode)
-    return SpaceEvidence(subject, numbers, tuple(models), values, sampled)
+        if evidence.value is not None:
+            values[place], sampled[place] = evidence.value, Sampled(fitted, evidence, mode)
+        elif np.isnan(values[place]):
+            bounds[place] = evidence.bound
+        else:
+            notes.append(f"{models[place].name}: evidence by Laplace's approximation, importance weights are unreliable")
+    return SpaceEvidence(subject, numbers, tuple(models), values, bounds, sampled, tuple(notes))
 
 
 def families(subject: Subject, prior: Prior, models: Sequence[Model]) -> list[tuple[Family, list[int]]]:

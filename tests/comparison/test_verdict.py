@@ -69,7 +69,7 @@ def test_every_doubt_stands_in_the_words():
     assert "with more scatter P of none = 0.40" in said
     assert "swapped blocks (--turn S:2,4)" in said
     assert made(0.9, fit=None).fit == "cannot be told"
-    assert made(0.02, 0.01, larger=0.03).describe() == "has a small order effect: a pull (P of any = 0.98, of a pull 0.99 of it)"
+    assert made(0.02, 0.01, larger=0.03).describe() == "has a small order effect: a pull (P of an effect = 0.98, that it is a pull = 0.99)"
     assert Verdict("S", None, (), None, None, None, "", None).effect == ""
 
 
