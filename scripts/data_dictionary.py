@@ -327,15 +327,17 @@ FILES = (
     ),
     File(
         "power.csv", "`power`; `design` as NAME_compared.csv", "design, number of trials, kind of observers and quantity", POWER_COLUMNS, (), _PLANNED | {
-            "quantity": "What is counted or averaged: how often a kind, or another one, is named; mean probabilities; widths of 90 % intervals.",
+            "quantity": "What is counted or averaged: mean probabilities; how often the verdict says each word, finds an effect (has, probably has), names the "
+            "observer's kind or another (probably counts; a negligible effect is none); widths of 90 % intervals.",
             "value": "The share or the mean.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
             "data_sets": "Over how many simulated observers.",
         },
     ),
     File(
         "power_data_sets.csv", "`power`", "simulated observer", DATA_SET_COLUMNS, [SubjectEvidence], _PLANNED | {
-            "log_evidence_none": COMMON["log_evidence_symmetric"],
-            "log_evidence_update": COMMON["log_evidence_h1"],
+            "effect": "What the verdict says of an effect.", "kind_named": "And of its kind.",
+            **{f"log_evidence_{one}": f"Log evidence (nats) of {said}, the mean over its 16 models." for one, said in
+               (("none", "no order effect"), ("constant_error", "a constant error"), ("update", "a pull"))},
             **{f"{name}_90": f"Width of the 90 % interval of {name} under the update." for name in ("gain", "mu1", "width")},
         },
     ),
@@ -359,7 +361,7 @@ FILES = (
     ),
     File(
         "power_stopping.csv", "`power --stop`", "simulated session", STOPPING_COLUMNS, [SubjectEvidence], _PLANNED | {
-            "trials": "Trials until it stopped.", "named": "Which kind was sure enough; empty where none.",
+            "trials": "Trials until it stopped.", "effect": "What the verdict then said of an effect.", "kind_named": "And of its kind.",
         },
     ),
     File(

@@ -167,6 +167,9 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
+    more: Annotated[
+        bool, typer.Option("--more-trials", help="Of undecided subjects also: how many more trials of which pairs would decide; 10 s each.")
+    ] = False,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """Which order effect every subject has, whether the models describe the answers, and the paper's model (H1) against H0.
@@ -184,6 +187,11 @@ def evidence(
     task.finish(keep, table.failed)
     say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic)
     say_appendix_c(task.console, table)
+    undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
+    if more and undecided:
+        with task.progress("simulating more trials", len(undecided)) as tick:
+            found = bt.planning.more_trials(read, undecided, seed=table.seed, prior=prior, workers=task.workers, progress=tick)
+        say_notes(task.console, (f"{one.subject}: {one.sentence()}" for one in found), "more trials")
     task.say_written("table in", output, seed=table.seed)
     task.leave_unless_whole(table.failed, {})
 

@@ -89,7 +89,8 @@ class SimulationOptions:
     data_sets: Annotated[int, rare("--data-sets", min=1, help="Simulated observers of each kind.")] = 100
     subjects: Annotated[str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")] = "4,8,16"
     stop: Annotated[
-        float | None, typer.Option("--stop", metavar="P", help="Also sessions that stop when a kind is so probable, e.g. 0.95.")
+        str | None,
+        typer.Option("--stop", metavar="WORDS", help="Also sessions that stop at words of the verdict, e.g. has,negligible,none."),
     ] = None
     look: Annotated[int, rare("--look", min=1, help="With --stop: after every so many trials, at most the largest of --trials.")] = 50
     population: Annotated[
@@ -108,7 +109,9 @@ class SimulationOptions:
         from bayes_toe.planning.power_of_studies import power_of_studies
 
         numbers, sizes, prior = _numbers("--trials", self.trials), _numbers("--subjects", self.subjects), preset_or_file(task.prior)
-        rule = None if self.stop is None else planning.StoppingRule(self.stop, numbers[-1], self.look)
+        rule = (
+            None if self.stop is None else planning.StoppingRule(tuple(one.strip() for one in self.stop.split(",")), numbers[-1], self.look)
+        )
         kinds = len({one.kind for one in observers_from(self.observers, 1, 0)})  # refuses a bad file before any work
         shares, seed = shares_from(self.observers), task.seed
 
@@ -138,7 +141,7 @@ def power(
     asked: SimulationOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """What a design will tell: how often the order effect of assumed observers is named, by simulation with the program's own analysis.
+    """What a design will tell: how often the verdict finds and names the order effect of assumed observers, by simulation.
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, log_expit, ndtr
+from scipy.stats import multivariate_t
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
@@ -36,6 +37,7 @@ WINDOW = 5.0
 _LAPSE = "logit_lapse_rate"
 _FLATTEST = 0.02  # curvature, over that of one coordinate by itself, below which a direction is no use as a scale
 _CLOUD = 400  # draws of Laplace's normal with which a proposal begins
+_FREEDOM = 5.0  # of Student's t in its shape
 
 
 class Sampled(NamedTuple):
@@ -215,13 +217,28 @@ class Family:
 
     def cloud(self, i: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """The maximum of a model, (1, k), and draws of Laplace's normal, (draws, k), in the model's own coordinates x."""
+        top, spread, _ = self._normal(i)
+        u = top + rng.standard_normal((_CLOUD, len(spread))) @ spread.T
+        return self.points(top[None])[0][:, self.free[i]], self.points(u)[0][:, self.free[i]]
+
+    def weighted(self, i: int, rng: np.random.Generator, size: int) -> tuple[FloatArray, FloatArray]:
+        """Draws of a model from Student's t of Laplace's shape, (size, k), in its own coordinates x, and log weights of mean evidence."""
+        (top, spread, log_det), k = self._normal(i), int(self.free[i].sum())
+        t = multivariate_t(np.zeros(k), np.eye(k), df=_FREEDOM)
+        z = np.zeros((size, len(top)))
+        z[:, self.free[i]] = half = t.rvs(size, random_state=rng).reshape(size, k)
+        u = top + z @ spread.T
+        log_weights = self.log_density(u, np.full(size, i)) - t.logpdf(half) + log_det
+        return self.points(u)[0][:, self.free[i]], np.asarray(log_weights)
+
+    def _normal(self, i: int) -> tuple[FloatArray, FloatArray, float]:
+        """Maximum of a model, factor of the covariance of Laplace's normal, no direction of which is too flat, and its log determinant."""
         tops, _, bends = self.maxima
         size = np.sqrt(np.maximum(np.abs(np.diagonal(bends[i])), 1e-3))
         bend = bends[i] / np.outer(size, size)  # so that the draws do not depend on the unit of intensity
-        bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.eye(len(bend))
+        bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.diag(self.free[i].astype(np.float64))
         spread = np.linalg.inv(np.linalg.cholesky(bend)).T / size[:, None]
-        u = tops[i] + rng.standard_normal((_CLOUD, len(spread))) @ spread.T
-        return self.points(tops[i : i + 1])[0][:, self.free[i]], self.points(u)[0][:, self.free[i]]
+        return tops[i], spread, float(np.log(np.diagonal(spread)).sum())
 
 
 class _Climb:

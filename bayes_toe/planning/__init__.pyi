@@ -1,4 +1,5 @@
 from .adaptive import Adaptive as Adaptive
+from .more_trials import more_trials as more_trials
 from .optimal import DesignGoal as DesignGoal
 from .optimal import optimal_design as optimal_design
 from .power import power as power

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.special import entr, logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Subject
 from bayes_toe.data.whole_files import whole_file
@@ -20,6 +21,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior, stored_prior
+from bayes_toe.planning.judging import judged
 from bayes_toe.planning.observers import prior_of
 from bayes_toe.planning.particles import ENOUGH, Particles
 from bayes_toe.planning.study_design import StudyDesign, each_once
@@ -38,6 +40,8 @@ _FORMAT = "bayes-toe adaptive 1"
 
 class Adaptive:
     """Chooses pairs one by one and keeps the posterior up to date.
+
+    `probabilities` are of the session's own models, by its weighted draws; `verdict` has the words of every command.
 
     Parameters
     ----------
@@ -181,6 +185,19 @@ class Adaptive:
         """Posterior probability of each model, equally probable beforehand."""
         values = np.array([cloud.log_evidence for cloud in self._clouds.values()])
         return dict(zip(self._clouds, np.exp(values - logsumexp(values)).tolist(), strict=True))
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the answers say of an order effect: over the 48 models of the verdict, whichever the session's own are; half a second.
+
+        Without fit, and what is about data and prior.
+
+        Raises
+        ------
+        InputError
+            Before the first answer.
+        """
+        return judged(self.subject, self.seed, self.prior).verdict
 
     def quantiles(self, quantity: str, levels: Sequence[float] = (0.05, 0.5, 0.95), *, model: str | None = None) -> list[float]:
         """Posterior quantiles of a quantity under a model, by default the first.

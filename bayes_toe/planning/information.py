@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import expit, log_ndtr, ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.comparison.verdict import NAMED
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
@@ -29,7 +30,6 @@ from bayes_toe.model.posterior import Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian
 from bayes_toe.planning.observers import UPDATE, Observer, natural_of
-from bayes_toe.planning.power import CERTAIN
 from bayes_toe.planning.study_design import StudyDesign
 
 #: What a design may be made for, and what its utility is then.
@@ -145,7 +145,7 @@ class Information:
         errors the Bayes factor is log B = z^2/2 - log(V0/V)/2.
         """
         gained = np.maximum(1.0 / variance - 1.0 / self.prior_variance, 0.0)  # below 0 by rounding alone
-        needed = 2.0 * np.log(CERTAIN / (1.0 - CERTAIN)) + np.log1p(self.prior_variance * gained)
+        needed = 2.0 * np.log(NAMED / (1.0 - NAMED)) + np.log1p(self.prior_variance * gained)
         return np.asarray(self.pull[:, None] * np.sqrt(gained) - np.sqrt(needed))
 
 

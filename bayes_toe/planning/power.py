@@ -1,13 +1,12 @@
 """What a design will tell: assumed observers answer it, and every data set is judged as the program judges a study's.
 
-Of each simulated subject the evidences without order effect, with a constant error and with the update, by the pipeline of the commands
-with fewer judging draws: their standard errors are below 0.02 nat, and what is asked is whether factors of 3 and more are passed.
+Counted are the words of the verdict: how often an effect that is there is found, its kind named, and how often one is said that is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -15,17 +14,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 from scipy.special import betaincinv, ndtri
 
-from bayes_toe.comparison.words import probabilities
+from bayes_toe.comparison.verdict import EFFECTS
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
-from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import PLAIN, SAID, UPDATE, Observer, assumed, prior_of
+from bayes_toe.planning.judging import Judgement, judged
+from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, PLAIN, SAID, UPDATE, Observer, assumed, prior_of
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -39,66 +38,24 @@ _LOG_EVIDENCES = ("log_evidence_none", "log_evidence_constant_error", "log_evide
 _PROBABILITIES = ("p_none", "p_constant_error", "p_update")
 #: Quantities of the update of which the expected width of the 90 % interval is told.
 WIDTHS = ("gain", "mu1", "width")
-DATA_SET_COLUMNS = ("design", "trials", "observer", "kind", *_LOG_EVIDENCES, *_PROBABILITIES, *(f"{name}_90" for name in WIDTHS))
-#: Probability from which a kind counts as named, and Bayes factors against the best of its rivals.
-CERTAIN, FACTORS = 0.95, (3, 10, 30)
-NAMED, WRONG = f"named, P > {CERTAIN}", f"another named, P > {CERTAIN}"
+DATA_SET_COLUMNS = (
+    "design",
+    "trials",
+    "observer",
+    "kind",
+    "effect",
+    "kind_named",
+    *_LOG_EVIDENCES,
+    *_PROBABILITIES,
+    *(f"{name}_90" for name in WIDTHS),
+)
+#: What is counted: whether an order effect is said, the observer's kind, or another; 'probably' counts, and negligible effects are none.
+FOUND, NAMED, WRONG = "effect found", "kind named", "another kind named"
 #: Kinds in a sentence.
-WORDS = {"none": "no order effect", "constant error": "a constant error", UPDATE: "an update"}
+WORDS = {NONE: "no order effect", CONSTANT_ERROR: "a constant error", UPDATE: "a pull"}
 _LEVEL = 0.95  # of the intervals of Monte Carlo error
 Row = TypeVar("Row")
 TRIALS, DATA_SETS = (325, 650, 1300), 100
-#: Independent draws behind each evidence.
-DRAWS = 4000
-
-
-# --- How a data set is judged ---------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """What the program says of one subject's answers; all that power, designs and rules of stopping know of them.
-
-    Log evidence of no order effect, a constant error, the update (nats), None where one is withheld; and, where they were asked for and can
-    be told, the widths of the 90 % intervals of :data:`WIDTHS` under the update.
-    """
-
-    log_evidence: tuple[float, ...] | None
-    widths: tuple[float, ...] | None = None
-
-    @property
-    def probability(self) -> tuple[float, ...] | None:
-        """Of each kind, equally probable beforehand."""
-        return None if self.log_evidence is None else probabilities(self.log_evidence)
-
-    def named(self, certain: float = CERTAIN) -> str | None:
-        """The kind whose probability is above `certain`, if there is one."""
-        p = self.probability
-        return None if p is None or max(p) <= certain else list(PLAIN)[p.index(max(p))]
-
-    def favoured(self, factor: float) -> str | None:
-        """The kind whose Bayes factor against its best rival is above `factor`, if there is one."""
-        if self.log_evidence is None:
-            return None
-        *_, second, best = sorted(self.log_evidence)
-        return list(PLAIN)[self.log_evidence.index(best)] if best - second > np.log(factor) else None
-
-
-def judged(subject: Subject, seed: int, prior: Prior) -> Judgement:
-    """The program's judgement of a subject's answers, by the pipeline of the commands; streams are keyed by seed and name."""
-    found, widths = [], None
-    for kind, model in PLAIN.items():
-        result, fitted = fitted_result(model.posterior(subject, prior), seed, Wanted(evidence_draws=DRAWS))
-        assert result.evidence is not None  # it was asked for
-        found.append(result.evidence)
-        if kind == UPDATE and fitted.proposal.trusted:
-            draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
-            assert isinstance(target, Posterior)
-            values = target.quantities(draws.x)
-            ends = (np.quantile(values[name], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for name in WIDTHS)
-            widths = tuple(float(np.ptp(one)) for one in ends)
-    logs = weighed([one.value for one in found], [one.bound for one in found])
-    return Judgement(None if np.isnan(logs).any() else tuple(logs.tolist()), widths)
 
 
 # --- What is counted ------------------------------------------------------------------------------
@@ -245,10 +202,12 @@ class PowerTable(Simulations[DataSet]):
         known = [one.probability for one in said if one.probability is not None]
         for word, values in zip(SAID, zip(*known, strict=True), strict=False):  # none where nothing is known
             yield f"P({word})", share(sum(values), len(known)), len(known)
-        named = {f"P > {CERTAIN}": [one.named() for one in said]}
-        for rule, found in (named | {f"BF > {factor}": [one.favoured(factor) for one in said] for factor in FACTORS}).items():
-            yield f"named, {rule}", share(found.count(kind), len(rows)), len(rows)
-            yield f"another named, {rule}", share(sum(one not in (None, kind) for one in found), len(rows)), len(rows)
+        for word in EFFECTS:
+            if word:
+                yield f"said: {word}", share(sum(one.verdict.effect == word for one in said), len(rows)), len(rows)
+        yield FOUND, share(sum(one.found for one in said), len(rows)), len(rows)
+        yield NAMED, share(sum(one.named == kind for one in said), len(rows)), len(rows)
+        yield WRONG, share(sum(one.named not in (None, kind) for one in said), len(rows)), len(rows)
         told = [one.widths for one in said if one.widths is not None]
         for name, values in zip(WIDTHS, zip(*told, strict=True), strict=False):
             yield f"90 % width of {name}", mean(values), len(told)
@@ -259,7 +218,8 @@ class PowerTable(Simulations[DataSet]):
         import pandas as pd
 
         said = [(one.judgement.log_evidence, one.judgement.probability, one.judgement.widths) for one in self.rows]
-        numbers = [[value for part in parts for value in part or (None,) * 3] for parts in said]
+        words = [[row.judgement.verdict.effect, row.judgement.verdict.kind] for row in self.rows]
+        numbers = [[*of, *(value for part in parts for value in part or (None,) * 3)] for of, parts in zip(words, said, strict=True)]
         cells = [[row.design, row.trials, row.observer, row.kind, *more] for row, more in zip(self.rows, numbers, strict=True)]
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
@@ -270,16 +230,20 @@ class PowerTable(Simulations[DataSet]):
         --------
         >>> rows = [DataSet("these pairs", 650, f"update {i}", "update", Judgement((0.0, 0.0, 9.0 * i))) for i in range(2)]
         >>> PowerTable(tuple(rows), 1).sentences()
-        ['with these pairs 650 trials name an update in 50 % of observers (6 to 94 %)']
+        ['with these pairs 650 trials find an order effect in 50 % of observers with a pull (6 to 94 %), and name a pull in 50 %']
         """
         lines = []
         for design, trials in dict.fromkeys(key[:2] for key in self.groups):
             groups = {key[2]: rows for key, rows in self.groups.items() if key[:2] == (design, trials)}
             main = UPDATE if UPDATE in groups else list(groups)[-1]
-            p, low, high = (100 * getattr(self[design, trials, main, NAMED], key) for key in ("value", "low", "high"))
-            wrong = [row.judgement.named() == main for kind, rows in groups.items() if kind != main for row in rows]
-            more = f", and wrongly in {sum(wrong)} of {len(wrong)} others" if wrong else ""
-            lines.append(f"with {design} {trials} trials name {WORDS[main]} in {p:.0f} % of observers ({low:.0f} to {high:.0f} %){more}")
+            p, low, high = (100 * getattr(self[design, trials, main, FOUND], key) for key in ("value", "low", "high"))
+            right, whom = 100 * self[design, trials, main, NAMED].value, WORDS[main].replace("no order effect", "none")
+            wrong = [row.judgement.found for row in groups.get(NONE, ()) if main != NONE]
+            more = f"; and wrongly one in {sum(wrong)} of {len(wrong)} without" if wrong else ""
+            lines.append(
+                f"with {design} {trials} trials find an order effect in {p:.0f} % of observers with {whom} ({low:.0f} to {high:.0f} %), "
+                f"and name {WORDS[main]} in {right:.0f} %{more}"
+            )
         return lines
 
 
@@ -298,7 +262,7 @@ def power(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> PowerTable:
-    """How often a design names the order effect of assumed observers, how often wrongly, and how narrow posteriors become.
+    """How often a design finds the order effect of assumed observers, names its kind, is wrong, and how narrow posteriors become.
 
     Parameters
     ----------
@@ -322,7 +286,7 @@ def power(
     Examples
     --------
     >>> table = power(trials=[130], data_sets=1, seed=1, workers=1)
-    >>> len(table.rows), table["the paper's pairs", 130, "update", "named, P > 0.95"].size
+    >>> len(table.rows), table["the paper's pairs", 130, "update", "kind named"].size
     (3, 1)
     """
     designs = named_designs(design)
@@ -362,4 +326,17 @@ def worked(kept: Kept, jobs: Sequence[partial[Row]], workers: Workers, progress:
 def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
     """One observer's answers to a design, judged; streams are keyed by seed, observer and number of trials."""
     subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
-    return DataSet(name, design.total, observer.name, observer.kind, judged(subject, seed, prior))
+    found = replace(judged(subject, seed, prior), widths=_widths(subject, seed, prior))
+    return DataSet(name, design.total, observer.name, observer.kind, found)
+
+
+def _widths(subject: Subject, seed: int, prior: Prior) -> tuple[float, ...] | None:
+    """Of the 90 % intervals of :data:`WIDTHS` under the update, where its draws can be trusted."""
+    fitted = fitted_result(PLAIN[UPDATE].posterior(subject, prior), seed, Wanted())[1]
+    if not fitted.proposal.trusted:
+        return None
+    draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
+    assert isinstance(target, Posterior)
+    values = target.quantities(draws.x)
+    ends = (np.quantile(values[name], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for name in WIDTHS)
+    return tuple(float(np.ptp(one)) for one in ends)

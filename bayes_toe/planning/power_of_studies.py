@@ -31,7 +31,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
-from bayes_toe.planning.power import CERTAIN, WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
+from bayes_toe.planning.power import WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
 from bayes_toe.planning.study_design import StudyDesign, each_once
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -53,10 +53,10 @@ _WHAT[MIXED] = "the most frequent kind of the mixed population"
 _WHO = {
     NONE: "subjects without one",
     CONSTANT_ERROR: "subjects with a constant error",
-    UPDATE: "subjects who update",
+    UPDATE: "subjects with a pull",
     MIXED: "the mixed population",
 }
-_DIRECTION, _BAND = 0.975, 0.95
+_DIRECTION, _BAND, _SURE = 0.975, 0.95, 0.95
 _DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
 
@@ -111,7 +111,8 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
 
     Examples
     --------
-    >>> from bayes_toe.planning.power import DataSet, Judgement
+    >>> from bayes_toe.planning.judging import Judgement
+    >>> from bayes_toe.planning.power import DataSet
     >>> rows = [DataSet("d", 650, f"u{i}", "update", Judgement((-5.0, -4.0, 0.0))) for i in range(8)]
     >>> found = power_of_studies(PowerTable(tuple(rows), 1))
     >>> [(row.subjects, row.size, row.value) for row in found.counted.values() if row.quantity == "named"]
@@ -136,7 +137,7 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
 
 def _named(log_evidence: Sequence[tuple[float, ...]]) -> str | None:
     found = random_effects(log_evidence).protected
-    return list(PLAIN)[int(found.argmax())] if found.max() > CERTAIN else None
+    return list(PLAIN)[int(found.argmax())] if found.max() > _SURE else None
 
 
 # --- By the analysis of the group -----------------------------------------------------------------

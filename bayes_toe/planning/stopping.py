@@ -1,4 +1,4 @@
-"""Rules when a session stops: after so many trials a rule looks, and ends the session when a kind of order effect is sure enough.
+"""Rules when a session stops: after so many trials a rule looks, and ends the session when the verdict says one of its words.
 
 How often that is right, simulation says.
 """
@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.comparison.verdict import EFFECTS, KINDS, Verdict
+from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import PLAIN, Observer, assumed
-from bayes_toe.planning.power import CERTAIN, DATA_SETS, WORDS, Judgement, jobs_of, judged, named_designs, share, worked
+from bayes_toe.planning.judging import Judgement, judged
+from bayes_toe.planning.observers import NONE, Observer, assumed
+from bayes_toe.planning.power import DATA_SETS, WORDS, jobs_of, named_designs, share, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -28,7 +31,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Columns of power_stopping.csv.
-STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "named", "p_none", "p_constant_error", "p_update")
+STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "effect", "kind_named", "p_none", "p_constant_error", "p_update")
+#: Words of a verdict at which a session may end.
+ALLOWED = (*(word for word in EFFECTS if word not in ("", "undecided")), *KINDS.values(), *(f"probably {kind}" for kind in KINDS.values()))
 
 
 @dataclass(frozen=True)
@@ -37,35 +42,39 @@ class StoppingRule:
 
     Parameters
     ----------
-    certain : float
-        Probability of a kind above which a session ends.
+    words : sequence of str
+        What the verdict has to say, of the effect or of its kind, for a session to end: some of :data:`ALLOWED`.
     most : int
         Trials after which it ends anyway.
     every : int
         Trials between two looks.
     """
 
-    certain: float = CERTAIN
+    words: Sequence[str] = ("has", "negligible", "none")
     most: int = 1000
     every: int = 50
 
     def __post_init__(self) -> None:
-        if not 1 / 3 < self.certain < 1.0:
-            raise InputError(f"--stop {self.certain:g}: allowed is a probability above 1/3 and below 1")
+        wrong = [one for one in self.words if one not in ALLOWED]
+        if wrong or not self.words:
+            raise InputError(f"--stop: found {', '.join(map(quoted, wrong)) or 'nothing'}, allowed: some of {', '.join(ALLOWED)}")
         if not 1 <= self.every <= self.most:
             raise InputError(f"--look {self.every}: allowed is 1 to {self.most}, the largest number of trials")
+
+    def ends(self, verdict: Verdict) -> bool:
+        """Whether the verdict says one of the words."""
+        return verdict.effect in self.words or verdict.kind in self.words
 
 
 @dataclass(frozen=True)
 class Session:
-    """One simulated session: its trials, the kind it named, if any, and probabilities at its end, None if one is withheld."""
+    """One simulated session: its trials, and how all answers were judged at its end."""
 
     design: str
     observer: str
     kind: str
     trials: int
-    named: str | None
-    probability: tuple[float, ...] | None
+    judgement: Judgement
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +89,30 @@ class StoppingTable(Table[Session]):
         """Every session, with the columns of power_stopping.csv."""
         import pandas as pd
 
-        cells = [[row.design, row.observer, row.kind, row.trials, row.named, *(row.probability or (None,) * 3)] for row in self.rows]
+        ends = [(row.judgement.verdict, row.judgement.probability or (None,) * 3) for row in self.rows]
+        cells = [
+            [row.design, row.observer, row.kind, row.trials, said.effect, said.kind, *p]
+            for row, (said, p) in zip(self.rows, ends, strict=True)
+        ]
         return pd.DataFrame(cells, columns=list(STOPPING_COLUMNS))
 
     def sentences(self) -> list[str]:
-        """How often the rule names what is there, how often something else, and after how many trials, a line a design and kind."""
-        lines, rule = [], f"stopping at P > {self.rule.certain:g} or {self.rule.most} trials"
+        """How often the rule ends with what is there, with something else, and after how many trials, a line a design and kind."""
+        words = " or ".join(f"'{word}'" for word in self.rule.words)
+        lines, rule = [], f"stopping at {words}, or {self.rule.most} trials"
         for design, kind in dict.fromkeys((row.design, row.kind) for row in self.rows):
             rows = [row for row in self.rows if (row.design, row.kind) == (design, kind)]
-            wrong = sum(row.named not in (None, kind) for row in rows)
-            p, low, high = (100 * part for part in share(sum(row.named == kind for row in rows), len(rows)))
+            said = [row.judgement for row in rows]
+            if kind == NONE:
+                right, wrong = sum(one.named == NONE for one in said), sum(one.found for one in said)
+                what, else_ = "says none, or a negligible effect", "one"
+            else:
+                right, wrong = sum(one.found for one in said), sum(one.named == NONE for one in said)
+                what, else_ = "finds an order effect", "none, or a negligible one,"
+            p, low, high = (100 * part for part in share(right, len(rows)))
             lines.append(
-                f"with {design}, {rule} names {WORDS[kind]} in {p:.0f} % of such observers ({low:.0f} to {high:.0f} %), and something else "
-                f"in {wrong} of {len(rows)}; median {np.median([row.trials for row in rows]):.0f} trials"
+                f"with {design}, {rule} {what} in {p:.0f} % of observers with {WORDS[kind]} ({low:.0f} to {high:.0f} %), and "
+                f"{else_} in {wrong} of {len(rows)}; median {np.median([row.trials for row in rows]):.0f} trials"
             )
         return lines
 
@@ -109,7 +129,7 @@ def stopping(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> StoppingTable:
-    """Error rates and lengths of sessions that stop when a kind of order effect is sure enough.
+    """Error rates and lengths of sessions that stop when the verdict says enough.
 
     Parameters
     ----------
@@ -139,9 +159,9 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
     equal = rng.uniform(size=len(order)) < observer.equal(design)[order]
     s1, s2, *isi = (column[order] for column in design.columns)
-    judgement = Judgement((0.0,) * len(PLAIN))
-    while judgement.named(rule.certain) is None and trials < rule.most:
+    judgement = Judgement(None)
+    while not rule.ends(judgement.verdict) and trials < rule.most:
         trials = min(trials + rule.every, rule.most)
         so_far = (column[:trials] for column in (s1, s2, equal, *isi))
         judgement = judged(Subject.from_trials(observer.name, *so_far), seed, prior)
-    return Session(name, observer.name, observer.kind, trials, judgement.named(rule.certain), judgement.probability)
+    return Session(name, observer.name, observer.kind, trials, judgement)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, OptimalDesign, paper_amid
-from bayes_toe.planning.power import NAMED, WIDTHS, WRONG, Counted, PowerTable
+from bayes_toe.planning.power import FOUND, NAMED, WIDTHS, WRONG, Counted, PowerTable
 from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, PopulationPower
 from bayes_toe.plots.style import (
     EQUAL,
@@ -31,13 +31,13 @@ from bayes_toe.plots.style import (
 _KINDS = {
     "none": ("no order effect", EQUAL, "D"),
     "constant error": ("constant error", WEAKER_FIRST, "s"),
-    "update": ("update", STRONGER_FIRST, "o"),
+    "update": ("pull", STRONGER_FIRST, "o"),
 }
 _LARGEST = 160.0  # area of the most frequent pair, square points
 _TITLES = {
     "none": "observers without order effect",
     "constant error": "with a constant error",
-    "update": "who update",
+    "update": "with a pull",
     "mixed": "of a mixed population",
 }
 _COLOURS = (STRONGER_FIRST, WEAKER_FIRST, "#009E73", "#CC79A7", EQUAL)
@@ -52,11 +52,11 @@ _MARGIN = 1.25  # factor from the outermost numbers to the ends of a panel
 def power_figure(table: PowerTable, populations: PopulationPower | None = None) -> Figure:
     """How often each kind of observers is named, the expected 90 % intervals of the update's quantities, and what whole studies find.
 
-    Above: share of one kind of observers whose order effect is named (P > 0.95), and for whom another is. In the middle: expected width of
-    the 90 % interval of gain, mu1 and width of observers who update. Below: share of simulated studies of one kind of subjects whose
-    analysis as a group finds an order effect, by their number. Bars: 95 % of Monte Carlo error.
+    Above: share of one kind of observers of whom the verdict says an order effect, and whose kind it names (of those without: none). In
+    the middle: expected width of the 90 % interval of gain, mu1 and width of observers who update. Below: share of simulated studies of
+    one kind of subjects whose analysis as a group finds an order effect, by their number. Bars: 95 % of Monte Carlo error.
     """
-    named = {NAMED: "named", WRONG: "another named"}
+    named = {FOUND: "effect found", NAMED: "kind named"}
     rows = [partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))]
     if "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities):
         rows.append(partial(_draw_widths, table))
@@ -168,7 +168,7 @@ def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
             look: dict[str, Any] = {"mfc": colour, "ms": 4.5, "label": label} if filled else {"mfc": "white", "ms": 3.0}
             ax.errorbar(x, y, xerr=errors, fmt=marker, color=colour, elinewidth=0.8, **look)
     ax.set_yticks(np.arange(len(names)), [plain("this design" if name == OPTIMISED else name) for name in names])
-    ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="share named, P > 0.95 (hollow: misnamed)")
+    ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="share whose kind is named (hollow: another)")
     ax.set_title(f"{trials:,} trials, observers with", fontsize=LETTERS)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False, fontsize=SMALL, handletextpad=0.2, columnspacing=1.0)
     dress(ax)

@@ -58,6 +58,7 @@ def test_the_posterior_is_that_of_sample(done):
             error = np.sqrt(level * (1 - level) * (1 / 1000 + 1 / 4000))
             assert abs((exact < found).mean() - level) < 4.5 * error, (name, level)
     assert min(done.effective().values()) > 1000
+    assert (done.verdict.effect, done.verdict.kind) == ("has", "pull")  # over the verdict's own models
 
 
 def test_probabilities_are_those_of_the_evidences(updates):

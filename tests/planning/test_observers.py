@@ -121,14 +121,13 @@ def test_a_constant_added_to_every_stimulus_changes_no_number_of_power_and_no_se
     assert (here.failed, there.failed) == ({}, {})
     for one, other in zip(here.rows, there.rows, strict=True):
         assert (one.design, one.observer) == (other.design, other.observer)
-        # the same answers; standard errors are below 0.02
-        assert other.judgement.log_evidence == pytest.approx(one.judgement.log_evidence, abs=0.05)
+        assert other.judgement.log_evidence == pytest.approx(one.judgement.log_evidence, abs=0.05)  # draws are the same
         if one.judgement.widths is not None:
             assert np.log(other.judgement.widths) == pytest.approx(np.log(one.judgement.widths), abs=0.1)
     assert any(np.ptp(row.judgement.log_evidence) > 1.0 for row in there)  # they tell something
-    rule = StoppingRule(0.9, 140, 70)
+    rule = StoppingRule(most=140, every=70)
     here, there = (stopping(one, rule, data_sets=1, seed=1, prior="default", workers=1) for one in (PAIRS, PAIRS.moved(FAR)))
-    assert [(row.trials, row.named) for row in there] == [(row.trials, row.named) for row in here]
+    assert [(row.trials, row.judgement.verdict.effect) for row in there] == [(row.trials, row.judgement.verdict.effect) for row in here]
 
 
 def test_a_constant_added_to_the_range_changes_no_chosen_pair():
@@ -143,7 +142,7 @@ def test_a_constant_added_to_the_range_changes_no_chosen_pair():
     assert there.candidates[OPTIMISED].utility == pytest.approx(here.candidates[OPTIMISED].utility, rel=1e-6)
     assert there.candidates[MOVED].utility == pytest.approx(here.candidates[PAPER].utility, rel=1e-6)
     assert there.candidates[MOVED].design.s1 == pytest.approx(paper_study_design().s1 + 3.65)
-    assert [row.judgement.named() for row in there.power] == [row.judgement.named() for row in here.power]
+    assert [row.judgement.named for row in there.power] == [row.judgement.named for row in here.power]
     assert any("from 3.65 to 4.16, amid what can be shown" in line for line in there.said())
 
 

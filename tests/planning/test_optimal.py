@@ -28,7 +28,7 @@ def test_an_optimised_design_names_updates_and_the_papers_pairs_do_not(found):
     assert np.isin(np.round([found.design.s1, found.design.s2], 9), np.round(WIDE, 9)).all()
     assert found.candidates[OPTIMISED].utility > max(one.utility for name, one in found.candidates.items() if name != OPTIMISED)
     assert found.power[OPTIMISED, 650, "update", NAMED].value == 1.0
-    wrong = [row.judgement.named() for row in found.power if row.design == OPTIMISED and row.kind != "update"]
+    wrong = [row.judgement.named for row in found.power if row.design == OPTIMISED and row.kind != "update"]
     assert "update" not in wrong
     assert found.reasons[0].startswith("first stimuli, of most trials: -0.75 (")
 

@@ -8,10 +8,12 @@ from populations import made_up as made_up_group
 
 import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
+from bayes_toe.comparison.verdict import verdict
 from bayes_toe.errors import InputError
 from bayes_toe.groups.asymmetries import asymmetries
-from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power import NAMED, WRONG, DataSet, Judgement, PowerTable, power, share
+from bayes_toe.planning.judging import Judgement
+from bayes_toe.planning.observers import observers_from, prior_of
+from bayes_toe.planning.power import FOUND, NAMED, WRONG, DataSet, PowerTable, power, share
 from bayes_toe.planning.power_of_studies import (
     ON_AVERAGE,
     REVERSED,
@@ -38,19 +40,20 @@ def table(designs):
     return power(designs, [650], data_sets=2, seed=1, workers=1)
 
 
-def test_probabilities_are_those_of_the_command_evidence(table, designs):
+def test_the_judgement_is_the_verdict(table, designs):
     observer = observers_from(None, 1, seed=1)[-1]
     subject = observer.answers(designs["paper"], generator(1, observer.name, "answers", 650))
-    row = bt.evidence(bt.Study((subject,)), seed=1, workers=1).rows[0]
+    expected = verdict(subject, prior_of([designs["paper"]], None), 1)[0]
     [found] = [one.judgement for one in table if (one.design, one.observer) == ("paper", observer.name)]
-    assert found.log_evidence == pytest.approx(row.log_evidence_orders, abs=0.05)  # standard errors below 0.01
-    assert found.probability == pytest.approx(row.order_probabilities, abs=0.02)
+    assert found.probability == pytest.approx(expected.p_orders, abs=0.1)  # 0.009 in the middle
+    assert found.p_larger == pytest.approx(expected.p_larger, abs=0.05)
+    assert (found.verdict.effect, found.verdict.kind) == (expected.effect, expected.kind)
 
 
 def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(table, designs):
     assert table["narrow", 650, "update", NAMED].value == 1.0
     assert table["paper", 650, "update", "90 % width of gain"].value > 3.0 * table["narrow", 650, "update", "90 % width of gain"].value
-    assert table["narrow", 650, "none", WRONG].value == 0.0
+    assert table["narrow", 650, "none", FOUND].value == 0.0
     again = power({"narrow": designs["narrow"]}, [650], observers_from(None, 2, seed=1)[-1:], seed=1, workers=1)
     assert again.rows[0] == next(one for one in table if (one.design, one.observer) == ("narrow", "update 2"))
 
@@ -60,14 +63,24 @@ def made_up(kind, *probabilities):
 
 
 def test_counts_of_data_sets_one_of_which_is_withheld():
-    rows = made_up("update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.3, 0.69), None)
-    table = PowerTable(tuple(rows + made_up("none", (0.01, 0.03, 0.96), (0.97, 0.02, 0.01))), 0)
-    assert [table["d", 100, "update", name].value for name in (NAMED, WRONG, "evidence withheld")] == [0.2, 0.2, 0.2]
-    assert [table["d", 100, "update", f"named, BF > {factor}"].value for factor in (3, 10, 30)] == [0.2, 0.2, 0.2]
-    assert table["d", 100, "update", "P(update)"].value == pytest.approx(0.52)
-    assert table.sentences() == ["with d 100 trials name an update in 20 % of observers (2 to 63 %), and wrongly in 1 of 2 others"]
+    rows = made_up("update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.39, 0.6), None)
+    table = PowerTable(tuple(rows + made_up("none", (0.01, 0.03, 0.96), (0.8, 0.1, 0.1))), 0)
+    names = (FOUND, NAMED, WRONG, "evidence withheld", "said: has", "said: none", "said: undecided")
+    assert [table["d", 100, "update", name].value for name in names] == [0.4, 0.2, 0.2, 0.2, 0.4, 0.2, 0.2]
+    assert [table["d", 100, "none", name].value for name in (FOUND, NAMED, WRONG, "said: probably none")] == [0.5] * 4
+    assert table["d", 100, "update", "P(update)"].value == pytest.approx(0.4975)
+    assert table.sentences() == [
+        "with d 100 trials find an order effect in 40 % of observers with a pull (9 to 79 %), and name a pull in 20 %; and wrongly one in "
+        "1 of 2 without"
+    ]
+    assert table.data_sets_frame().kind_named.tolist() == ["pull", "", "", "open", "", "pull", ""]
     with pytest.raises(InputError, match="nothing counted"):
         table["d", 100, "update", "luck"]
+
+
+def test_a_negligible_effect_is_none():
+    assert Judgement(tuple(np.log((0.5, 0.3, 0.2))), 0.01).named == "none"
+    assert Judgement(tuple(np.log((0.5, 0.3, 0.2))), 0.4).named is None
 
 
 def test_intervals_of_shares_cover():
@@ -113,7 +126,7 @@ def test_counts_of_studies_analysed_as_groups():
     assert {name: table.counted["d", 100, "update", 8, name].value for name in expected} == expected
     assert ("d", 100, "none", 8, REVERSED) not in table.counted
     assert table.sentences() == [
-        "with d and 100 trials each, population shows an order effect of subjects who update in 50 % of studies with 8 subjects (of 4), "
+        "with d and 100 trials each, population shows an order effect of subjects with a pull in 50 % of studies with 8 subjects (of 4), "
         "and wrongly of others in 1 of 2"
     ]
 
@@ -165,10 +178,10 @@ ALONE = ("--data-sets", "1", "--seed", "1", "--workers", "1", "-o", "out")
 
 def test_the_command(tmp_path, designs):
     designs["paper"].save(tmp_path / "design.csv")
-    done = inside("power", "design.csv", "--trials", "130,65", "--stop", "0.9", "--look", "65", *ALONE, cwd=tmp_path)
+    done = inside("power", "design.csv", "--trials", "130,65", "--stop", "has,none", "--look", "65", *ALONE, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "with these pairs 65 trials name an update in" in done.stdout
-    assert "with these pairs, stopping at P > 0.9 or 130 trials names an update in" in done.stdout
+    assert "with these pairs 65 trials find an order effect in" in done.stdout
+    assert "with these pairs, stopping at 'has' or 'none', or 130 trials finds an order effect in" in done.stdout
     names = ["power.csv", "power.pdf", "power.png", "power_data_sets.csv", "power_stopping.csv", "power_subjects.csv"]
     assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == names
     table, sets, sessions = (pd.read_csv(tmp_path / "out" / f"power{name}.csv") for name in ("", "_data_sets", "_stopping"))
@@ -183,7 +196,7 @@ def test_the_command_with_groups(tmp_path):
     # of so many trials the analysis takes 3 seconds, of few 8
     done = inside("power", *asked, *ALONE, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "and 20000 trials each, population shows an order effect of subjects who update in" in " ".join(done.stdout.split())
+    assert "and 20000 trials each, population shows an order effect of subjects with a pull in" in " ".join(done.stdout.split())
     table = pd.read_csv(tmp_path / "out" / "power_population.csv")
     assert (set(table.subjects), set(table.studies), set(table.observers)) == ({2}, {1}, {"update"})
     assert table.set_index("quantity").value["90 % width of pull at the means"] > 0.0

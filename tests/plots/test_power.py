@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.planning.judging import Judgement
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
-from bayes_toe.planning.power import NAMED, DataSet, Judgement, PowerTable
+from bayes_toe.planning.power import FOUND, DataSet, PowerTable
 from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower
 from bayes_toe.planning.study_design import each_once, paper_study_design
 
@@ -17,7 +18,7 @@ def made_up(designs, trials):
             for kind in ("none", "constant error", "update"):
                 for i in range(5):
                     p = rng.dirichlet([1.0, 1.0, 1.0])
-                    rows.append(DataSet(name, n, f"{kind} {i}", kind, Judgement(tuple(np.log(p)), (0.1, 1.0, 0.05))))
+                    rows.append(DataSet(name, n, f"{kind} {i}", kind, Judgement(tuple(np.log(p)), None, (0.1, 1.0, 0.05))))
     return PowerTable(tuple(rows), 1)
 
 
@@ -28,10 +29,10 @@ def table():
 
 def test_a_panel_a_kind_and_a_quantity_with_the_shares_as_lines(table):
     figure = bt.plots.power_figure(table)
-    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "who update"]
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "with a pull"]
     assert [ax.get_ylabel() for ax in figure.axes[3:]] == [f"90 % interval of {name}" for name in ("gain", "mu1", "width")]
     lines = [bars.lines[0] for bars in figure.axes[2].containers]
-    assert lines[0].get_ydata().tolist() == [table["a$b", n, "update", NAMED].value for n in (100, 400)]
+    assert lines[0].get_ydata().tolist() == [table["a$b", n, "update", FOUND].value for n in (100, 400)]
     assert len(lines) == 4
 
 

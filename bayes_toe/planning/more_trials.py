@@ -1,0 +1,187 @@
+"""How many more trials would decide whether a subject has an order effect, of the same pairs and of those that tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import entr, logsumexp, softmax
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.verdict import ORDERS
+from bayes_toe.data.messages import listed
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.errors import InputError
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.kept import Kept
+from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.planning.judging import Weighed, judged, weighed
+from bayes_toe.planning.study_design import StudyDesign, apportioned, each_once
+from bayes_toe.seeds import generator, root_seed
+from bayes_toe.workers import Progress, Workers
+
+#: Simulated repetitions, of how many a verdict is asked, and by how many times the trials so far more are tried, fewest first.
+REPETITIONS, ENOUGH = 10, 8
+TIMES = (0.5, 1.0, 2.0, 4.0, 8.0)
+_PAIRS = 6  # that tell most
+_PREDICTED = 400  # draws over models by which pairs are compared
+
+
+class Tried(NamedTuple):
+    """So many more trials of a design, and in how many of the simulated repetitions the verdict is then decided."""
+
+    design: StudyDesign
+    trials: int
+    decided: int
+
+
+@dataclass(frozen=True, eq=False)
+class MoreTrials:
+    """What more trials of a subject would do: of the same pairs as so far, and of others of the same stimuli that tell more."""
+
+    subject: str
+    same: Tried
+    telling: Tried
+
+    def sentence(self) -> str:
+        """In words, without the subject's name."""
+        pairs = listed([f"{a:.3g} then {b:.3g}" for a, b, *_ in self.telling.design.pairs], _PAIRS)
+        return f"{_said(self.same, 'the same pairs')}; {_said(self.telling, f'the pairs {pairs}')}"
+
+
+def _said(one: Tried, pairs: str) -> str:
+    number, often = f"{float(f'{one.trials:.2g}'):,.0f} more trials of {pairs}", f"in {one.decided} of {REPETITIONS} simulated repetitions"
+    return f"about {number} would decide ({often})" if one.decided >= ENOUGH else f"even {number} would decide {often} only"
+
+
+def more_trials(
+    study: Study,
+    subjects: Sequence[str] | None = None,
+    *,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+) -> tuple[MoreTrials, ...]:
+    """How many more trials would decide about subjects, by simulation; some ten seconds each.
+
+    Observers are drawn from what the answers so far leave open, over all models of the verdict; their further answers are added to those
+    so far, and judged. Numbers of trials from half to eight times those so far are tried, the fewest with which 8 of 10 are decided.
+
+    Parameters
+    ----------
+    study : Study
+    subjects : sequence of str, optional
+        Names; by default all who are undecided.
+    seed, prior, workers, progress
+        As in :func:`bayes_toe.analysis.evidence`.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed, or an evidence that counts is missing.
+    """
+    root, numbers = root_seed(seed), prior_for(study, prior)
+    names = [one.name for one in study if judged(one, root, numbers).verdict.effect == "undecided"] if subjects is None else subjects
+    jobs: list[Callable[[], MoreTrials]] = [_Job(study[name], root, numbers) for name in names]
+    done = Kept().work(jobs, workers, progress, [(name,) for name in names])
+    for lost in done.failed.values():
+        raise InputError(lost.reason)
+    return tuple(done)
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """One subject's simulation, to be called."""
+
+    subject: Subject
+    seed: int
+    prior: Prior
+
+    def __call__(self) -> MoreTrials:
+        subject = self.subject
+        found = weighed(subject, self.seed, self.prior)
+        if not np.isfinite(found.values).all():
+            raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
+        rng = generator(self.seed, subject.name, "more trials")
+        people = observers(found, _PREDICTED, rng)
+        columns = (subject.s1, subject.s2, *(() if subject.isi is None else (subject.isi,)))
+        same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi)
+        every = _pairs_of(columns)
+        best = np.sort(np.argsort(-_told(every, people))[:_PAIRS])
+        telling = each_once(*(column[best] for column in every.columns))
+        only = likeliest(found.values)
+        return MoreTrials(subject.name, self._fewest(same, people, only), self._fewest(telling, people, only))
+
+    def _fewest(self, design: StudyDesign, people: Sequence[Predictor], only: Sequence[int]) -> Tried:
+        """The fewest trials of those tried that decide, or the most: the middle number first, then upward or downward from it."""
+        tried: dict[int, Tried] = {}
+        low, high = 0, len(TIMES) - 1
+        while low < high:
+            middle = (low + high) // 2
+            tried[middle] = self._tried(design, people, only, TIMES[middle])
+            low, high = (low, middle) if tried[middle].decided >= ENOUGH else (middle + 1, high)
+        return tried.get(low) or self._tried(design, people, only, TIMES[low])
+
+    def _tried(self, design: StudyDesign, people: Sequence[Predictor], only: Sequence[int], times: float) -> Tried:
+        trials = max(design.n_pairs, round(times * self.subject.total_trials))
+        shared = StudyDesign(design.s1, design.s2, apportioned(design.n_trials / design.total, trials), design.isi)
+        decided = 0
+        for number, one in enumerate(people[:REPETITIONS]):
+            rng = generator(self.seed, self.subject.name, "repetition", number, trials)
+            more = shared.answered(rng.binomial(shared.n_trials, one.equal(*shared.columns)[0]), self.subject.name)
+            decided += judged(_together(self.subject, more), self.seed, self.prior, only).verdict.effect != "undecided"
+        return Tried(shared, trials, decided)
+
+
+def likeliest(values: FloatArray) -> list[int]:
+    """Places in the space of all orders with the likeliest noise, lapses and peak of each curve: a repetition is judged by these six."""
+    shapes: dict[str, dict[tuple[str, ...], list[int]]] = {}
+    for place, model in enumerate(SPACE):
+        levels = dict(model.levels)
+        rest = tuple(level for part, level in model.levels if part not in ("order", "curve"))
+        shapes.setdefault(levels["curve"], {}).setdefault(rest, []).append(place)
+    return sorted(place for some in shapes.values() for place in max(some.values(), key=lambda places: float(logsumexp(values[places]))))
+
+
+def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predictor]:
+    """Draws of the posterior over models, one by one, with the model that each is of."""
+    places = list(found.draws)
+    made = []
+    for place in rng.choice(places, size, p=softmax(found.values[places])).tolist():
+        posterior, x, weights = found.draws[place]
+        made.append(Predictor(posterior, x[rng.choice(len(x), 1, p=softmax(weights))]))
+    return made
+
+
+def _pairs_of(columns: Sequence[FloatArray]) -> StudyDesign:
+    """All ordered pairs of the stimuli shown, at every interval."""
+    levels = np.unique(np.concatenate(columns[:2]))
+    s1, s2 = np.repeat(levels, len(levels)), np.tile(levels, len(levels))
+    isi = [np.unique(one) for one in columns[2:]]
+    at = [np.repeat(isi[0], len(s1))] if isi else []
+    times = len(isi[0]) if isi else 1
+    return each_once(np.tile(s1, times), np.tile(s2, times), *at)
+
+
+def _told(pairs: StudyDesign, people: Sequence[Predictor]) -> FloatArray:
+    """Expected information of one answer to each pair about the order's effect, nats, shape (pairs,)."""
+    equal = np.array([one.equal(*pairs.columns)[0] for one in people])
+    orders = np.array([dict(one.target.model.levels)["order"] for one in people])
+    groups = [equal[orders == level] for level in ORDERS]
+    left = sum(len(group) / len(people) * _entropy(group.mean(axis=0)) for group in groups if len(group))
+    return np.asarray(_entropy(equal.mean(axis=0)) - left)
+
+
+def _entropy(q: FloatArray) -> FloatArray:
+    return np.asarray(entr(q) + entr(1.0 - q))
+
+
+def _together(one: Subject, other: Subject) -> Subject:
+    """All answers of both."""
+    keys = ("s1", "s2", "n_equal", "n_trials", *(() if one.isi is None else ("isi",)))
+    return Subject.from_counts(one.name, *(np.concatenate([getattr(one, key), getattr(other, key)]) for key in keys))
