@@ -17,9 +17,10 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.verdict import ORDERS, SMALL, Verdict, by_order, effect_size
+from bayes_toe.comparison.verdict import ORDERS, SMALL, Verdict, by_order
 from bayes_toe.comparison.words import probabilities
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.space import WINDOW, Family, families
 from bayes_toe.model.ladder import SPACE
 from bayes_toe.model.posterior import Posterior
