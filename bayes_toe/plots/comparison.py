@@ -31,6 +31,7 @@ OTHER_COLOURS = (("#E9E9E9", "black"), ("#5F8F8B", "black"), ("#1F4E4A", "white"
 _HIDDEN: dict[str, Any] = {"facecolor": "white", "edgecolor": EQUAL, "hatch": "//////"}  # of an evidence that is withheld
 _LEGEND: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "handletextpad": 0.4, "columnspacing": 1.2, "borderaxespad": 0.2}
 _ROW, _BETWEEN = 0.17, 0.45  # inches of a row; rows between the subjects and the study
+_MOST_MODELS = 16  # that are drawn one by one
 _MOST_ROWS = 600  # beyond, rows get narrower and lose their numbers
 _CELL = 6.5  # points of a number
 _COLUMN, _WORDS = 0.66, 3.2  # inches of a cell, of the panel of words
@@ -54,13 +55,15 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
     Below, expected frequency of every model among people, with its central 95 % interval, and exceedance probabilities: plain, that a model
     is the most frequent one, if frequencies differ; protected, averaged over whether they do; and the probability that all models are
     equally frequent. A single subject has no frequencies: its model probabilities are drawn.
+
+    Of more than 16 models, as in the space of 48, the parts alone say what matters; the table of the models has the rest.
     """
-    cells, parts = _cells_height(table), table.parts
+    cells, parts, few = _cells_height(table), table.parts, len(table.models) <= _MOST_MODELS or not table.parts
     bars = [_bars_height(table)] if parts else []
-    wide = max(_width(table), _LABELS + sum(map(_part_width, parts)) + _WORDS + 0.2 if parts else 0.0)
-    heights = [*bars, _AROUND + _heads(table) + cells, _STUDY + _heads(table)]
+    wide = max(_width(table) if few else 0.0, _LABELS + sum(map(_part_width, parts)) + _WORDS + 0.2 if parts else 0.0)
+    heights = [*bars, *([_AROUND + _heads(table) + cells, _STUDY + _heads(table)] if few else [])]
     figure = new_figure(wide, sum(heights))
-    grid = figure.add_gridspec(len(heights), 1, height_ratios=[*bars, cells, 1.25])
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=[*bars, *([cells, 1.25] if few else [])])
     if parts:
         inner = grid[0].subgridspec(1, len(parts) + 1, width_ratios=[*map(_part_width, parts), _WORDS])
         for i, part in enumerate(parts):
@@ -69,6 +72,8 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
         _draw_best(figure.add_subplot(inner[-1]), table)
     heading = "parts: probability of each level (%), whatever the other parts are" if parts else "comparison of models"
     figure.suptitle(heading + (" (synthetic data)" if synthetic else ""), fontsize=LETTERS + 1.0)
+    if not few:
+        return figure
     upper, lower = (figure.add_subplot(grid[place]) for place in (-2, -1))
     _draw_cells(upper, table)
     _draw_study(lower, table)
