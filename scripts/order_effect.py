@@ -5,6 +5,9 @@
 writes order_effect.csv, a row an observer, and order_effect_words.csv, and prints the latter. Two designs of observers meet the paper's 13
 pairs 50 times each: *moderate* ones differ little from the paper's; *harsh* ones lapse, depart from Weber's law, difference, and have a
 peak that depends on the intensity. Neither is drawn from the prior of the analysis.
+
+With `--studies 30` it simulates studies instead, so many of each kind, and writes order_effect_studies.csv: what `population` says of each
+beside the sentence of its subjects' verdicts.
 """
 
 from __future__ import annotations
@@ -15,17 +18,22 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from rich.text import Text
 
 import bayes_toe as bt
+from bayes_toe.cli.population import answer
+from bayes_toe.comparison.study_answer import study_sentence
 from bayes_toe.comparison.verdict import EFFECTS, ORDERS, SMALL, verdict
 from bayes_toe.data.study import Subject
+from bayes_toe.groups.population import population
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order
 
-TRIALS = 50
+TRIALS, SUBJECTS = 50, 8
+STUDIES = ("none", "constant error", "opposite errors", "pull")
 KINDS = {"none": "none", "constant error": "constant error", "update": "pull"}
 
 
@@ -73,6 +81,31 @@ def row(design: str, order: str, i: int, seed: int) -> dict[str, object]:
     return {"design": design, "observer": i, "true": KINDS[order], "true_size": size, **named, **found, "p_larger": said.p_larger}
 
 
+def members(kind: str, i: int, seed: int) -> bt.Study:
+    """The subjects of a simulated study: no effect, constant errors of one sign or of both, pulls toward about the middle."""
+    rng, pairs = generator(seed, "study", kind, str(i)), bt.example_study().subjects[0]
+    made = []
+    for j in range(SUBJECTS):
+        pull = rng.normal(0.18, 0.06) if kind == "pull" else 0.0
+        error = {"constant error": rng.normal(0.12, 0.05), "opposite errors": (-1) ** j * rng.normal(0.2, 0.05)}.get(kind, 0.0)
+        values = {"offset": error, "gain": 1.0 - pull, "width": np.exp(rng.normal(-1.2, 0.2)), "q0": rng.beta(20, 2)}
+        asked = Subject(f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_equal, np.full(pairs.n_pairs, TRIALS))
+        posterior = posterior_of(asked, model="free weighting")
+        q = np.exp(posterior.log_answers(posterior.points({key: np.asarray(value) for key, value in values.items()})[None])[0][0])
+        made.append(Subject(asked.name, pairs.s1, pairs.s2, rng.binomial(TRIALS, q), asked.n_trials))
+    return bt.Study(made)
+
+
+def study_row(kind: str, i: int, seed: int) -> dict[str, object]:
+    """One study: the statement of its population, and the sentence of its subjects."""
+    study = members(kind, i, seed)
+    found = population(study, draws=300, seed=seed, workers=1)
+    factors = {f"bf_{row.parameter}": row.bf_zero for row in found.table.some("mean") if row.bf_error is not None}
+    statement = Text.from_markup(answer(found)[0]).plain
+    sentence = study_sentence([verdict(one, DEFAULT, seed)[0] for one in study])
+    return {"kind": kind, "study": i, **factors, "population": statement.partition(": ")[2].partition(" (")[0], "subjects": sentence}
+
+
 def words(table: pd.DataFrame) -> pd.DataFrame:
     """How often each word was said and right, by design."""
     effect, large = table["true"] != "none", table["true_size"] > SMALL
@@ -104,7 +137,14 @@ def main() -> None:
     parser.add_argument("--observers", type=int, default=200, help="of each kind and design")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--studies", type=int, default=0, help="of each kind, in the place of observers")
     given = parser.parse_args()
+    if given.studies:
+        pairs = [(kind, i) for kind in STUDIES for i in range(given.studies)]
+        rows = run_in_order([partial(study_row, *one, given.seed) for one in pairs], given.workers, None, [(str(one),) for one in pairs])
+        pd.DataFrame(rows).to_csv(given.output / "order_effect_studies.csv", index=False, float_format="%.3g")
+        print(*(f"{row['kind']}: {row['population']} | {row['subjects']}" for row in rows), sep="\n")
+        return
     asked = [(design, order, i) for design in ("moderate", "harsh") for order in ORDERS for i in range(given.observers)]
     rows = run_in_order([partial(row, *one, given.seed) for one in asked], given.workers, None, [(str(one),) for one in asked])
     table = pd.DataFrame(rows)

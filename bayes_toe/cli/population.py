@@ -52,6 +52,7 @@ _ON_AVERAGE = (
     (PROBABLY_NONE, "undecided on average"),
     (NONE, "probably none on average"),
 )
+_FAR = 5.0  # posterior sds of a mean from 0
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -171,13 +172,12 @@ def say_attention(console: Console, found: Population, contradicted: Sequence[st
 def answer(found: Population) -> list[str]:
     """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
     from bayes_toe.groups.asymmetries import OVERALL
-    from bayes_toe.groups.population_table import ORDER_EFFECT
 
-    begin, pairs, both = "[bold]order effect of the population[/bold]", found.asymmetries, found.table.some("mean", ORDER_EFFECT)
+    begin, pairs, both = "[bold]order effect of the population[/bold]", found.asymmetries, _order_rows(found)
     names = list(found.not_described)
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
     lines = [f"{begin}{reference(found)}: {_on_average(found)}; {counted(len(found.study), 'subject')}, {safe(described)}"] if both else []
-    if not both or _p_none(both[0]) <= PROBABLY_HAS:
+    if not both or _p_none(*both) <= PROBABLY_HAS:
         lines += [_direction(found, "[bold]direction[/bold]: " if both else f"{begin}: ")]
     if not both:
         means = {row.parameter: _median(row) for row in found.table.some("mean")}
@@ -187,19 +187,26 @@ def answer(found: Population) -> list[str]:
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
 
-def _p_none(row: PopulationRow) -> float:
-    """Of a mean of 0 against any other, as probable beforehand."""
-    factor = row.bf_below if row.bf_zero is None else row.bf_zero
-    return 0.5 if factor is None else factor / (1.0 + factor)
+def _p_none(row: PopulationRow, *parts: PopulationRow) -> float:
+    """Of means of 0 against any others, as probable beforehand; where a Bayes factor is only bounded, the least of its parts."""
+    if row.bf_zero is not None:
+        return row.bf_zero / (1.0 + row.bf_zero)
+    if row.p_direction is not None and abs(row.mean) > _FAR * row.sd:  # no draw is near 0, so that none can carry an estimate
+        return 0.0
+    own = row.bf_below / (1.0 + row.bf_below) if row.bf_below is not None and row.bf_below < 1.0 else 0.5
+    return min([own, *map(_p_none, parts)])
+
+
+def _order_rows(found: Population) -> list[PopulationRow]:
+    """Means that may be none: both together, then each; empty where the model has none."""
+    rows = [row for kind in ("order effect", "pull", "constant error") for row in found.table.some("mean", kind)]
+    return [row for row in rows if row.bf_error is not None or row.bf_below is not None]
 
 
 def _on_average(found: Population) -> str:
     """Whether there is an order effect on average, of which kind, how far subjects differ; then both means and both sds."""
-    from bayes_toe.groups.population_table import ORDER_EFFECT
-
-    table, ((both,), spread) = found.table, (found.table.some(quantity, ORDER_EFFECT) for quantity in ("mean", "sd"))
-    means = [row for kind in ("pull", "constant error") for row in table.some("mean", kind)]
-    p = _p_none(both)
+    (both, *means), spread = _order_rows(found), found.table.some("sd", "order effect")
+    p = _p_none(both, *means)
     side = next((words for most, words in _ON_AVERAGE if p <= most), "none on average")
     kinds = " and ".join(f"a {row.parameter}" for row in means if _p_none(row) <= PROBABLY_HAS)
     said = f"{side}: {kinds or 'which kind is open'}" if p <= PROBABLY_HAS else side
@@ -207,7 +214,7 @@ def _on_average(found: Population) -> str:
         said += ", but subjects differ, with effects of either sign" if p > PROBABLY_HAS else ", and subjects differ"
     parts = [f"Bayes factor of none {_factor(both)}"] if len(means) > 1 else []
     for row in means:
-        (sd,) = table.some("sd", row.parameter)
+        (sd,) = found.table.some("sd", row.parameter)
         parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {_factor(row)}, sd between subjects {_shown(sd.mean, sd)}")
     return f"{said} ({'; '.join(parts)})"
 
