@@ -25,7 +25,7 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
-from bayes_toe.comparison.verdict import HAS, NONE, PROBABLY_HAS, PROBABLY_NONE, SMALL
+from bayes_toe.comparison.verdict import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
@@ -177,7 +177,7 @@ def answer(found: Population) -> list[str]:
     names = list(found.not_described)
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
     lines = [f"{begin}{reference(found)}: {_on_average(found)}; {counted(len(found.study), 'subject')}, {safe(described)}"] if both else []
-    if not both or _p_none(*both) <= PROBABLY_HAS:
+    if not both or _averages(both)[()] <= PROBABLY_HAS:
         lines += [_direction(found, "[bold]direction[/bold]: " if both else f"{begin}: ")]
     if not both:
         means = {row.parameter: _median(row) for row in found.table.some("mean")}
@@ -187,14 +187,25 @@ def answer(found: Population) -> list[str]:
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
 
-def _p_none(row: PopulationRow, *parts: PopulationRow) -> float:
-    """Of means of 0 against any others, as probable beforehand; where a Bayes factor is only bounded, the least of its parts."""
+def _averages(rows: Sequence[PopulationRow]) -> dict[tuple[str, ...], float]:
+    """Probability of no mean effect, of each kind alone and of all, as probable beforehand; by their Bayes factors against all."""
+    both, *means = rows
+    none = {row.parameter: _bounded(row) for row in means}
+    joint = math.prod(none.values()) if both.bf_zero is None else both.bf_zero
+    factors: dict[tuple[str, ...], float] = {
+        (): joint,
+        **{(kind,): math.prod(none[one] for one in none if one != kind) for kind in none},
+        tuple(none): 1.0,
+    }
+    return {kinds: factor / math.fsum(factors.values()) for kinds, factor in factors.items()}
+
+
+def _bounded(row: PopulationRow) -> float:
+    """The Bayes factor of none, or about what it can be at most."""
     if row.bf_zero is not None:
-        return row.bf_zero / (1.0 + row.bf_zero)
-    if row.p_direction is not None and abs(row.mean) > _FAR * row.sd:  # no draw is near 0, so that none can carry an estimate
-        return 0.0
-    own = row.bf_below / (1.0 + row.bf_below) if row.bf_below is not None and row.bf_below < 1.0 else 0.5
-    return min([own, *map(_p_none, parts)])
+        return row.bf_zero
+    far = abs(row.mean) > _FAR * row.sd  # no draw is near 0, so that none can carry an estimate
+    return 0.0 if far else 1.0 if row.bf_below is None else min(row.bf_below, 1.0)
 
 
 def _order_rows(found: Population) -> list[PopulationRow]:
@@ -206,13 +217,15 @@ def _order_rows(found: Population) -> list[PopulationRow]:
 def _on_average(found: Population) -> str:
     """Whether there is an order effect on average, of which kind, how far subjects differ; then both means and both sds."""
     (both, *means), spread = _order_rows(found), found.table.some("sd", "order effect")
-    p = _p_none(both, *means)
+    average = _averages([both, *means])
+    p = average[()]
+    share = {row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds) / (1.0 - p) for row in means if p < 1.0}
     side = next((words for most, words in _ON_AVERAGE if p <= most), "none on average")
-    kinds = " and ".join(f"a {row.parameter}" for row in means if _p_none(row) <= PROBABLY_HAS)
+    kinds = " and ".join(f"a {kind}" for kind in share if share[kind] >= PROBABLY_NAMED)
     said = f"{side}: {kinds or 'which kind is open'}" if p <= PROBABLY_HAS else side
     if spread and spread[0].q05 > SMALL:
         said += ", but subjects differ, with effects of either sign" if p > PROBABLY_HAS else ", and subjects differ"
-    parts = [f"Bayes factor of none {_factor(both)}"] if len(means) > 1 else []
+    parts = [f"P of none {compared(p)}"] + ([f"Bayes factor of none {_factor(both)}"] if len(means) > 1 else [])
     for row in means:
         (sd,) = found.table.some("sd", row.parameter)
         parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {_factor(row)}, sd between subjects {_shown(sd.mean, sd)}")

@@ -9,7 +9,7 @@ from bayes_toe.cli.population import answer
 #: Constant error, probit(gain/2), log width and probit q0 at the mean, and sds between subjects.
 TYPICAL, SPREAD = np.array([0.0, 0.0, -1.2, 1.4]), np.array([0.01, 0.01, 0.1, 0.2])
 KINDS = {
-    "none": (TYPICAL, SPREAD, "none on average (", False),
+    "none": (TYPICAL, SPREAD, "none on average (P of none ", False),
     "constant error": (TYPICAL + np.eye(4)[0] * 0.15, SPREAD, "one on average: a constant error", True),
     "pull": (TYPICAL - np.eye(4)[1] * 0.25, SPREAD, "one on average: a pull", True),
     "opposite": (TYPICAL, SPREAD + np.eye(4)[0] * 0.25, "on average, but subjects differ, with effects of either sign", False),
