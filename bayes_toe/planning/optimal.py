@@ -349,7 +349,9 @@ class _Search:
         # The closed form is too hopeful where there are few trials.
         if self.goal.aim == "update" and (
             known.named(known.total(self.counts(best.design))) < _HOPELESS
-            or all(simulated(OPTIMISED, best.design, one, self.seed, self.prior).judgement.verdict.kind != "pull" for one in updates[:_PILOT])
+            or all(
+                simulated(OPTIMISED, best.design, one, self.seed, self.prior).judgement.verdict.kind != "pull" for one in updates[:_PILOT]
+            )
         ):
             raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
         if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:

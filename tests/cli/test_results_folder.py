@@ -145,7 +145,7 @@ def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_wo
 
 def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(analysis, tmp_path, monkeypatch):
     file, loads = analysis.draws.save(tmp_path / "posterior.nc"), []
-    monkeypatch.setattr(results_folder, "load", lambda path: loads.append(path) or bt.load(path))
+    monkeypatch.setattr(results_folder, "load_draws", lambda path: loads.append(path) or bt.load(path))
     opened.cache_clear()
     done = inside("corner", file, "-o", tmp_path / "out", "--subject", "A", "--workers", 1)
     assert (done.returncode, done.stderr) == (0, "")

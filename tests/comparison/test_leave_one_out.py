@@ -29,6 +29,7 @@ from bayes_toe.model.closed_form import log_different, log_equal, normalised_dis
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.parts import composition
+from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.study_prior import prior_for
 
 K, N = np.array([9, 0, 25, 13]), np.array([20, 15, 25, 40])
@@ -45,8 +46,10 @@ def observed():
     return subject, log_equal(z, np.log(q0)), log_different(z, logit(q0)), evidence(subject)
 
 
-def evidence(subject):
-    estimate = importance_evidence(fit_proposal(posterior_of(subject), np.random.default_rng(11)))
+def evidence(subject, whole=None):
+    """Of a subject under the prior of the one who it is a part of: its numbers are those of all stimuli."""
+    prior = DEFAULT.at(subject if whole is None else whole)
+    estimate = importance_evidence(fit_proposal(posterior_of(subject, prior), np.random.default_rng(11)))
     value, error, why_not = estimate.value, estimate.se, estimate.why_not
     assert not why_not
     return np.array([value, error])
@@ -62,7 +65,7 @@ def log_evidence_by_grid(subject, n_equal, n_trials):
     some = n_trials > 0
     counts = bt.Subject("S", subject.s1[some], subject.s2[some], n_equal[some], n_trials[some])
     axes = np.linspace(-7.0, 2.5, 48), np.linspace(-9.0, 9.0, 46), np.linspace(-13.0, 6.0, 48)
-    target = composition("none + beta-binomial").posterior(counts)
+    target = composition("none + beta-binomial").posterior(counts, bt.Prior())
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
     return logsumexp(target.log_density(points)) + np.log([axis[1] - axis[0] for axis in axes]).sum()
 
@@ -104,7 +107,7 @@ def test_a_unit_left_out_is_the_evidence_with_it_over_the_evidence_without(obser
         one, unit = (np.arange(s.n_pairs) == pair).astype(int), "trial"
         rest = bt.Subject("S", s.s1, s.s2, s.n_equal - one * (answer == 0), s.n_trials - one)
         log_p = (equal, different)[answer][:, pair]
-    less, less_error = evidence(rest)
+    less, less_error = evidence(rest, s)
     found = leave_one_out(equal, different, s.n_equal, s.n_trials, unit=unit)
     error = np.sqrt(full_error**2 + less_error**2 + monte_carlo_error(log_p) ** 2)
     assert error < (0.06 if unit == "pair" else 0.01)

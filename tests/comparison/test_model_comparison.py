@@ -23,7 +23,7 @@ FEW = ("free frequencies", "symmetric", "predictive update")
 
 @pytest.fixture(scope="module")
 def table(small_study):
-    return compare(small_study.select(["A", "C"]), FEW, seed=5, workers=1)
+    return compare(small_study.select(["A", "C"]), FEW, seed=5, prior="paper", workers=1)
 
 
 def test_columns_and_order(table):
@@ -43,10 +43,10 @@ def test_h1_and_h0_are_those_of_the_evidence_table(table, analysis, small_study)
 
 
 def test_subjects_are_independent_of_company_and_workers(table, small_study):
-    alone = compare(small_study.select(["C"]), ["symmetric"], seed=5, workers=1)
+    alone = compare(small_study.select(["C"]), ["symmetric"], seed=5, prior="paper", workers=1)
     assert alone["C", "symmetric"].log_evidence == table["C", "symmetric"].log_evidence
     assert alone["C", "symmetric"].checks == table["C", "symmetric"].checks
-    shared = compare(small_study.select(["C", "A"]), FEW, seed=5, workers=2)
+    shared = compare(small_study.select(["C", "A"]), FEW, seed=5, prior="paper", workers=2)
     assert [shared[name, model] for name in ("A", "C") for model in FEW] == list(table)
 
 
@@ -205,9 +205,14 @@ def test_command(study_csv, tmp_path, monkeypatch):
     frame = pd.read_csv(tmp_path / "out.csv")
     assert tuple(frame.columns) == COMPARE_COLUMNS
     assert len(frame) == 6
-    assert set(frame.prior) == {"every frequency ~ Uniform(0, 1)", "width ~ HalfNormal(1), q0 ~ Uniform(0, 1)"}
+    assert set(frame.prior) == {
+        "every frequency ~ Uniform(0, 1)",
+        "width ~ LogNormal(D, 1), q0 ~ Beta(4, 1); M mean and R sd of the stimuli, D rms step",
+    }
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
-    assert frame.parts.dropna().unique().tolist() == ["order: none; noise: Weber; lapses: misses; curve: bell; spread: binomial"]
+    assert frame.parts.dropna().unique().tolist() == [
+        "order: none; noise: Weber; lapses: misses; curve: bell; peak: one peak; spread: binomial"
+    ]
     assert pd.read_csv(tmp_path / "out_parts.csv").empty  # one composition: no part varies
     (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
     code, said = call("other.csv", *options, "--prior", "prior.toml")

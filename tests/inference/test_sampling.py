@@ -152,8 +152,8 @@ def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
-    backward = bt.run(small_study.select(["C", "A"]), draws=2000, seed=5, workers=2)
-    alone = bt.run(small_study.select(["B"]), draws=2000, seed=5, workers=1)
+    backward = bt.run(small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2)
+    alone = bt.run(small_study.select(["B"]), draws=2000, seed=5, prior="paper", workers=1)
     for other in (backward, alone):
         for name in other.study.names:
             assert np.array_equal(analysis.draws.points(name), other.draws.points(name))
