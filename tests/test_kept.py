@@ -62,7 +62,7 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     xr.testing.assert_identical(resumed.draws.tree, calm.draws.tree)
     assert resumed.evidence.frame().equals(calm.evidence.frame())
     assert resumed.summary().equals(calm.summary())
-    pd.testing.assert_frame_equal(calm.summary(), calm.draws.summary(), rtol=1e-6)
+    pd.testing.assert_frame_equal(calm.summary(), calm.draws.summary(), rtol=1e-5)  # ranks of draws that differ by a rounding
     assert resumed.fits.frame().equals(calm.fits.frame())
 
 
@@ -86,7 +86,7 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
     changed = [
         partial(bt.sample, few, model="symmetric", seed=4),
         partial(bt.sample, few, model="constant bias", seed=3),
-        partial(bt.sample, few, model="symmetric", seed=3, prior="default"),
+        partial(bt.sample, few, model="symmetric", seed=3, prior="paper"),
         partial(bt.sample, replace(few, subjects=(few["A"], replace(few["B"], n_equal=[44, 19, 15, 46]))), model="symmetric", seed=3),
     ]
     del computed[:]

@@ -196,7 +196,6 @@ DESIGN = ("design", "--lowest", "3.3", "--highest", "4.5", "--step", "0.2", "-o"
     [
         (0.4, ("power", "d.csv"), "observers: with these pairs, stimuli from 4 to 4.5, P(equal) of all observers of the kind 'update'"),
         (-9, DESIGN, "observers: with the pairs that can be shown, stimuli from 3.3 to 4.5, P(equal) of all"),
-        (0.4, DESIGN, "a wider range, or more trials, or observers nearer to it than these, whose mu1 is 0.4 (of 10"),
     ],
 )
 def test_the_commands_refuse_them_in_one_line(tmp_path, people_from, mu1, asked, said):
