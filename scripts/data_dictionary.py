@@ -21,7 +21,7 @@ from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
-from bayes_toe.comparison.verdict import EFFECTS
+from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.groups.savage_dickey import Ratio

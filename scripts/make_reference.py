@@ -43,7 +43,7 @@ COMPOSED_SUBJECTS = ("S01", "S09", "one order missing", "guessing at 0.5")
 
 def fingerprint(subject: bt.Subject) -> str:
     """What tells that a stored case belongs to these counts."""
-    columns = (subject.s1, subject.s2, subject.n_equal.astype(float), subject.n_trials.astype(float))
+    columns = (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
     return hashlib.sha256(np.column_stack(columns).tobytes()).hexdigest()
 
 

@@ -23,7 +23,8 @@ from rich.text import Text
 import bayes_toe as bt
 from bayes_toe.cli.population import answer
 from bayes_toe.comparison.study_answer import study_sentence
-from bayes_toe.comparison.verdict import EFFECTS, ORDERS, SMALL, verdict
+from bayes_toe.comparison.verdict import verdict
+from bayes_toe.comparison.words import EFFECTS, ORDERS, SMALL
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.population import population
 from bayes_toe.inference.prediction import effect_size
@@ -64,7 +65,7 @@ def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, fl
     gamma = pull / (1.0 - pull) ** 2
     sigma_p = values["width"] * (1.0 - pull) ** 1.5
     values |= {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(gamma)}
-    asked = Subject(name, pairs.s1, pairs.s2, 0 * pairs.n_equal, np.full(pairs.n_pairs, TRIALS))
+    asked = Subject(name, pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
     posterior = posterior_of(asked, model=" + ".join(parts))
     x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
     q = np.exp(posterior.log_answers(x)[0][0])
@@ -89,7 +90,7 @@ def members(kind: str, i: int, seed: int) -> bt.Study:
         pull = rng.normal(0.18, 0.06) if kind == "pull" else 0.0
         error = {"constant error": rng.normal(0.12, 0.05), "opposite errors": (-1) ** j * rng.normal(0.2, 0.05)}.get(kind, 0.0)
         values = {"offset": error, "gain": 1.0 - pull, "width": np.exp(rng.normal(-1.2, 0.2)), "q0": rng.beta(20, 2)}
-        asked = Subject(f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_equal, np.full(pairs.n_pairs, TRIALS))
+        asked = Subject(f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
         posterior = posterior_of(asked, model="free weighting")
         q = np.exp(posterior.log_answers(posterior.points({key: np.asarray(value) for key, value in values.items()})[None])[0][0])
         made.append(Subject(asked.name, pairs.s1, pairs.s2, rng.binomial(TRIALS, q), asked.n_trials))

@@ -190,7 +190,7 @@ def numpyro(posterior: bt.Posterior) -> Run:
 def _log_density(posterior: bt.Posterior, x: Any, library: Any, softplus: Any) -> Any:
     """The log posterior at (offset, logit pull, log width, logit q0), written in another library's operations."""
     subject, prior = posterior.subject, posterior.prior
-    equal, different = subject.n_equal.astype(float), (subject.n_trials - subject.n_equal).astype(float)
+    equal, different = subject.n_yes.astype(float), (subject.n_trials - subject.n_yes).astype(float)
     c, a, b, top = x
     p = MAX_PULL / (1.0 + library.exp(-a))
     mu1, sigma_p = posterior.sbar + c / p, library.exp(b) * (1.0 - p) ** 1.5

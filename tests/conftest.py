@@ -96,7 +96,7 @@ def grouped_csv(path, study):
     """Write a study as counts."""
     lines = ["subject,s1,s2,n_equal,n_trials"]
     for s in study:
-        rows = zip(s.s1, s.s2, s.n_equal, s.n_trials, strict=True)
+        rows = zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True)
         lines += [f"{s.name},{a!r},{b!r},{k},{n}" for a, b, k, n in ((float(a), float(b), int(k), int(n)) for a, b, k, n in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

@@ -124,7 +124,7 @@ def terms(target, x):
     offset = at.get("offset", mpf(0))
     seconds = np.full(s.n_pairs, target.reference) if s.isi is None else s.isi
     found = []
-    for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_equal, s.n_trials, seconds, strict=True):
+    for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_yes, s.n_trials, seconds, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
         r, v = scales(levels["order"], at, mpf(float(t)) / mpf(target.reference))
         middle = (first + second) / 2 - sbar

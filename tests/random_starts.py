@@ -10,7 +10,7 @@ from bayes_toe.model.prior import Prior
 
 def minus_objective(subject, prior):
     """In natural parameters (mu1, sigma_p, gamma, q0), written without the package."""
-    k, d = subject.n_equal.astype(float), (subject.n_trials - subject.n_equal).astype(float)
+    k, d = subject.n_yes.astype(float), (subject.n_trials - subject.n_yes).astype(float)
 
     def value(theta):
         mu1, sigma_p, gamma, q0 = theta

@@ -53,7 +53,7 @@ def test_trials_and_counts_keep_intervals_apart(tmp_path):
     assert trials.intervals == (0.5, 1.0, 2.0)
     assert "3 intervals in column isi: 0.5, 1, 2 s" in trials.notes
     counts = read(tmp_path, "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n", columns={"isi": "gap"})
-    assert counts["a"].n_equal.tolist() == [4, 2]
+    assert counts["a"].n_yes.tolist() == [4, 2]
     assert counts["a"].isi.tolist() == [0.5, 1.0]
     assert {"column gap read as isi", "2 intervals in column gap: 0.5, 1 s"} <= set(counts.notes)
 
@@ -72,14 +72,14 @@ def test_a_bad_interval_is_refused_by_its_row(tmp_path, bad):
     [
         ([0.0, 0.0], [1.0, 1.0], "repeated"),
         ([0.0], [0.0], "positive finite numbers of seconds"),
-        ([0.0], [1.0, 2.0], "s1, s2, isi, n_equal and n_trials"),
+        ([0.0], [1.0, 2.0], "s1, s2, isi, n_yes and n_trials"),
         ([0.0], ["long"], "isi must be numbers"),
         ([0.0], None, "or none"),
     ],
 )
 def test_subjects_and_studies_refuse_what_is_no_interval(s1, isi, said):
     one = bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[2.0, 1.0])
-    assert (one.intervals, one.n_equal.tolist()) == ((1.0, 2.0), [2, 1])
+    assert (one.intervals, one.n_yes.tolist()) == ((1.0, 2.0), [2, 1])
     with pytest.raises(InputError, match=said):
         bt.Study([one, bt.Subject("b", s1, [0.3] * len(s1), [1] * len(s1), [5] * len(s1), isi=isi)])
 
@@ -137,7 +137,7 @@ def test_simulated_frequencies_are_those_of_the_model():
     (trials,) = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=3)
     found = bt.Subject.from_trials("a", trials.s1, trials.s2, trials.equal, trials.isi)
     q = equal_probability_at(found.s1, found.s2, found.isi, Natural(*(v[0] for v in OBSERVERS)))
-    assert (np.abs(found.n_equal / found.n_trials - q) < 4.5 * np.sqrt(q * (1 - q) / found.n_trials)).all()  # false alarm 3e-5
+    assert (np.abs(found.n_yes / found.n_trials - q) < 4.5 * np.sqrt(q * (1 - q) / found.n_trials)).all()  # false alarm 3e-5
 
 
 # --- posterior and evidence ---------------------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def brute_force(subject, prior, orders):
     total = np.zeros(m.shape)
     for top, weight in zip(q0, wt / 2, strict=True):
         q = top * shape
-        total += weight * np.prod(q**subject.n_equal * (1 - q) ** (subject.n_trials - subject.n_equal), axis=-1)
+        total += weight * np.prod(q**subject.n_yes * (1 - q) ** (subject.n_trials - subject.n_yes), axis=-1)
     outside = np.exp(log_mu1[:, None, None] + log_sigma[None, :, None] + np.log(wg / 2)[None, None])
     return float(np.log(np.sum(outside * total)))
 
@@ -247,7 +247,7 @@ def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
     subject = study["S01"]
     row = analysis.evidence["S01"]
     assert row.n_pairs == 39
-    assert row.log_evidence_h0 == pytest.approx(float(betaln(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0).sum()))
+    assert row.log_evidence_h0 == pytest.approx(float(betaln(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0).sum()))
     assert row.log_bayes_factor > 10
     assert row.log_evidence_h1_laplace == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)

@@ -34,7 +34,7 @@ def test_notebooks_show_small_tables_and_run_nothing():
 
 
 def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
-    named = [bt.Subject(name, one.s1, one.s2, one.n_equal, one.n_trials) for name, one in zip(("1008", "01"), small_study, strict=False)]
+    named = [bt.Subject(name, one.s1, one.s2, one.n_yes, one.n_trials) for name, one in zip(("1008", "01"), small_study, strict=False)]
     study = bt.Study(named)
     draws = bt.sample(study, draws=100, seed=1, workers=1)
     assert (draws[1008].names, draws.subject(1008).name, draws.values(1008, "gain").size > 99) == (("1008",), "1008", True)

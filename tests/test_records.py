@@ -31,7 +31,7 @@ def test_everything_comes_back_to_the_bit():
 def test_a_record_is_made_again_from_what_it_is_made_from():
     again = unpacked(packed((SUBJECT, Failed("why"))))
     assert isinstance(again[0], Subject)
-    assert again[0].n_equal.tolist() == [20, 15]
+    assert again[0].n_yes.tolist() == [20, 15]
     assert again[1] == Failed("why")
 
 

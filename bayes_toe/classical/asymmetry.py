@@ -259,7 +259,7 @@ def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, 
     """Those of many subjects, all comparisons in one call of the tests."""
     orders = [_orders(subject) for subject in subjects]
     weak, strong = (
-        np.concatenate([(one.n_equal[at[:, i]], one.n_trials[at[:, i]]) for one, (at, _) in zip(subjects, orders, strict=True)], axis=1)
+        np.concatenate([(one.n_yes[at[:, i]], one.n_trials[at[:, i]]) for one, (at, _) in zip(subjects, orders, strict=True)], axis=1)
         for i in (0, 1)
     )
     tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)

@@ -173,7 +173,7 @@ def bootstrap_subject(
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
     """New counts of 'equal' of every pair, (replicates, pairs): q' ~ Beta(n_Eq + 1, n_Diff + 1), n' ~ Binomial(n, q')."""
-    q = rng.beta(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0, size=(replicates, subject.n_pairs))
+    q = rng.beta(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, size=(replicates, subject.n_pairs))
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 

@@ -20,7 +20,7 @@ from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.posterior import Posterior
 
 
-def laplace_estimate(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
+def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     """Estimated P(equal), qhat = (n_Eq + 1)/(n + 2); no unit. Arguments broadcast.
 
     Source: Eq. e:2b.
@@ -28,18 +28,18 @@ def laplace_estimate(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatAr
     Raises
     ------
     InputError
-        Unless 0 <= n_equal <= n_trials.
+        Unless 0 <= n_yes <= n_trials.
 
     Examples
     --------
     >>> laplace_estimate([0, 24, 48], 48).tolist()
     [0.02, 0.5, 0.98]
     """
-    k, n = _counts(n_equal, n_trials)
+    k, n = _counts(n_yes, n_trials)
     return np.asarray((k + 1.0) / (n + 2.0))
 
 
-def laplace_error(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
+def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments and errors as for :func:`laplace_estimate`.
 
     Source: Eq. e:2b, in the form in which nothing cancels.
@@ -49,7 +49,7 @@ def laplace_error(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray
     >>> float(laplace_error(0, 0)) == 12**-0.5  # the uniform distribution
     True
     """
-    k, n = _counts(n_equal, n_trials)
+    k, n = _counts(n_yes, n_trials)
     return np.asarray(np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0)))
 
 
@@ -64,7 +64,7 @@ def accuracy(subject: Subject) -> float:
     0.75
     """
     same = subject.s1 == subject.s2
-    correct = np.where(same, subject.n_equal, subject.n_trials - subject.n_equal)
+    correct = np.where(same, subject.n_yes, subject.n_trials - subject.n_yes)
     return float(correct.sum() / subject.n_trials.sum())
 
 
@@ -110,14 +110,14 @@ def frequencies(subject: Subject) -> Frequencies:
     >>> frequencies(Subject("S01", [0.0, 0.0], [0.0, 0.3], [48, 24], [48, 48])).q.tolist()
     [0.98, 0.5]
     """
-    k, n = subject.n_equal, subject.n_trials
+    k, n = subject.n_yes, subject.n_trials
     return Frequencies(subject.s1, subject.s2, presentation_order(subject), laplace_estimate(k, n), laplace_error(k, n))
 
 
-def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
+def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     if not np.all((k >= 0) & (k <= n)):
-        raise InputError("every n_equal must lie in 0..n_trials")
+        raise InputError("every n_yes must lie in 0..n_trials")
     return k, n
 
 

@@ -94,7 +94,7 @@ def fit_subject(subject: Subject, prior: Prior | None = None) -> Fits:
     (('q0=1',), True)
     """
     design = Design.of(subject, DEFAULT if prior is None else prior)
-    counts = Counts.of(subject.n_equal, subject.n_trials)
+    counts = Counts.of(subject.n_yes, subject.n_trials)
     return fit_counts(design, counts, first_starts(design, counts))
 
 

@@ -53,9 +53,9 @@ class Counts(NamedTuple):
     different: FloatArray
 
     @classmethod
-    def of(cls, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> Counts:
+    def of(cls, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> Counts:
         """From counts of 'equal', (rows, pairs), and of trials, (pairs,)."""
-        equal = np.atleast_2d(np.asarray(n_equal, np.float64))
+        equal = np.atleast_2d(np.asarray(n_yes, np.float64))
         return cls(equal, np.asarray(n_trials, np.float64) - equal)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.study_answer import said_pair
-from bayes_toe.comparison.verdict import HAS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, SURELY
+from bayes_toe.comparison.words import HAS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, SURELY
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
 
 #: What the columns of a verdict mean.

@@ -21,7 +21,7 @@ from markupsafe import Markup
 
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
-from bayes_toe.comparison import verdict as rules
+from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_evidence
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.comparison.words import compared

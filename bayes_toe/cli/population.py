@@ -25,8 +25,7 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
-from bayes_toe.comparison.verdict import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL
-from bayes_toe.comparison.words import STATED, compared, conclusion
+from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
 

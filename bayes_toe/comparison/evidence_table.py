@@ -197,7 +197,7 @@ def frequency_evidence_laplace(subject: Subject) -> float:
 
     Sum of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi) / 2; sigmahat_q^2 = qhat (1 - qhat) / (n + 3).
     """
-    k, n = subject.n_equal.astype(np.float64), subject.n_trials.astype(np.float64)
+    k, n = subject.n_yes.astype(np.float64), subject.n_trials.astype(np.float64)
     log_q, log_rest = np.log(k + 1.0) - np.log(n + 2.0), np.log(n - k + 1.0) - np.log(n + 2.0)
     log_sigma = 0.5 * (log_q + log_rest - np.log(n + 3.0))
     return float((k * log_q + (n - k) * log_rest + log_sigma + 0.5 * LOG_2PI).sum())

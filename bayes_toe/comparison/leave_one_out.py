@@ -31,7 +31,6 @@ import numpy.typing as npt
 from scipy.special import betaln
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
@@ -111,7 +110,7 @@ class LeaveOneOut:
 
 
 def leave_one_out(
-    log_equal: npt.ArrayLike, log_different: npt.ArrayLike, n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial"
+    log_equal: npt.ArrayLike, log_different: npt.ArrayLike, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial"
 ) -> LeaveOneOut:
     """Expected log predictive density from posterior draws.
 
@@ -119,7 +118,7 @@ def leave_one_out(
     ----------
     log_equal, log_different : array_like, shape (draws, pairs)
         ln P(equal) and ln P(different) of one answer, given all others to its pair, at draws of equal weight.
-    n_equal, n_trials : array_like of int, shape (pairs,)
+    n_yes, n_trials : array_like of int, shape (pairs,)
     unit : 'trial' or 'pair'
         What is left out at a time.
 
@@ -135,7 +134,7 @@ def leave_one_out(
     >>> round(found.elpd, 1) == round(exact.elpd, 1), leave_one_out(np.log(q), np.log1p(-q), [30, 10], [40, 40], unit="pair").elpd
     (True, nan)
     """
-    counts = _counts(n_equal, n_trials)
+    counts = _counts(n_yes, n_trials)
     logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)])
     _require_possible(logs, counts, [repr(answer) for answer in ANSWERS])
     if _require_unit(unit) == "trial":
@@ -158,7 +157,7 @@ def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike) -
     return _smoothed("pair", logs, tried)
 
 
-def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
+def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
     """The same for H0, one free frequency per pair with a uniform prior, in closed form.
 
     A left-out 'equal' answer has probability n_Eq/(n + 1), a left-out 'different' one n_Diff/(n + 1). Nothing is known of a left-out pair:
@@ -175,7 +174,7 @@ def leave_one_out_frequencies(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, *
     >>> round(found.elpd, 12) == round(2 * float(np.log(1 / 3)), 12)
     True
     """
-    counts = _counts(n_equal, n_trials)
+    counts = _counts(n_yes, n_trials)
     if _require_unit(unit) == "pair":
         tried = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
         values, counts = np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan), tried
@@ -247,11 +246,11 @@ def _require_unit(unit: Unit) -> Unit:
     return unit
 
 
-def _counts(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
+def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
     """Counts of 'equal' and 'different', shape (2, pairs)."""
-    k, n = np.asarray(n_equal), np.asarray(n_trials)
+    k, n = np.asarray(n_yes), np.asarray(n_trials)
     if k.ndim != 1 or k.shape != n.shape or not np.all((k >= 0) & (k <= n)) or not np.any(n > 0):
-        raise InputError("n_equal and n_trials: allowed are two rows of the same length with 0 <= n_equal <= n_trials, not all 0")
+        raise InputError("n_yes and n_trials: allowed are two rows of the same length with 0 <= n_yes <= n_trials, not all 0")
     return np.stack([k, n - k]).astype(np.int64)
 
 
@@ -335,8 +334,8 @@ def log_evidence_without(
     subject, kept = target.subject, np.arange(target.subject.n_pairs) != pair
     if not kept.any():
         return 0.0  # no answers: their probability is 1
-    isi = None if subject.isi is None else subject.isi[kept]
-    rest = target.for_subject(Subject(subject.name, subject.s1[kept], subject.s2[kept], subject.n_equal[kept], subject.n_trials[kept], isi))
+    columns = ("s1", "s2", "n_yes", "n_trials", *(() if subject.isi is None else ("isi",)))
+    rest = target.for_subject(replace(subject, **{key: getattr(subject, key)[kept] for key in columns}))
     moved = None if fitted is None else _moved(fitted, rest)
     return importance_evidence(fit_proposal(rest, rng, start=moved or find_maxima(rest, starts), draws=_JUDGING)).value
 

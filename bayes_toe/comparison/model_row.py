@@ -206,7 +206,7 @@ def _exact(target: Conjugate, settings: SamplerSettings, seed: int) -> _Found:
     """In closed form, but for predictive checks."""
     subject, result = target.subject, exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
     assert result.evidence is not None  # it was asked for
-    left_out = {unit: leave_one_out_frequencies(subject.n_equal, subject.n_trials, unit=unit) for unit in UNITS}
+    left_out = {unit: leave_one_out_frequencies(subject.n_yes, subject.n_trials, unit=unit) for unit in UNITS}
     return _Found(result.evidence, left_out, result.fit)
 
 
@@ -217,7 +217,7 @@ def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, setting
     if reason:
         return _Found(evidence, {}, None, reason)
     subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
-    trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_equal, subject.n_trials)
+    trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_yes, subject.n_trials)
     if fitted.trusted:
         pair = left_out_pairs(fitted, maxima, evidence, seed)
     else:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.comparison.random_effects import random_effects
-from bayes_toe.comparison.verdict import EFFECTS, KINDS, ORDERS, Verdict
-from bayes_toe.comparison.words import compared
+from bayes_toe.comparison.verdict import Verdict
+from bayes_toe.comparison.words import EFFECTS, KINDS, ORDERS, compared
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.inference.predictive_checks import PairFit
 

@@ -16,7 +16,20 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import compared
+from bayes_toe.comparison.words import (
+    EFFECTS,
+    HAS,
+    KINDS,
+    NAMED,
+    NONE,
+    ORDERS,
+    PROBABLY_HAS,
+    PROBABLY_NAMED,
+    PROBABLY_NONE,
+    SMALL,
+    SURELY,
+    compared,
+)
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.study import Study, Subject, as_option
 from bayes_toe.inference.evidence import weighed
@@ -29,26 +42,8 @@ from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 
-#: The levels of the order part, as probabilities name them, and what sentences call them.
-ORDERS = ("none", "constant error", "update")
-KINDS = {"constant error": "constant error", "update": "pull"}
-#: P(none) up to which an effect is said, and probably; the same from the other side; share of a kind from which it is named, and probably.
-HAS, PROBABLY_HAS, PROBABLY_NONE, NONE = 0.05, 0.25, 0.75, 0.95
-NAMED, PROBABLY_NAMED = 0.9, 0.75
-#: A size, in half-widths of the curve, up to which an effect is called small, and where nothing larger is left, negligible.
-SMALL, SURELY = 0.2, 0.05
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
 ORDER_SCALES, FACTORS = ("mu1_sd", "offset_sd"), (0.5, 2.0)
-#: What an effect is, in a sentence about one subject.
-EFFECTS = {
-    "has": "has an order effect",
-    "probably has": "probably has an order effect",
-    "undecided": "is undecided",
-    "negligible": "has at most a negligible order effect",
-    "probably none": "probably has no order effect",
-    "none": "has no order effect",
-    "": "has no verdict",
-}
 #: Columns with which evidence.csv begins.
 VERDICT_COLUMNS = (
     *("subject", "effect", "kind", "fit", "data", "robust", "p_none", "p_constant_error", "p_update", "log_bayes_factor_effect"),
@@ -75,7 +70,7 @@ def data_doubts(study: Study) -> list[tuple[Doubt, ...]]:
         if "swapped_blocks" in said:
             said.pop("block_dispersion", None)
     for subject in study:
-        if subject.n_equal.sum() in (0, subject.total_trials):  # a shift then explains what no width can
+        if subject.n_yes.sum() in (0, subject.total_trials):  # a shift then explains what no width can
             found.setdefault(subject.name, {})["one_answer"] = Doubt("one answer only", f"--leave-out {as_option(subject.name)}")
     return [tuple(found.get(name, {}).values()) for name in study.names]
 

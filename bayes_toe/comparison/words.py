@@ -1,10 +1,25 @@
-"""One scale of words for evidence, wherever the program uses words."""
+"""The words of verdicts with their limits, and one scale of words for evidence, wherever the program uses words."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
+#: The levels of the order part, as probabilities name them, and what sentences call them.
+ORDERS = ("none", "constant error", "update")
+KINDS = {"constant error": "constant error", "update": "pull"}
+#: P(none) up to which an effect is said, and probably; the same from the other side; share of a kind from which it is named, and probably.
+HAS, PROBABLY_HAS, PROBABLY_NONE, NONE = 0.05, 0.25, 0.75, 0.95
+NAMED, PROBABLY_NAMED = 0.9, 0.75
+#: A size, in just noticeable differences, up to which an effect is called small, and where nothing larger is left, negligible.
+SMALL, SURELY = 0.2, 0.05
+#: What an effect is, in a sentence about one subject.
+EFFECTS = {
+    "has": "has an order effect",
+    "probably has": "probably has an order effect",
+    "undecided": "is undecided",
+    "negligible": "has at most a negligible order effect",
+    "probably none": "probably has no order effect",
+    "none": "has no order effect",
+    "": "has no verdict",
+}
 #: Nats of a log Bayes factor from which its evidence has this name. Source: Kass and Raftery 1995, who state twice as much, 2 log B.
 SCALE = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
 STRONG = 3.0
@@ -13,8 +28,6 @@ STATED = (
     "Evidence is called weak below 1 nat (P = 0.73 at equal prior odds), positive below 3 (0.95), strong below 5 (0.993), very strong "
     "above (Kass and Raftery 1995)"
 )
-#: The kinds of order effect, in the order of their probabilities.
-KINDS = ("no order effect", "constant error", "update")
 
 
 def grade(nats: float) -> str:
@@ -48,16 +61,3 @@ def compared(p: float) -> str:
     ('= 0.91', '> 0.99', '< 0.01')
     """
     return "> 0.99" if p > 0.995 else "< 0.01" if p < 0.005 else f"= {p:.2f}"
-
-
-def probabilities(log_evidence: Sequence[float]) -> tuple[float, ...]:
-    """Posterior probabilities of models with these log evidences (nats) and equal prior odds.
-
-    Examples
-    --------
-    >>> [round(p, 3) for p in probabilities((0.0, 0.0, -800.0))]
-    [0.5, 0.5, 0.0]
-    """
-    top = max(log_evidence)
-    weights = [math.exp(value - top) for value in log_evidence]
-    return tuple(weight / math.fsum(weights) for weight in weights)

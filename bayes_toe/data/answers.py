@@ -17,12 +17,13 @@ class Answers:
     """Rows of one subject that have an answer, in the order in which they were given where rows are trials.
 
     `keys`, shape (rows, 2 or 3), are the pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has
-    intervals; `n_equal` and `n_trials`, shape (rows,), the answers 'equal' and all answers, of which a trial is one; `block` is where in
-    `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are trials.
+    intervals; `n_yes` and `n_trials`, shape (rows,), the answers that the task counts and all answers, of which a trial is one. `block` is
+    where in `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are
+    trials.
     """
 
     keys: FloatArray
-    n_equal: IntArray
+    n_yes: IntArray
     n_trials: IntArray
     block: IntArray | None
     blocks: tuple[str, ...]
@@ -52,8 +53,8 @@ class Answers:
         return np.isin(self.block, [self.blocks.index(one) for one in blocks])
 
     def turned(self, rows: BoolArray) -> Answers:
-        """The same with 'equal' for 'different', and the other way round, in these rows."""
-        return replace(self, n_equal=np.where(rows, self.n_trials - self.n_equal, self.n_equal))
+        """The same with each answer for the other one in these rows."""
+        return replace(self, n_yes=np.where(rows, self.n_trials - self.n_yes, self.n_yes))
 
     def without(self, rows: BoolArray) -> Answers:
         """All other rows, with the blocks that they are in."""
@@ -61,7 +62,7 @@ class Answers:
         if block is not None:
             own, block = np.unique(block[~rows], return_inverse=True)
             blocks = tuple(blocks[place] for place in own.tolist())
-        return Answers(self.keys[~rows], self.n_equal[~rows], self.n_trials[~rows], block, blocks, self.trials)
+        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials)
 
 
 @dataclass(frozen=True, eq=False)

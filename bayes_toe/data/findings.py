@@ -148,7 +148,7 @@ def _one_order(subject: Subject) -> _Rule:
 
 def _stimuli(subject: Subject, level: float) -> _Rule:
     """Whether answers depend on the stimuli, and the right way round."""
-    n, k, same = subject.n_trials, subject.n_equal, subject.s1 == subject.s2
+    n, k, same = subject.n_trials, subject.n_yes, subject.s1 == subject.s2
     if not 0 < k.sum() < n.sum() or len(n) < 2:
         return
     table, share = _Table(n[None, :], k[None, :]), k.sum() / n.sum()
@@ -261,7 +261,7 @@ def _tabulated(answers: Answers, column: IntArray) -> tuple[FloatArray, _Table]:
     pairs, row = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = (np.zeros((len(pairs), column.max() + 1), np.int64) for _ in range(2))
     np.add.at(n, (row.ravel(), column), answers.n_trials)
-    np.add.at(k, (row.ravel(), column), answers.n_equal)
+    np.add.at(k, (row.ravel(), column), answers.n_yes)
     return pairs, _Table(n, k)
 
 

@@ -59,9 +59,9 @@ def _together(studies: Sequence[Study]) -> Study:
             parts.setdefault(name, []).append(study)
     subjects, answers, doubts = list[Subject](), dict[str, Answers](), [doubt for study in studies for doubt in study.reading.doubts]
     for name, of in parts.items():
-        keys = ("s1", "s2", "n_equal", "n_trials", *(("isi",) if True in timed else ()))
+        keys = ("s1", "s2", "n_yes", "n_trials", *(("isi",) if True in timed else ()))
         counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
-        subjects.append(of[0][name] if len(of) == 1 else Subject.from_counts(name, *counts))
+        subjects.append(of[0][name] if len(of) == 1 else Subject.from_counts(name, *counts, task=of[0][name].task))
         known = [(study.source, study.reading.answers[name]) for study in of if name in study.reading.answers]
         doubts += _copies(name, known)
         if len(known) == len(of):
@@ -78,9 +78,9 @@ def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
     """What is said of files that have the same answers of a subject, trial by trial."""
     found: dict[tuple[bytes, bytes], str] = {}
     for source, one in of:
-        earlier = found.setdefault((one.keys.tobytes(), one.n_equal.tobytes()), source)
-        if earlier != source and one.trials and len(one.n_equal) >= _FEWEST:
-            what = f"{source} has the same {len(one.n_equal)} trials of subject {bare(name)} as {earlier}"
+        earlier = found.setdefault((one.keys.tobytes(), one.n_yes.tobytes()), source)
+        if earlier != source and one.trials and len(one.n_yes) >= _FEWEST:
+            what = f"{source} has the same {len(one.n_yes)} trials of subject {bare(name)} as {earlier}"
             yield f"{what}: {TWICE}, leave one file out"
 
 
@@ -90,7 +90,7 @@ def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
     for source, one in of:
         places.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
         names += [f"{source}: {block}" for block in one.blocks] or [source]
-    keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_equal", "n_trials"))
+    keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_yes", "n_trials"))
     return Answers(keys, k, n, np.concatenate(places), tuple(names), all(one.trials for _, one in of))
 
 

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
@@ -41,35 +42,38 @@ class Subject:
         The identifier as the file had it: any text.
     s1, s2 : array_like, shape (pairs,)
         Natural-log intensities of the first and the second stimulus.
-    n_equal, n_trials : array_like of int, shape (pairs,)
-        How often the pair was called 'equal', and how often it was answered.
+    n_yes, n_trials : array_like of int, shape (pairs,)
+        How often the answer that the task counts was given, 'equal' or 'second', and how often the pair was answered.
     isi : array_like, shape (pairs,), optional
         Inter-stimulus interval, seconds, positive: the same stimuli at another interval are another pair. None, the default, where the
         study has one interval, which is then the unit of time.
+    task : Task
+        What was asked: same or different (the default), or which is stronger.
 
     Raises
     ------
     InputError
         If shapes differ, a value is not finite, an interval is not positive, a pair is repeated, or counts are outside
-        0 <= n_equal <= n_trials, n_trials >= 1.
+        0 <= n_yes <= n_trials, n_trials >= 1.
 
     Examples
     --------
-    >>> Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]).fraction_equal
+    >>> Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]).fraction_yes
     0.69
     """
 
     name: str
     s1: FloatArray
     s2: FloatArray
-    n_equal: IntArray
+    n_yes: IntArray
     n_trials: IntArray
     isi: FloatArray | None = None
+    task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
-        keys, k, n = _columns(self.name, (self.s1, self.s2, self.isi), self.n_equal, self.n_trials)
+        keys, k, n = _columns(self.name, (self.s1, self.s2, self.isi), self.n_yes, self.n_trials)
         order = np.lexsort(keys[::-1])  # one order whatever the file's, so results agree to the bit
         problems = {
             "no answered trial": not len(k),
@@ -80,7 +84,7 @@ class Subject:
         }
         for problem in (said for said, is_so in problems.items() if is_so):
             raise InputError(f"subject {self.name!r}: {problem}")
-        for key, values in zip((*_KEYS[: len(keys)], "n_equal", "n_trials"), (*keys, k, n), strict=True):
+        for key, values in zip((*_KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True):
             ordered = values[order]
             ordered.setflags(write=False)
             object.__setattr__(self, key, ordered)
@@ -91,42 +95,51 @@ class Subject:
         name: str,
         s1: npt.ArrayLike,
         s2: npt.ArrayLike,
-        n_equal: npt.ArrayLike,
+        n_yes: npt.ArrayLike,
         n_trials: npt.ArrayLike,
         isi: npt.ArrayLike | None = None,
+        *,
+        task: Task = SAME_DIFFERENT,
     ) -> Subject:
         """A subject from rows of counts: repeated pairs are added up, pairs never answered are left out.
 
         Examples
         --------
-        >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_equal.tolist()
+        >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_yes.tolist()
         [3]
         """
-        keys, k, n = _columns(name, (s1, s2, isi), n_equal, n_trials)
+        keys, k, n = _columns(name, (s1, s2, isi), n_yes, n_trials)
         rows = np.flatnonzero(n)
         rows = rows[np.lexsort([key[rows] for key in keys[::-1]])]
         starts = run_starts(*(key[rows] for key in keys))
         k, n = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (k, n))
         first, second, *at = (key[rows[starts]] for key in keys)
-        return cls(name, first, second, k, n, *at)
+        return cls(name, first, second, k, n, *at, task=task)
 
     @classmethod
     def from_trials(
-        cls, name: str, s1: npt.ArrayLike, s2: npt.ArrayLike, equal: npt.ArrayLike, isi: npt.ArrayLike | None = None
+        cls,
+        name: str,
+        s1: npt.ArrayLike,
+        s2: npt.ArrayLike,
+        yes: npt.ArrayLike,
+        isi: npt.ArrayLike | None = None,
+        *,
+        task: Task = SAME_DIFFERENT,
     ) -> Subject:
-        """A subject from single trials; `equal` is True where the answer was 'equal'.
+        """A subject from single trials; `yes` is True where the answer was the one that the task counts, 'equal' or 'second'.
 
         Examples
         --------
         >>> Subject.from_trials("S01", [0, 0, 0], [0.3, 0.3, 0.3], [True, False, True]).n_trials.tolist()
         [3]
         """
-        given = np.asarray(equal).ravel()
+        given = np.asarray(yes).ravel()
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer was given.
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
-            raise InputError(f"subject {name!r}: equal must hold True or False (or 1 or 0), found {given[:3].tolist()}")
+            raise InputError(f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found {given[:3].tolist()}")
         answers = given.astype(np.int64)
-        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi)
+        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -143,13 +156,13 @@ class Subject:
 
         Examples
         --------
-        >>> Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]).at_isi(2.0).n_equal.tolist()
+        >>> Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]).at_isi(2.0).n_yes.tolist()
         [2]
         """
         if self.isi is None or isi not in self.intervals:
             raise InputError(f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
         at = self.isi == isi
-        return Subject(self.name, self.s1[at], self.s2[at], self.n_equal[at], self.n_trials[at])
+        return replace(self, s1=self.s1[at], s2=self.s2[at], n_yes=self.n_yes[at], n_trials=self.n_trials[at], isi=None)
 
     @property
     def n_pairs(self) -> int:
@@ -162,12 +175,12 @@ class Subject:
         return int(self.n_trials.sum())
 
     @property
-    def fraction_equal(self) -> float:
-        """Share of trials answered 'equal', in 0..1."""
-        return float(self.n_equal.sum() / self.n_trials.sum())
+    def fraction_yes(self) -> float:
+        """Share of trials with the answer that the task counts, 'equal' or 'second', in 0..1."""
+        return float(self.n_yes.sum() / self.n_trials.sum())
 
     def __repr__(self) -> str:
-        return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_equal:.0%} 'equal'>"
+        return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_yes:.0%} {self.task.yes!r}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,6 +227,8 @@ class Study:
             raise InputError(f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}")
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
+        if len({subject.task for subject in subjects}) > 1:
+            raise InputError("every subject of a study must have been asked the same: same or different, or which is stronger")
         for key in ("subjects", "notes", "changes"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
 
@@ -221,6 +236,11 @@ class Study:
     def names(self) -> tuple[str, ...]:
         """Subject identifiers, in the order of the study."""
         return tuple(subject.name for subject in self.subjects)
+
+    @property
+    def task(self) -> Task:
+        """What was asked."""
+        return self.subjects[0].task
 
     def __len__(self) -> int:
         return len(self.subjects)
@@ -264,7 +284,7 @@ class Study:
         return replace(self, subjects=tuple(self[name] for name in asked))
 
     def turn(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
-        """The study with a subject's answers turned, 'equal' for 'different' and the other way round: in these blocks, or in all.
+        """The study with a subject's answers turned, each for the other one of the task: in these blocks, or in all.
 
         For somebody who had the buttons swapped, as :func:`~bayes_toe.check_answers` tells. Commands do it by ``--turn``.
 
@@ -275,7 +295,7 @@ class Study:
 
         Examples
         --------
-        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).turn("S01")["S01"].n_equal.tolist()
+        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).turn("S01")["S01"].n_yes.tolist()
         [3]
         """
         return self._changed("--turn", name, blocks, Answers.turned)
@@ -302,14 +322,14 @@ class Study:
         """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
         subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
         keys = np.column_stack([key for key in (subject.s1, subject.s2, subject.isi) if key is not None])
-        pooled = Answers(keys, subject.n_equal, subject.n_trials, None, (), trials=False)
+        pooled = Answers(keys, subject.n_yes, subject.n_trials, None, (), trials=False)
         given, done = self.reading.answers.get(subject.name, pooled), f"{option} {as_option(subject.name, asked)}"
         try:
             after = change(given, given.rows_of(asked))
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
         s1, s2, *isi = after.keys.T
-        left = [Subject.from_counts(subject.name, s1, s2, after.n_equal, after.n_trials, *isi)] if len(s1) else []
+        left = [Subject.from_counts(subject.name, s1, s2, after.n_yes, after.n_trials, *isi, task=subject.task)] if len(s1) else []
         subjects = tuple(one for old in self for one in (left if old is subject else [old]))
         if not subjects:
             raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
@@ -328,8 +348,8 @@ class Study:
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
 
-        Columns subject, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal, n_trials; of a synthetic study
-        also `synthetic`, which is 1.
+        Columns subject, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal or n_second, n_trials;
+        of a synthetic study also `synthetic`, which is 1.
 
         Examples
         --------
@@ -338,9 +358,9 @@ class Study:
         """
         import pandas as pd
 
-        keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_equal", "n_trials")
+        keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_yes", "n_trials")
         owner = np.repeat(np.array(self.names, object), [one.n_pairs for one in self])
-        columns = {key: np.concatenate([getattr(one, key) for one in self]) for key in keys}
+        columns = {key if key != "n_yes" else self.task.count: np.concatenate([getattr(one, key) for one in self]) for key in keys}
         return pd.DataFrame({"subject": owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
 
     def __repr__(self) -> str:
@@ -352,8 +372,9 @@ class Study:
         import pandas as pd
 
         shown = self.subjects[:MOST_ROWS]
-        rows = [(one.name, one.n_pairs, one.total_trials, one.fraction_equal) for one in shown]
-        return as_html(repr(self)[1:-1], pd.DataFrame(rows, columns=["subject", "pairs", "trials", "fraction 'equal'"]), len(self))
+        rows = [(one.name, one.n_pairs, one.total_trials, one.fraction_yes) for one in shown]
+        columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
+        return as_html(repr(self)[1:-1], pd.DataFrame(rows, columns=columns), len(self))
 
 
 def as_name(name: object) -> str:
@@ -434,10 +455,10 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
 
 
 def _columns(
-    name: str, keys: Sequence[npt.ArrayLike | None], n_equal: npt.ArrayLike, n_trials: npt.ArrayLike
+    name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
 ) -> tuple[list[FloatArray], IntArray, IntArray]:
     """Stimuli and, where there are some, intervals; counts within what can be counted; all of one length."""
-    counts = {key: np.asarray(values).ravel() for key, values in (("n_equal", n_equal), ("n_trials", n_trials))}
+    counts = {key: np.asarray(values).ravel() for key, values in (("n_yes", n_yes), ("n_trials", n_trials))}
     for key, values in counts.items():
         if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):  # 2.5 never becomes 2
             raise InputError(f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}")
@@ -449,7 +470,7 @@ def _columns(
         raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
     k, n = (values.astype(np.int64) for values in counts.values())
     if any(len(values) != len(k) for values in (*columns, n)):
-        raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(columns)])}, n_equal and n_trials must be of one length")
+        raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(columns)])}, n_yes and n_trials must be of one length")
     if np.any((k < 0) | (k > n)):  # before repeated pairs are added up, where two wrongs could cancel
-        raise InputError(f"subject {name!r}: every n_equal must lie in 0..n_trials")
+        raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
     return columns, k, n

@@ -156,7 +156,7 @@ def described(subject: Subject) -> dict[str, str | int | float]:
         "n_both_orders": (subject.n_pairs - equal - one) // 2,
         "n_one_order": one,
         "n_equal_pairs": equal,
-        "fraction_equal": subject.fraction_equal,
+        "fraction_equal": subject.fraction_yes,
     }
 
 
@@ -219,13 +219,13 @@ def _rounding(subject: Subject) -> _Rule:
 
 
 def _answers(subject: Subject) -> _Rule:
-    if (subject.n_equal == subject.n_trials).all():
+    if (subject.n_yes == subject.n_trials).all():
         yield (
             "all_equal",
             "Every trial was answered 'equal': the data give the width no upper bound and show no order effect, so the "
             "posterior of the width, and of offset and pull with it, will reflect the prior.",
         )
-    if (subject.n_equal == 0).all():
+    if (subject.n_yes == 0).all():
         yield (
             "all_different",
             "No trial was answered 'equal': a low peak q0, a small width and a large offset explain that alike, so "

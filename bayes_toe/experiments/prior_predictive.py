@@ -39,7 +39,7 @@ class PriorPrediction:
         The group of each pair.
     equal : array, shape (draws, groups)
         P(equal) of each observer drawn from the prior.
-    n_equal, n_trials : array of int, shape (subjects, groups)
+    n_yes, n_trials : array of int, shape (subjects, groups)
     """
 
     model: str
@@ -48,7 +48,7 @@ class PriorPrediction:
     pairs: Subject
     group: IntArray
     equal: FloatArray
-    n_equal: IntArray
+    n_yes: IntArray
     n_trials: IntArray
 
     @property
@@ -69,7 +69,7 @@ class PriorPrediction:
     @property
     def largest_observed(self) -> FloatArray:
         """Largest share of 'equal' of each subject, shape (subjects,): a frequency, which scatters upward where trials are few."""
-        return np.asarray((self.n_equal / np.maximum(self.n_trials, 1)).max(axis=1))  # a group not met has 0/1
+        return np.asarray((self.n_yes / np.maximum(self.n_trials, 1)).max(axis=1))  # a group not met has 0/1
 
 
 def prior_predictive(
@@ -106,7 +106,7 @@ def prior_predictive(
     numbers = prior_for(study, prior)
     columns = [np.concatenate([np.asarray(getattr(subject, key)) for subject in study]) for key in _keys(study)]
     places, index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)
-    pairs = Subject.from_counts("pairs", *columns[:2], *(_joined(study, key) for key in ("n_equal", "n_trials")), *columns[2:])
+    pairs = Subject.from_counts("pairs", *columns[:2], *(_joined(study, key) for key in ("n_yes", "n_trials")), *columns[2:])
     group = _groups(places)
     target = posterior_of(pairs, numbers, model=model)
     x = target.sample_prior(generator(seed, "prior predictive", target.model.name), draws)
@@ -116,7 +116,7 @@ def prior_predictive(
     equal = np.concatenate([np.exp(target.log_answers(x[i : i + rows])[0]) @ weights for i in range(0, draws, rows)])
     who = np.repeat(np.arange(len(study)), [subject.n_pairs for subject in study])
     counts = np.zeros((2, len(study), weights.shape[1]), np.int64)
-    for to, key in zip(counts, ("n_equal", "n_trials"), strict=True):
+    for to, key in zip(counts, ("n_yes", "n_trials"), strict=True):
         np.add.at(to, (who, group[index.ravel()]), _joined(study, key))
     return PriorPrediction(target.model.name, numbers, study.synthetic, pairs, group, equal, *counts)
 

@@ -124,11 +124,11 @@ class Entry:
         return {
             "pairs": {
                 **{key: getattr(counts, key).tolist() for key in ("s1", "s2", "isi") if getattr(counts, key) is not None},
-                "k": counts.n_equal.tolist(),
+                "k": counts.n_yes.tolist(),
                 "n": counts.n_trials.tolist(),
                 "order": presentation_order(counts).tolist(),
-                "estimate": laplace_estimate(counts.n_equal, counts.n_trials).tolist(),
-                "error": laplace_error(counts.n_equal, counts.n_trials).tolist(),
+                "estimate": laplace_estimate(counts.n_yes, counts.n_trials).tolist(),
+                "error": laplace_error(counts.n_yes, counts.n_trials).tolist(),
                 "higher": np.maximum(counts.s1, counts.s2).tolist(),
             },
             "slices": [

@@ -23,6 +23,7 @@ import xarray as xr
 
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
@@ -138,10 +139,11 @@ def _posterior(found: Population) -> xr.Dataset:
 def _constant(found: Population) -> xr.Dataset:
     """Regressors, subjects without the group, and the record that the file is read back from."""
     study, who, own, settings = found.study, found.regressors, found.chains, found.settings
-    keys = ("s1", "s2", "n_equal", "n_trials", *(["isi"] if study.intervals else []))
+    keys = ("s1", "s2", "n_yes", "n_trials", *(["isi"] if study.intervals else []))
     record = {
         "study": {
             "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
+            "task": study.task.name,
             **{key: getattr(study, key) for key in ("source", "synthetic", "notes", "changes")},
         },
         "settings": asdict(settings),
@@ -203,7 +205,9 @@ def _population(tree: xr.DataTree) -> Population:
     drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
     record = json.loads(str(constant["record"].values))
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
-    subjects, eta = tuple(Subject(**one) for one in study["subjects"]), drawn["eta"].values
+    task = next(one for one in TASKS if one.name == study.pop("task", SAME_DIFFERENT.name))
+    counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
+    subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")

@@ -121,12 +121,12 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
     likelihood = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
     crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
-    everyone = np.concatenate([crowd.n_equal[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
+    everyone = np.concatenate([crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
     statistics = [one for of, values in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(of, values)]
     return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
 
 
-def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_equal: IntArray) -> Iterator[tuple[str, FloatArray]]:
+def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterator[tuple[str, FloatArray]]:
     """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs)."""
     weights, trials = np.zeros(crowd.s1.shape), crowd.n_trials.sum(axis=1)  # of pairs in a subject's mean of q(c, r) - q(r, c)
     for row, one in zip(weights, subjects, strict=True):
@@ -137,10 +137,10 @@ def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_equal: IntArray) -> Iter
             row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
     met = weights.any(axis=1)
     if met.sum() > 1:
-        shares = (n_equal[:, met] + 1.0) / (crowd.n_trials[met] + 2.0)  # Laplace's estimator, Eq. e:2b
+        shares = (n_yes[:, met] + 1.0) / (crowd.n_trials[met] + 2.0)  # Laplace's estimator, Eq. e:2b
         yield "mean asymmetry", (weights[met] * shares).sum(axis=2)
-    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_equal, crowd.n_trials - n_equal).sum(axis=2) / trials
-    yield "share of 'equal'", n_equal.sum(axis=2) / trials
+    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_yes, crowd.n_trials - n_yes).sum(axis=2) / trials
+    yield "share of 'equal'", n_yes.sum(axis=2) / trials
 
 
 def _statistics(of: str, values: FloatArray) -> Iterator[Statistic]:

@@ -14,7 +14,7 @@ from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 
-_COLUMNS = ("s1", "s2", "isi", "n_equal", "n_trials")
+_COLUMNS = ("s1", "s2", "isi", "n_yes", "n_trials")
 
 
 def require_belonging(

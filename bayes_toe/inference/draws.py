@@ -23,6 +23,7 @@ import xarray as xr
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject, as_name
+from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
@@ -155,12 +156,17 @@ class Draws:
         subjects = tuple(map(self.subject, self.names))
         return Study(subjects, str(self.tree.attrs["source"]), self.synthetic, notes, changes=changes)
 
+    @property
+    def task(self) -> Task:
+        """What the subjects were asked."""
+        return next(one for one in TASKS if one.count in self.tree["observed_data"])
+
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
         name = self._known(name)
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
-        keys = ("s1", "s2", "n_equal", "n_trials", *(["isi"] if "isi" in columns else []))
-        return Subject(name, *(columns[key].values[self._places[name]] for key in keys))
+        keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
+        return Subject(name, *(columns[key].values[self._places[name]] for key in keys), task=self.task)
 
     def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""
@@ -254,7 +260,7 @@ class Draws:
         coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
         found = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), found, strict=True):
-            groups[group] = xr.Dataset({"n_equal": ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords)
+            groups[group] = xr.Dataset({self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords)
         tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
         tree.attrs.update(self.tree.attrs)
         convert = getattr(arviz, "from_datatree", None)  # of 0.x, which has a container of its own

@@ -23,6 +23,7 @@ import xarray as xr
 from bayes_toe.cluster import aside
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
@@ -33,7 +34,7 @@ ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
 AT_ONCE = 2**28  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
 LARGEST = 2**31  # bytes of draws in one NetCDF file, which is written from memory
 BY_SUBJECT = ("chain", "draw", "subject")
-_OBSERVED = {"subject": ("obs",), "s1": ("obs",), "s2": ("obs",)}
+_OBSERVED: dict[str, tuple[str, ...]] = {"subject": ("obs",), "s1": ("obs",), "s2": ("obs",)}
 #: Groups, and of each the variables that it must have with their dimensions.
 _LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
     "posterior": {"chain": ("chain",), "draw": ("draw",), "subject": ("subject",)},
@@ -41,7 +42,7 @@ _LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
         **dict.fromkeys(("subject", "converged", "shortfall", "min_ess", "max_r_hat"), ("subject",)),
         "lp": BY_SUBJECT,
     },
-    "observed_data": {**_OBSERVED, "n_equal": ("obs",)},
+    "observed_data": {**_OBSERVED},  # and the count of the task
     "constant_data": {**_OBSERVED, "n_trials": ("obs",)},
 }
 _ATTRIBUTES: dict[str, Any] = {"model": str, "settings": str, "seed": int | np.integer, "synthetic": int | np.integer}
@@ -67,7 +68,7 @@ def assembled_tree(
                 {name: (BY_SUBJECT, values[name], {"units": units[name]}) for name in names}
             ),
             "/sample_stats": _statistics(study, heads).assign(lp=(BY_SUBJECT, values["lp"], {"description": density})),
-            "/observed_data": _long(study, "n_equal"),
+            "/observed_data": _long(study, "n_yes").rename(n_yes=study.task.count),
             "/constant_data": _long(study, "n_trials"),
         }
     )
@@ -283,7 +284,10 @@ def _misfits(tree: xr.DataTree, at_once: bool) -> Iterator[str]:
     drawn, judged, observed, _ = ([*map(str, group["subject"].values)] for group in groups.values())
     if not drawn or not drawn == judged == list(dict.fromkeys(observed)) or len({*drawn}) < len(drawn):
         yield "posterior, sample_stats and observed_data are not of the same subjects"
-    if not groups["observed_data"].drop_vars("n_equal").equals(groups["constant_data"].drop_vars("n_trials")):
+    count = next((one.count for one in TASKS if one.count in groups["observed_data"]), SAME_DIFFERENT.count)
+    if count not in groups["observed_data"]:
+        yield f"no variable observed_data/{count} over (obs)"
+    elif not groups["observed_data"].drop_vars(count).equals(groups["constant_data"].drop_vars("n_trials")):
         yield "observed_data and constant_data are of other pairs"
 
 

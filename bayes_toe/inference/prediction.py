@@ -58,7 +58,9 @@ class Predictor:
         keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
         pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
         once = np.ones(len(pairs), np.int64)
-        asked = Subject(self.target.subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, None if isi is None else pairs[:, 2])
+        subject = self.target.subject
+        isi = None if isi is None else pairs[:, 2]
+        asked = Subject(subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, isi, task=subject.task)
         return np.asarray(np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()])
 
     def gain(self, seconds: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ _CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the w
 # --- Deviance ---------------------------------------------------------------------------------------
 
 
-def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
+def binomial_deviance(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
     """Deviance of k 'equal' answers in n from P(equal) = q and P(different) = 1 - q, in nats times 2. Arguments broadcast.
 
     D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more, to the rounding of
@@ -37,7 +37,7 @@ def binomial_deviance(n_equal: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: Fl
     >>> [round(float(binomial_deviance(k, 50, half, half)), 6) for k in (25, 0)]
     [0.0, 69.314718]
     """
-    k, n = np.asarray(n_equal, np.float64), np.asarray(n_trials, np.float64)
+    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
     return np.asarray(2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0))
 
@@ -81,8 +81,8 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     """
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
-    pairs = binomial_deviance(subject.n_equal, subject.n_trials, log_q, log_rest)
-    sign, freedom = np.sign(subject.n_equal - subject.n_trials * q), subject.n_pairs - len(posterior.coordinates)
+    pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
+    sign, freedom = np.sign(subject.n_yes - subject.n_trials * q), subject.n_pairs - len(posterior.coordinates)
     p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, log_q, log_rest)
     return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), freedom, p_value)
 
@@ -122,7 +122,7 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[Fl
 
 def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
     """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
-    return binomial_deviance(posterior.subject.n_equal, posterior.subject.n_trials, *posterior.log_answers(require_draws(x, posterior)))
+    return binomial_deviance(posterior.subject.n_yes, posterior.subject.n_trials, *posterior.log_answers(require_draws(x, posterior)))
 
 
 def require_draws(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
@@ -151,7 +151,7 @@ class PredictiveCheck:
     expected : array, shape (pairs,)
         Posterior mean of P(equal).
     p_fewer, p_more : array, shape (pairs,)
-        P(n_rep <= n_equal) and P(n_rep >= n_equal) for replicated counts: binomial tails averaged over draws, not simulated; where counts
+        P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts: binomial tails averaged over draws, not simulated; where counts
         scatter more than that, over one session simulated for each draw.
     p_overall : float
         P(deviance of replicated counts >= deviance of the observed ones), both at the same draw.
@@ -189,7 +189,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         If draws have another shape or hold a NaN.
     """
     points, subject = require_draws(x, posterior), posterior.subject
-    k, n = subject.n_equal, subject.n_trials
+    k, n = subject.n_yes, subject.n_trials
     rng = generator(seed, subject.name, posterior.model.name, "predictive check")
     sums, beyond = np.zeros((3, subject.n_pairs)), 0
     rows = max(1, _BLOCK // subject.n_pairs)
@@ -281,7 +281,7 @@ def summarise_fit(
     best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
     fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))
     isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
-    s1, s2, observed, expected = (column.tolist() for column in (subject.s1, subject.s2, subject.n_equal / subject.n_trials, fit.q))
+    s1, s2, observed, expected = (column.tolist() for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q))
     order, far = np.argsort(-np.abs(fit.residual), kind="stable").tolist(), np.abs(fit.residual) >= _CONSPICUOUS
     named = [i for place, i in enumerate(order[:_NAMED]) if place == 0 or far[i]]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]

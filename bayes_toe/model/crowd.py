@@ -24,21 +24,21 @@ class Crowd:
 
     s1: FloatArray
     s2: FloatArray
-    n_equal: IntArray
+    n_yes: IntArray
     n_trials: IntArray
     isi: FloatArray | None
 
     @classmethod
     def of(cls, subjects: Sequence[Subject], centre: float, interval: float) -> Crowd:
         """The counts of subjects, a row each; pairs never shown are two stimuli at the centre, at this interval."""
-        filler = {"s1": centre, "s2": centre, "n_equal": 0, "n_trials": 0, "isi": interval}
+        filler = {"s1": centre, "s2": centre, "n_yes": 0, "n_trials": 0, "isi": interval}
         pairs, known = max(one.n_pairs for one in subjects), subjects[0].isi is not None
 
         def rows(name: str) -> npt.NDArray[Any]:
             parts = [np.asarray(getattr(one, name)) for one in subjects]
             return np.stack([np.pad(part, (0, pairs - len(part)), constant_values=filler[name]) for part in parts])
 
-        return cls(rows("s1"), rows("s2"), rows("n_equal"), rows("n_trials"), rows("isi") if known else None)
+        return cls(rows("s1"), rows("s2"), rows("n_yes"), rows("n_trials"), rows("isi") if known else None)
 
     @property
     def n_pairs(self) -> int:

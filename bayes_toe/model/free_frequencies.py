@@ -51,7 +51,7 @@ def frequency_evidence(subject: Subject) -> float:
     >>> round(frequency_evidence(Subject("S01", [0.0], [0.3], [1], [1])), 12) == round(float(np.log(0.5)), 12)
     True
     """
-    return float(betaln(subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0).sum())
+    return float(betaln(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +115,9 @@ class FrequencyPosterior:
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent posterior draws, shape (size, pairs); Beta(n_Eq + 1, n_Diff + 1) as a ratio of gammas, whose logit is exact."""
-        n_equal, n_trials = self.subject.n_equal, self.subject.n_trials
+        n_yes, n_trials = self.subject.n_yes, self.subject.n_trials
         shape = (size, self.subject.n_pairs)
-        return np.asarray(np.log(rng.standard_gamma(n_equal + 1.0, shape)) - np.log(rng.standard_gamma(n_trials - n_equal + 1.0, shape)))
+        return np.asarray(np.log(rng.standard_gamma(n_yes + 1.0, shape)) - np.log(rng.standard_gamma(n_trials - n_yes + 1.0, shape)))
 
     @property
     def names(self) -> Names:

@@ -323,7 +323,7 @@ class Posterior:
         subject = self.subject
         steps = np.abs(subject.s2 - subject.s1)
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
-        peak = float(logit(((subject.n_equal + 1.0) / (subject.n_trials + 2.0)).max()))
+        peak = float(logit(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
         points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
         if self._offset_place is not None and _PEAK not in self._places:
@@ -339,7 +339,7 @@ class Posterior:
         """Name the pair whose answers have probability 0 at most of these points, (points, k)."""
         subject, pairs = self.subject, np.isneginf(self.pair_log_likelihood(points)).sum(axis=0)
         i = int(pairs.argmax())
-        answers = f"{subject.n_equal[i]} of {subject.n_trials[i]} 'equal'"
+        answers = f"{subject.n_yes[i]} of {subject.n_trials[i]} 'equal'"
         raise InputError(
             f"subject {subject.name!r}, pair s1={subject.s1[i]:g}, s2={subject.s2[i]:g}: {answers}, which model {self.model.name!r} says "
             "is impossible; allowed is a model with lapses or a constant error"

@@ -215,7 +215,7 @@ class BetaBinomial:
 
 
 def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
-    return subject.n_equal, subject.n_trials - subject.n_equal
+    return subject.n_yes, subject.n_trials - subject.n_yes
 
 
 def _total(weights: Sequence[FloatArray], of: OfAnswers) -> Slopes:

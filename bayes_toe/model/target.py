@@ -113,7 +113,7 @@ def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]
 
 def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
     """How often each pair was called 'equal' and how often 'different', shape (pairs,) each."""
-    return subject.n_equal.astype(np.float64), (subject.n_trials - subject.n_equal).astype(np.float64)
+    return subject.n_yes.astype(np.float64), (subject.n_trials - subject.n_yes).astype(np.float64)
 
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:

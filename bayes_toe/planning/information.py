@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import expit, log_ndtr, ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.comparison.verdict import NAMED
+from bayes_toe.comparison.words import NAMED
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.verdict import ORDERS, SMALL, Verdict, by_order
-from bayes_toe.comparison.words import probabilities
+from bayes_toe.comparison.verdict import Verdict, by_order
+from bayes_toe.comparison.words import ORDERS, SMALL
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.space import WINDOW, Family, families
@@ -52,7 +52,7 @@ class Judgement:
     @property
     def probability(self) -> tuple[float, ...] | None:
         """Of each kind, equally probable beforehand."""
-        return None if self.log_evidence is None else probabilities(self.log_evidence)
+        return None if self.log_evidence is None else tuple(softmax(self.log_evidence).tolist())
 
     @cached_property
     def verdict(self) -> Verdict:

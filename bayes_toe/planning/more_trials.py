@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import entr, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.verdict import ORDERS
+from bayes_toe.comparison.words import ORDERS
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
@@ -183,5 +183,5 @@ def _entropy(q: FloatArray) -> FloatArray:
 
 def _together(one: Subject, other: Subject) -> Subject:
     """All answers of both."""
-    keys = ("s1", "s2", "n_equal", "n_trials", *(() if one.isi is None else ("isi",)))
-    return Subject.from_counts(one.name, *(np.concatenate([getattr(one, key), getattr(other, key)]) for key in keys))
+    keys = ("s1", "s2", "n_yes", "n_trials", *(() if one.isi is None else ("isi",)))
+    return Subject.from_counts(one.name, *(np.concatenate([getattr(one, key), getattr(other, key)]) for key in keys), task=one.task)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import KINDS
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.whole_files import named_store
@@ -33,7 +32,7 @@ from bayes_toe.seeds import generator
 #: Kinds of observers by the word for them in files, in the order of the three plain models, and what these are.
 NONE, CONSTANT_ERROR, UPDATE = "none", "constant error", "update"
 PLAIN: Mapping[str, Model] = {NONE: SYMMETRIC, CONSTANT_ERROR: CONSTANT_BIAS, UPDATE: PREDICTIVE_UPDATE}
-SAID = dict(zip(PLAIN, KINDS, strict=True))
+SAID = {NONE: "no order effect", CONSTANT_ERROR: CONSTANT_ERROR, UPDATE: UPDATE}
 #: Middle of the paper's stimuli, natural-log intensity: from where default offsets count where these are amid those shown.
 MIDDLE = 0.25
 #: Ranges of those who are assumed where nothing is said. Pulls and widths are those of subjects with a clear order effect.
@@ -348,7 +347,7 @@ def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
     timed, rest = ([one for one in subjects if (one.isi is not None) == has] for has in (True, False))
     if not (timed and rest):
         return prior_for(Study(tuple(subjects)), prior).at(*subjects)
-    untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_equal, one.n_trials) for one in subjects)
+    untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_yes, one.n_trials, task=one.task) for one in subjects)
     interval = prior_for(Study(tuple(timed)), prior).reference_interval
     return replace(prior_for(Study(untimed), prior), reference_interval=interval).at(*untimed)
 

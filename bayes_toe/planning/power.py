@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 from scipy.special import betaincinv, ndtri
 
-from bayes_toe.comparison.verdict import EFFECTS
+from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.comparison.verdict import EFFECTS, KINDS, Verdict
+from bayes_toe.comparison.verdict import Verdict
+from bayes_toe.comparison.words import EFFECTS, KINDS
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table

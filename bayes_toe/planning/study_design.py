@@ -85,9 +85,9 @@ class StudyDesign:
         """Trials of all pairs."""
         return int(self.n_trials.sum())
 
-    def answered(self, n_equal: npt.ArrayLike, name: str = "design") -> Subject:
+    def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
         """The counts of a subject who has answered every trial."""
-        return Subject(name, self.s1, self.s2, np.asarray(n_equal), self.n_trials, self.isi)
+        return Subject(name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi)
 
     @property
     def unanswered(self) -> Subject:

@@ -244,7 +244,7 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: 
     figure = ax.get_figure(root=True)
     assert figure is not None
     beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
-    k, n = counts.n_equal[at], counts.n_trials[at]
+    k, n = counts.n_yes[at], counts.n_trials[at]
     crowded = at.sum() > 25
     style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
     value, error = laplace_estimate(k, n), laplace_error(k, n)
@@ -331,7 +331,7 @@ def _usual_pair(counts: Subject) -> tuple[float, float]:
     found = []
     for weak, strong in sorted(set(zip(low.tolist(), high.tolist(), strict=True))):
         at = (low == weak) & (high == strong)
-        share = counts.n_equal[at].sum() / counts.n_trials[at].sum()
+        share = counts.n_yes[at].sum() / counts.n_trials[at].sum()
         found.append((weak == strong, -int(at.sum()), abs(share - 0.5), weak, strong))
     _, _, _, weak, strong = min(found)
     return weak, strong

@@ -200,8 +200,8 @@ def new_subject(ax: Axes, found: Population) -> None:
     """
     isi = _main_interval(found.study)
     study = found.study if isi is None else found.study.at_isi(isi)
-    keys = ("s1", "s2", "n_equal", "n_trials")
-    everyone = Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in study]) for key in keys))
+    keys = ("s1", "s2", "n_yes", "n_trials")
+    everyone = Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in study]) for key in keys), task=study.task)
     equal, reference = _curve(found, isi), main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)

@@ -65,7 +65,7 @@ def _bands(found: PriorPrediction, ax: Axes) -> None:
         mark = ORDERS[sign]
         who, where = np.nonzero(met & (order == sign))
         if len(who):
-            share = found.n_equal[who, where] / found.n_trials[who, where]
+            share = found.n_yes[who, where] / found.n_trials[who, where]
             size = 4.5 if subjects == 1 else 3.2 if subjects <= 16 else 2.2
             style: dict[str, Any] = {"color": mark.colour, "mec": "white", "mew": 0.3}
             ax.plot(where + beside[who], share, mark.marker, ms=size, clip_on=False, label=mark.label, zorder=3, **style)

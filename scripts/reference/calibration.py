@@ -253,9 +253,9 @@ def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]
     In place of q its logarithm, which has the same ranks and does not vanish.
     """
     columns = Natural(*(values[:, None] for values in theta))
-    z, different = normalised_distance(subject.s1, subject.s2, *columns[:3]), subject.n_trials - subject.n_equal
+    z, different = normalised_distance(subject.s1, subject.s2, *columns[:3]), subject.n_trials - subject.n_yes
     with np.errstate(divide="ignore", invalid="ignore"):  # an answer never given contributes 0, also where its probability is 0
-        of_equal = np.where(subject.n_equal > 0, subject.n_equal * log_equal(z, np.log(columns.q0)), 0.0)
+        of_equal = np.where(subject.n_yes > 0, subject.n_yes * log_equal(z, np.log(columns.q0)), 0.0)
         of_different = np.where(different > 0, different * log_different(z, logit(columns.q0)), 0.0)
     found = {**theta._asdict(), "gamma": theta.gamma, "log_likelihood": (of_equal + of_different).sum(axis=1)}
     for key, amplitudes in HELD_OUT.items():

@@ -23,7 +23,7 @@ def hard_cases() -> dict[str, Subject]:
     1
     """
     cases = {**_extreme_answers(), **_extreme_observers(), **_extreme_designs()}
-    return {name: Subject(name, case.s1, case.s2, case.n_equal, case.n_trials) for name, case in cases.items()}
+    return {name: Subject(name, case.s1, case.s2, case.n_yes, case.n_trials) for name, case in cases.items()}
 
 
 def twins() -> tuple[Subject, Subject]:
@@ -38,7 +38,7 @@ def _pairs(amplitudes: npt.ArrayLike = PAPER_AMPLITUDES) -> tuple[FloatArray, Fl
 
 
 def _columns(subject: Subject) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    return subject.s1, subject.s2, subject.n_equal, subject.n_trials
+    return subject.s1, subject.s2, subject.n_yes, subject.n_trials
 
 
 def _counts(n_equal: npt.ArrayLike, n: int = 50) -> Subject:

@@ -24,7 +24,7 @@ from reference.calibration_statistics import place
 def observed(posterior: Posterior, x: FloatArray, rng: np.random.Generator) -> Subject:
     """The subject with new answers of an observer at x, shape (k,); counts are drawn session by session, as its spread has them."""
     equal, _ = posterior.realised_answers(rng, x[None], posterior.log_answers(x[None]))
-    return replace(posterior.subject, n_equal=rng.binomial(posterior.subject.n_trials, np.exp(equal[0])))
+    return replace(posterior.subject, n_yes=rng.binomial(posterior.subject.n_trials, np.exp(equal[0])))
 
 
 def ranks(name: str, seed: int, *, prior: Prior | None = None, truth: Prior | None = None, draws: int = 400) -> dict[str, float] | None:

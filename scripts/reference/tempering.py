@@ -96,7 +96,7 @@ class Scored:
 
     def _counts(self, theta: Mapping[str, FloatArray], p: FloatArray) -> FloatArray:
         """Log probability of the counts, without binomial coefficients."""
-        k, n = self.subject.n_equal, self.subject.n_trials
+        k, n = self.subject.n_yes, self.subject.n_trials
         binomial = np.where(k > 0, k * np.log(p), 0.0) + np.where(n > k, (n - k) * np.log1p(-p), 0.0)
         if "icc" not in theta:
             return binomial

@@ -37,7 +37,7 @@ def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
 def test_resampled_counts_are_beta_binomial():
     subject = Subject("x", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 0], [50, 50, 10])
     counts = resample(subject, np.random.default_rng(1), 20_000)
-    a, b, n = subject.n_equal + 1.0, subject.n_trials - subject.n_equal + 1.0, subject.n_trials
+    a, b, n = subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, subject.n_trials
     mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))
     assert np.abs((counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)).max() < 4
     assert counts.var(axis=0) == pytest.approx(variance, rel=0.06)

@@ -40,7 +40,7 @@ def test_value_and_stationarity_with_fifty_digits(name):
         def objective(mu1, log_sigma_p, gamma, q0):
             big = (1 + mpmath.sqrt(1 + 4 * gamma)) / 2
             total = -(mu1**2) / 200
-            for s1, s2, k, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True):
+            for s1, s2, k, n in zip(subject.s1, subject.s2, subject.n_yes, subject.n_trials, strict=True):
                 z = (mpmath.mpf(float(s2)) - mpmath.mpf(float(s1)) / big - (1 - 1 / big) * mu1) / (mpmath.exp(log_sigma_p) * big**1.5)
                 q = q0 * mpmath.power(2, -z * z)
                 total += int(k) * mpmath.log(q) + int(n - k) * mpmath.log(1 - q)
@@ -71,7 +71,7 @@ def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
     found, subject = fit_subject(CASES[name], Prior()), CASES[name]
     assert found.at_edge == (edge,)
     assert found.parameters[0] == pytest.approx(np.array(parameters, float), abs=1e-6, nan_ok=True)
-    k = subject.n_equal.sum() / subject.n_trials.sum()
+    k = subject.n_yes.sum() / subject.n_trials.sum()
     pooled = subject.total_trials * (np.log(np.maximum(k, 1e-300)) * k + np.log(np.maximum(1 - k, 1e-300)) * (1 - k))
     expected = 0.0 if name == "perfect observer" else pooled
     assert found.log_likelihood[0] == pytest.approx(expected, abs=1e-9)
@@ -97,10 +97,10 @@ def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
 @pytest.mark.parametrize("name", ["S01", "S02", "S06", "S07", "one batch"])
 def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
     s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name], Prior())
-    up = fit_subject(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
+    up = fit_subject(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_yes, s.n_trials), Prior(mu1_mean=3.0))
     assert up.objective == pytest.approx(plain.objective, rel=1e-12)
     assert up.parameters[0] == pytest.approx(plain.parameters[0] + [3, 0, 0, 0], abs=1e-5)
-    wide = fit_subject(Subject("wide", s.s1 * 7.0, s.s2 * 7.0, s.n_equal, s.n_trials), Prior(mu1_sd=70.0))
+    wide = fit_subject(Subject("wide", s.s1 * 7.0, s.s2 * 7.0, s.n_yes, s.n_trials), Prior(mu1_sd=70.0))
     assert wide.objective == pytest.approx(plain.objective, rel=1e-12)
     assert wide.parameters[0] == pytest.approx(plain.parameters[0] * [7, 7, 7, 1], rel=1e-4)
     assert wide.at_edge == up.at_edge == plain.at_edge
@@ -110,9 +110,7 @@ def test_rows_together_are_rows_alone():
     subject = SUBJECTS["S03"]
     design = Design.of(subject, Prior())
     rng = np.random.default_rng(4)
-    equal = np.concatenate(
-        [rng.binomial(subject.n_trials, 0.5, size=(6, 13)), [subject.n_equal], [subject.n_trials], [0 * subject.n_trials]]
-    )
+    equal = np.concatenate([rng.binomial(subject.n_trials, 0.5, size=(6, 13)), [subject.n_yes], [subject.n_trials], [0 * subject.n_trials]])
 
     def fit(rows):
         counts = Counts.of(rows, subject.n_trials)
@@ -131,7 +129,7 @@ def test_curves_have_the_likelihood_that_is_claimed(name):
     q = found.equal_probability(subject.s1, subject.s2)[0]
     assert ((q >= 0) & (q <= 1)).all()
     with np.errstate(divide="ignore", invalid="ignore"):
-        k, d = subject.n_equal, subject.n_trials - subject.n_equal
+        k, d = subject.n_yes, subject.n_trials - subject.n_yes
         total = np.where(k > 0, k * np.log(q), 0).sum() + np.where(d > 0, d * np.log1p(-q), 0).sum()
     assert total == pytest.approx(found.log_likelihood[0], rel=1e-9, abs=1e-7)
     assert found.edges.shape == (1, len(EDGES))

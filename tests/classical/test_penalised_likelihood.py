@@ -15,7 +15,7 @@ CASES = hard_cases()
 
 def objective(subject, mean=0.0, sd=10.0):
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
-    equal, different = subject.n_equal[:, None] + 0.0, (subject.n_trials - subject.n_equal)[:, None] + 0.0
+    equal, different = subject.n_yes[:, None] + 0.0, (subject.n_trials - subject.n_yes)[:, None] + 0.0
     return PenalisedLikelihood(Design(subject.s1, subject.s2, sbar, Normal(mean, sd)), equal, different, np.zeros(1000, int))
 
 

@@ -102,7 +102,7 @@ def test_the_report_stands_alone(results):
 def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
     subject = small_study["A"]
-    equal = subject.n_equal.copy()
+    equal = subject.n_yes.copy()
     equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
     study = bt.Study([bt.Subject("bent", subject.s1, subject.s2, equal, subject.n_trials), small_study["B"]])
     grouped_csv(folder / "bent.csv", study)

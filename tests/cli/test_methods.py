@@ -197,7 +197,7 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     assert "without correlations between parameters" in text
     rows = pd.read_csv(tmp_path / "text" / "m_population.csv")
     assert np.array_equal(rows["q50"], found.summary()["q50"])
-    other = bt.Study([*small_study.subjects[:2], replace(small_study["C"], n_equal=small_study["C"].n_equal - 1)])
+    other = bt.Study([*small_study.subjects[:2], replace(small_study["C"], n_yes=small_study["C"].n_yes - 1)])
     made_up(other).save(tmp_path / "population.nc", overwrite=True)
     assert "population.nc: found other answers than the draws have of C" in refused(tmp_path, "-o", tmp_path / "n.md")
 

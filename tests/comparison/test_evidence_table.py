@@ -35,7 +35,7 @@ CASES = hard_cases()
 def test_h0_is_the_integral_over_every_frequency():
     subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
     total = 0.0
-    for k, n in zip(subject.n_equal, subject.n_trials, strict=True):
+    for k, n in zip(subject.n_yes, subject.n_trials, strict=True):
         total += math.log(quad(lambda q, k=k, n=n: q**k * (1 - q) ** (n - k), 0, 1)[0])
     assert frequency_evidence(subject) == pytest.approx(total, rel=1e-9)
 
@@ -43,7 +43,7 @@ def test_h0_is_the_integral_over_every_frequency():
 def test_h0_laplace_is_appendix_c_term_by_term():
     subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
     total = 0.0
-    for k, n in zip(subject.n_equal, subject.n_trials, strict=True):
+    for k, n in zip(subject.n_yes, subject.n_trials, strict=True):
         q = (k + 1) / (n + 2)
         sigma = math.sqrt(q * ((k + 2) / (n + 3) - q))  # Eq. e:2b as printed
         total += k * math.log(q) + (n - k) * math.log(1 - q) + math.log(sigma) + 0.5 * math.log(2 * math.pi)
@@ -68,8 +68,8 @@ def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
         columns = [v[:, None] for v in theta]
         q = bt.model.equal_probability(subject.s1, subject.s2, *columns)
         with np.errstate(divide="ignore", invalid="ignore"):
-            log_equal = np.where(subject.n_equal > 0, subject.n_equal * np.log(q), 0.0)
-            rest = subject.n_trials - subject.n_equal
+            log_equal = np.where(subject.n_yes > 0, subject.n_yes * np.log(q), 0.0)
+            rest = subject.n_trials - subject.n_yes
             log_different = np.where(rest > 0, rest * np.log1p(-q), 0.0)
         weight = np.exp((log_equal + log_different).sum(axis=1) - top)
         sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)

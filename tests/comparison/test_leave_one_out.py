@@ -57,7 +57,7 @@ def evidence(subject, whole=None):
 
 def without(s, pair):
     kept = np.arange(s.n_pairs) != pair
-    return bt.Subject(s.name, s.s1[kept], s.s2[kept], s.n_equal[kept], s.n_trials[kept])
+    return bt.Subject(s.name, s.s1[kept], s.s2[kept], s.n_yes[kept], s.n_trials[kept])
 
 
 def log_evidence_by_grid(subject, n_equal, n_trials):
@@ -75,7 +75,7 @@ def beta_binomial():
     """Three pairs that scatter more than answers given alone would, the row of their comparison, and the log evidence of all answers."""
     subject = bt.Subject("S", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [9, 1, 8], [10, 12, 10])
     row = compare_one(subject, composition("none + beta-binomial"), draws=8000, seed=3, prior=bt.Prior())
-    return subject, row, log_evidence_by_grid(subject, subject.n_equal, subject.n_trials)
+    return subject, row, log_evidence_by_grid(subject, subject.n_yes, subject.n_trials)
 
 
 def test_answers_that_go_together_are_left_out_given_the_others_to_their_pair(beta_binomial):
@@ -84,9 +84,9 @@ def test_answers_that_go_together_are_left_out_given_the_others_to_their_pair(be
     for pair in range(3):
         one = (np.arange(3) == pair).astype(int)
         for answer in (0, 1):  # one 'equal', one 'different'
-            less = log_evidence_by_grid(subject, subject.n_equal - one * (answer == 0), subject.n_trials - one)
+            less = log_evidence_by_grid(subject, subject.n_yes - one * (answer == 0), subject.n_trials - one)
             assert row.left_out["trial"].values[answer, pair] == pytest.approx(full - less, abs=0.03)
-        rest = log_evidence_by_grid(subject, subject.n_equal * (1 - one), subject.n_trials * (1 - one))
+        rest = log_evidence_by_grid(subject, subject.n_yes * (1 - one), subject.n_trials * (1 - one))
         assert row.left_out["pair"].values[0, pair] == pytest.approx(full - rest, abs=0.06)
 
 
@@ -102,13 +102,13 @@ def test_a_unit_left_out_is_the_evidence_with_it_over_the_evidence_without(obser
     s, equal, different, (full, full_error) = observed
     if answer is None:
         rest, unit = without(s, pair), "pair"
-        log_p = s.n_equal[pair] * equal[:, pair] + (s.n_trials - s.n_equal)[pair] * different[:, pair]
+        log_p = s.n_yes[pair] * equal[:, pair] + (s.n_trials - s.n_yes)[pair] * different[:, pair]
     else:
         one, unit = (np.arange(s.n_pairs) == pair).astype(int), "trial"
-        rest = bt.Subject("S", s.s1, s.s2, s.n_equal - one * (answer == 0), s.n_trials - one)
+        rest = bt.Subject("S", s.s1, s.s2, s.n_yes - one * (answer == 0), s.n_trials - one)
         log_p = (equal, different)[answer][:, pair]
     less, less_error = evidence(rest, s)
-    found = leave_one_out(equal, different, s.n_equal, s.n_trials, unit=unit)
+    found = leave_one_out(equal, different, s.n_yes, s.n_trials, unit=unit)
     error = np.sqrt(full_error**2 + less_error**2 + monte_carlo_error(log_p) ** 2)
     assert error < (0.06 if unit == "pair" else 0.01)
     assert found.values[answer or 0, pair] == pytest.approx(full - less, abs=4 * error)
@@ -116,14 +116,14 @@ def test_a_unit_left_out_is_the_evidence_with_it_over_the_evidence_without(obser
 
 def test_trials_add_up_with_their_counts(observed):
     s, equal, different, _ = observed
-    found = leave_one_out(equal, different, s.n_equal, s.n_trials)
-    answers = [s.n_equal, s.n_trials - s.n_equal]
+    found = leave_one_out(equal, different, s.n_yes, s.n_trials)
+    answers = [s.n_yes, s.n_trials - s.n_yes]
     each = np.concatenate([np.repeat(found.values[a], answers[a]) for a in (0, 1)])  # one value per trial
     assert len(each) == s.total_trials
     assert found.elpd == pytest.approx(each.sum(), rel=1e-12)
     assert found.se == pytest.approx(np.sqrt(len(each)) * each.std(ddof=1), rel=1e-9)
     assert np.nanmax(found.pareto_k) < 0.5
-    free = leave_one_out_frequencies(s.n_equal, s.n_trials)
+    free = leave_one_out_frequencies(s.n_yes, s.n_trials)
     difference, error = found.minus(free)
     both = np.concatenate([np.repeat(free.values[a], answers[a]) for a in (0, 1)])
     assert difference == pytest.approx(found.elpd - free.elpd, abs=1e-9)
@@ -207,14 +207,14 @@ def test_bad_input_is_refused(arguments, options, message):
 
 def test_differences_to_the_best_are_paired_over_trials(observed):
     s, equal, different, _ = observed
-    first = leave_one_out(equal, different, s.n_equal, s.n_trials)
-    second = leave_one_out(np.full_like(equal, np.log(0.5)), np.full_like(equal, np.log(0.5)), s.n_equal, s.n_trials)
-    free = leave_one_out_frequencies(s.n_equal, s.n_trials)
+    first = leave_one_out(equal, different, s.n_yes, s.n_trials)
+    second = leave_one_out(np.full_like(equal, np.log(0.5)), np.full_like(equal, np.log(0.5)), s.n_yes, s.n_trials)
+    free = leave_one_out_frequencies(s.n_yes, s.n_trials)
     withheld = replace(free, values=free.values * np.nan)
     found = below_best([second, first, withheld, free])
     assert found[1] == (0.0, 0.0)
     assert np.isnan(found[2]).all()
-    answers = [s.n_equal, s.n_trials - s.n_equal]
+    answers = [s.n_yes, s.n_trials - s.n_yes]
     each = {one: np.concatenate([np.repeat(one.values[a], answers[a]) for a in (0, 1)]) for one in (first, second, free)}
     for one, (difference, error) in ((second, found[0]), (free, found[3])):
         apart = each[one] - each[first]

@@ -29,7 +29,7 @@ def study():
 
 
 def counts(subject):
-    return list(zip(subject.s1.tolist(), subject.s2.tolist(), subject.n_equal.tolist(), subject.n_trials.tolist(), strict=True))
+    return list(zip(subject.s1.tolist(), subject.s2.tolist(), subject.n_yes.tolist(), subject.n_trials.tolist(), strict=True))
 
 
 def same(one, other):
@@ -39,7 +39,7 @@ def same(one, other):
 def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     turned = study.turn("a", [2, "3"])
     assert same(turned, bt.read_study(FRAME.assign(response=[1, 0, 0, 0, 0, 0, 1, 0])))
-    assert turned.reading.answers["a"].n_equal.tolist() == [1, 0, 0, 0, 0, 0]
+    assert turned.reading.answers["a"].n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
     assert turned.changes == ("--turn a:2,3",)
     assert turned.notes == (*study.notes, "subject a, blocks 2, 3: answers turned")
@@ -61,7 +61,7 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
 def test_counts_without_blocks_can_be_turned_and_left_out_whole():
     timed = bt.Study([bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"])
     turned = timed.turn("b")
-    assert (turned["b"].n_equal.tolist(), turned["b"].isi.tolist(), turned["a"]) == ([1, 3], [0.5, 2.0], timed["a"])
+    assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == ([1, 3], [0.5, 2.0], timed["a"])
     assert turned.at_isi(2.0).changes == ("--turn b",)
     assert timed.leave_out("a").names == ("b",)
 
@@ -79,7 +79,7 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
         FRAME.to_csv(file, index=False)
     study = bt.read_study(files)
     turned = changed(study, turn=["a:session 1.csv: 2, session 2.csv: 3"])
-    assert turned.reading.answers["a"].n_equal.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
+    assert turned.reading.answers["a"].n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
     assert turned.changes == ("--turn 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
@@ -124,7 +124,7 @@ def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_pa
     assert "subject A: answers turned" in made.stdout
     draws = bt.load(tmp_path / "draws.nc")
     assert draws.study.changes == ("--turn A", "--leave-out C")
-    assert draws.study["A"].n_equal.tolist() == [5, 30, 35, 4]
+    assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]
     require_belonging(draws, "draws", study=few_pairs("ABC").turn("A").leave_out("C"))
     figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
     other = inside(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)

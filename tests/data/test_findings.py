@@ -56,7 +56,7 @@ def test_the_level_holds_for_a_study_not_for_each_of_its_subjects():
     alone = study(194, count=130, blocks=5)  # p = 0.005: enough for one subject, not for one of 25
     assert list(found(alone)) == ["block_dispersion"]
     answers = {f"S{index}": alone.reading.answers["S0"] for index in range(25)}
-    many = [Subject(name, s.s1, s.s2, s.n_equal, s.n_trials) for s in alone for name in answers]
+    many = [Subject(name, s.s1, s.s2, s.n_yes, s.n_trials) for s in alone for name in answers]
     assert found(Study(tuple(many), reading=Reading(answers))) == {}
 
 
@@ -78,7 +78,7 @@ def test_swapped_blocks_are_named_explain_the_rest_and_can_be_turned_back(swappe
         assert 0.7 < float(unlike.message.split("(")[1].split()[0]) < 1.4
         straight = study(seed)
         turned = of.turn("S0", [1 + block for block in swapped])
-        assert turned["S0"].n_equal.tolist() == straight["S0"].n_equal.tolist()
+        assert turned["S0"].n_yes.tolist() == straight["S0"].n_yes.tolist()
         assert check_answers(turned) == check_answers(straight) == ()
         assert len(of.leave_out("S0", typed.split(",")).reading.answers["S0"].blocks) == 10 - len(swapped)
 
@@ -197,6 +197,6 @@ def test_doubtful_data_are_told_by_kind_of_any_study():
 
 def test_options_of_names_that_a_shell_would_split_are_quoted():
     made = study(0, swapped=(3,))
-    renamed = Subject("S 1", *(getattr(made["S0"], key) for key in ("s1", "s2", "n_equal", "n_trials")))
+    renamed = Subject("S 1", *(getattr(made["S0"], key) for key in ("s1", "s2", "n_yes", "n_trials")))
     found = data_findings(Study((renamed,), reading=Reading({"S 1": made.reading.answers["S0"]})))
     assert {one.option for one in found} == {"--turn 'S 1:4'"}

@@ -44,9 +44,7 @@ def refused(data: str | bytes, **options: object) -> list[str]:
 
 
 def content(study: Study) -> dict[str, list[tuple[float, float, int, int]]]:
-    return {
-        one.name: list(zip(one.s1.tolist(), one.s2.tolist(), one.n_equal.tolist(), one.n_trials.tolist(), strict=True)) for one in study
-    }
+    return {one.name: list(zip(one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist(), one.n_trials.tolist(), strict=True)) for one in study}
 
 
 # --- What is read -----------------------------------------------------------------------------------
@@ -180,18 +178,18 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts() -> None:
     answers = study.reading.answers["a"]
     assert answers.blocks == ("10", "9"), "one block is no number: in order of appearance"
     assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0]]
-    assert (answers.n_equal.tolist(), answers.block.tolist(), answers.trials) == ([1, 1, 0], [0, 0, 1], True)
+    assert (answers.n_yes.tolist(), answers.block.tolist(), answers.trials) == ([1, 1, 0], [0, 0, 1], True)
     assert study.reading.ignored == ()
     numbered = read(ORDERED + "a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n").reading.answers["a"]
-    assert (numbered.blocks, numbered.n_equal.tolist()) == (("9", "10"), [0, 1, 1])
+    assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
     running = read(ORDERED + "a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n").reading.answers["a"]
-    assert (running.n_equal.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
+    assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
 
 
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted() -> None:
     study = read(ORDERED + "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n")
     assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
-    assert study.reading.answers["a"].n_equal.tolist() == [1, 0]
+    assert study.reading.answers["a"].n_yes.tolist() == [1, 0]
 
 
 def test_trials_that_are_there_twice_are_told() -> None:
@@ -211,7 +209,7 @@ def test_counts_have_answers_where_they_have_blocks() -> None:
     study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", columns={"block": "Run"})
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
     answers = study.reading.answers["a"]
-    assert (answers.n_equal.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == ([1, 2], [5, 5], ("1", "2"), False)
+    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == ([1, 2], [5, 5], ("1", "2"), False)
     assert read(COUNTS + "a,0,1,1,5\n").reading.answers == {}
 
 
@@ -348,7 +346,7 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         [missing("response", HEAD + ", 'Answer'", "--columns response=Answer; or counts in n_equal and n_trials")],
     ),
     ("subject,s1,s2,n_equal\na,0,1,5\n", {}, [missing("n_trials", HEAD + ", 'n_equal'", "--columns n_trials=NAME")]),
-    ("subject,s1,s2,n_trials\na,0,1,5\n", {}, [missing("n_equal", HEAD + ", 'n_trials'", "--columns n_equal=NAME")]),
+    ("subject,s1,s2,n_trials\na,0,1,5\n", {}, [missing("n_equal", HEAD + ", 'n_trials'", "--columns n_yes=NAME")]),
     (
         "subject,i1,i2,response\na,1,2,equal\n",
         {},

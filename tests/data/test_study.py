@@ -16,7 +16,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
-COLUMNS = ("s1", "s2", "n_equal", "n_trials")
+COLUMNS = ("s1", "s2", "n_yes", "n_trials")
 
 
 def subject(name: str = "S01") -> Subject:
@@ -29,9 +29,9 @@ def columns(one: Subject) -> dict[str, list[float]]:
 
 def test_pairs_are_sorted_together_with_their_counts() -> None:
     one = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
-    assert columns(one) == {"s1": [0.0, 0.3, 0.3], "s2": [0.3, 0.0, 0.5], "n_equal": [2, 3, 1], "n_trials": [5, 6, 4]}
+    assert columns(one) == {"s1": [0.0, 0.3, 0.3], "s2": [0.3, 0.0, 0.5], "n_yes": [2, 3, 1], "n_trials": [5, 6, 4]}
     assert [getattr(one, key).dtype for key in COLUMNS] == [np.float64, np.float64, np.int64, np.int64]
-    assert (subject().n_pairs, subject().total_trials, subject().fraction_equal) == (2, 18, 0.5)
+    assert (subject().n_pairs, subject().total_trials, subject().fraction_yes) == (2, 18, 0.5)
 
 
 def test_arrays_are_copies_and_read_only() -> None:
@@ -55,19 +55,19 @@ def test_arrays_are_copies_and_read_only() -> None:
         ({"n_trials": [8, 10, 1]}, "must be of one length"),
         ({"s1": [0.3, np.nan]}, "s1 and s2 must be finite"),
         ({"s2": [np.inf, 0.3]}, "s1 and s2 must be finite"),
-        ({"n_equal": [2.5, 7]}, r"n_equal must be whole numbers, found \[2.5, 7.0\]"),
-        ({"n_equal": [np.nan, 7]}, "n_equal must be whole numbers"),
-        ({"n_equal": ["2", "7"]}, "n_equal must be whole numbers"),
+        ({"n_yes": [2.5, 7]}, r"n_yes must be whole numbers, found \[2.5, 7.0\]"),
+        ({"n_yes": [np.nan, 7]}, "n_yes must be whole numbers"),
+        ({"n_yes": ["2", "7"]}, "n_yes must be whole numbers"),
         ({"n_trials": [8.5, 10]}, "n_trials must be whole numbers"),
-        ({"n_equal": [-1, 7]}, "every n_equal must lie in 0..n_trials"),
-        ({"n_equal": [9, 7]}, "every n_equal must lie in 0..n_trials"),
-        ({"n_equal": [0, 7], "n_trials": [0, 10]}, "n_trials >= 1"),
+        ({"n_yes": [-1, 7]}, "every n_yes must lie in 0..n_trials"),
+        ({"n_yes": [9, 7]}, "every n_yes must lie in 0..n_trials"),
+        ({"n_yes": [0, 7], "n_trials": [0, 10]}, "n_trials >= 1"),
         ({"s1": [0.0, 0.0], "s2": [0.3, 0.3]}, "a pair of stimuli is repeated"),
-        ({"s1": [], "s2": [], "n_equal": [], "n_trials": []}, "no answered trial"),
+        ({"s1": [], "s2": [], "n_yes": [], "n_trials": []}, "no answered trial"),
     ],
 )
 def test_invalid_subjects_are_refused(change: dict[str, Any], message: str) -> None:
-    valid: dict[str, Any] = {"name": "S01", "s1": [0.3, 0.0], "s2": [0.0, 0.3], "n_equal": [2, 7], "n_trials": [8, 10]}
+    valid: dict[str, Any] = {"name": "S01", "s1": [0.3, 0.0], "s2": [0.0, 0.3], "n_yes": [2, 7], "n_trials": [8, 10]}
     assert Subject(**valid).n_pairs == 2
     with pytest.raises(InputError, match=message):
         Subject(**{**valid, **change})
@@ -75,16 +75,16 @@ def test_invalid_subjects_are_refused(change: dict[str, Any], message: str) -> N
 
 def test_counts_are_added_up() -> None:
     one = Subject.from_counts("S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0])
-    assert columns(one) == {"s1": [0.0, 0.3], "s2": [0.3, 0.0], "n_equal": [2, 4], "n_trials": [5, 11]}
+    assert columns(one) == {"s1": [0.0, 0.3], "s2": [0.3, 0.0], "n_yes": [2, 4], "n_trials": [5, 11]}
 
 
 @pytest.mark.parametrize(
     ("counts", "message"),
     [
-        (([0, 0], [0, 0], [7, 0], [5, 5]), "every n_equal must lie in 0..n_trials"),
-        (([0, 0], [0, 0], [-1, 2], [5, 5]), "every n_equal must lie in 0..n_trials"),
+        (([0, 0], [0, 0], [7, 0], [5, 5]), "every n_yes must lie in 0..n_trials"),
+        (([0, 0], [0, 0], [-1, 2], [5, 5]), "every n_yes must lie in 0..n_trials"),
         (([0], [0, 0], [1, 1], [5, 5]), "must be of one length"),
-        (([0], [0], [1.5], [5]), "n_equal must be whole numbers"),
+        (([0], [0], [1.5], [5]), "n_yes must be whole numbers"),
         (([0, 0], [0, 1], [0, 0], [0, 0]), "no answered trial"),
         (([np.nan], [0], [1], [5]), "finite"),
     ],

@@ -154,5 +154,5 @@ def test_intervals_rank_is_that_of_finite_differences(pairs):
 def test_one_interval_tells_what_no_interval_does():
     for name, pairs in DESIGNS.items():
         plain = made(pairs)
-        timed = bt.Subject("S", plain.s1, plain.s2, plain.n_equal, plain.n_trials, np.full(plain.n_pairs, 2.5))
+        timed = bt.Subject("S", plain.s1, plain.s2, plain.n_yes, plain.n_trials, np.full(plain.n_pairs, 2.5))
         assert identifiability(timed) == identifiability(plain), name

@@ -7,8 +7,8 @@ import bayes_toe as bt
 from bayes_toe.experiments.prior_predictive import RARELY
 
 
-def _subject(name, s1, s2, n_equal=1, n=4, isi=None):
-    return bt.Subject(name, s1, s2, np.full(len(s1), n_equal), np.full(len(s1), n), isi)
+def _subject(name, s1, s2, n_yes=1, n=4, isi=None):
+    return bt.Subject(name, s1, s2, np.full(len(s1), n_yes), np.full(len(s1), n), isi)
 
 
 @pytest.mark.parametrize("prior", [bt.Prior(), bt.Prior(mu1_mean=0.3, mu1_sd=0.5, sigma_p_scale=0.3)])
@@ -35,7 +35,7 @@ def test_pairs_stand_by_distance_with_the_counts_of_who_met_them():
     found = bt.prior_predictive(bt.Study([first, second]), draws=10)
     assert found.distance == pytest.approx([-0.3, 0.0, 0.3, 0.9])
     assert found.n_trials.tolist() == [[4, 4, 4, 0], [0, 0, 5, 5]]
-    assert found.n_equal.tolist() == [[2, 2, 2, 0], [0, 0, 0, 0]]
+    assert found.n_yes.tolist() == [[2, 2, 2, 0], [0, 0, 0, 0]]
     assert found.largest_observed.tolist() == [0.5, 0.0]
     assert not found.grouped
 

@@ -62,9 +62,9 @@ def test_the_bundled_study_looks_like_the_papers():
     # Paper, Results: overall accuracy from 59 % to 78 %; 6 of 16 with positive maximal asymmetry, 10 with negative.
     positive = 0
     for subject in bt.example_study():
-        right = np.where(subject.s1 == subject.s2, subject.n_equal, subject.n_trials - subject.n_equal)
+        right = np.where(subject.s1 == subject.s2, subject.n_yes, subject.n_trials - subject.n_yes)
         assert 0.55 < right.sum() / subject.total_trials < 0.87
-        equal = {(a, b): k / n for a, b, k, n in zip(subject.s1, subject.s2, subject.n_equal, subject.n_trials, strict=True)}
+        equal = {(a, b): k / n for a, b, k, n in zip(subject.s1, subject.s2, subject.n_yes, subject.n_trials, strict=True)}
         positive += max((equal[b, a] - equal[a, b] for a, b in equal if a < b), key=abs) > 0
     assert 5 <= positive <= 11
 
@@ -73,7 +73,7 @@ def test_the_bundled_study_is_what_simulate_makes():
     # `bayes_toe.data.read_study.COMMAND` states the seed: the same numbers come out again, to the last answer.
     study, truth = bt.simulate(16, seed=2604)
     bundled = bt.example_study()
-    assert all(np.array_equal(study[name].n_equal, bundled[name].n_equal) for name in bundled.names)
+    assert all(np.array_equal(study[name].n_yes, bundled[name].n_yes) for name in bundled.names)
     assert all(truth[name] == pytest.approx(dict(bt.example_truth()[name])) for name in bundled.names)
     assert study.synthetic
     assert bundled.synthetic
@@ -84,7 +84,7 @@ def test_answers_of_observers_of_ones_own_follow_the_model():
     assert truth["B"]["mu1"] == 0.9
     for one in study:  # 5 standard errors of 13 pairs: a false alarm in 60,000
         q = bt.model.equal_probability(one.s1, one.s2, **truth[one.name])
-        assert np.all(np.abs(one.n_equal / one.n_trials - q) < 5.0 * np.sqrt(q * (1.0 - q) / 4000) + 1e-9)
+        assert np.all(np.abs(one.n_yes / one.n_trials - q) < 5.0 * np.sqrt(q * (1.0 - q) / 4000) + 1e-9)
     assert bt.simulate({"A": ONE}, isi=(0.5, 2.0), batches=2, seed=1).study.intervals == (0.5, 2.0)
 
 

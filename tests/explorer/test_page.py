@@ -114,7 +114,7 @@ def test_badges_say_what_is_wrong_before_what_is_right():
 
 
 def test_a_name_cannot_end_the_page(small_study):
-    rude = bt.Subject("</script><b>", *(getattr(small_study["A"], name) for name in ("s1", "s2", "n_equal", "n_trials")))
+    rude = bt.Subject("</script><b>", *(getattr(small_study["A"], name) for name in ("s1", "s2", "n_yes", "n_trials")))
     target = bt.model.posterior_of(rude, model="symmetric")
     html = page([Entry("symmetric", target, np.zeros((1, 30, 2)) + np.linspace(-1, 0, 30)[:, None])]).html
     assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"

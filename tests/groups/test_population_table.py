@@ -21,7 +21,7 @@ def found(small_study):
 
 
 def rows(subject):
-    return {key: getattr(subject, key) for key in ("s1", "s2", "n_equal", "n_trials")}
+    return {key: getattr(subject, key) for key in ("s1", "s2", "n_yes", "n_trials")}
 
 
 def test_columns_and_kinds(found, tmp_path):

@@ -19,7 +19,7 @@ def test_what_is_observed_is_what_the_answers_say():
     found = made_population(ordinary(8))
     seen, table = by_label(predictive_check(found, groups=50)), asymmetry(found.study)
     means, accuracies = np.array([(row.mean_asymmetry, row.accuracy) for row in table]).T
-    shares = np.array([one.fraction_equal for one in found.study])
+    shares = np.array([one.fraction_yes for one in found.study])
     scores = (shares - shares.mean()) / shares.std(ddof=1)
     assert seen["sd of mean asymmetry"].observed == pytest.approx(means.std(ddof=1))
     assert seen["sd of accuracy"].observed == pytest.approx(accuracies.std(ddof=1))

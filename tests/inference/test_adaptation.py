@@ -74,7 +74,7 @@ def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_e
     posterior = posterior_of(CASES["one order missing"])
     subject = posterior.subject
     fitted = fit_proposal(posterior, np.random.default_rng(5))
-    fewer = posterior.for_subject(Subject("fewer", subject.s1, subject.s2, subject.n_equal // 2, subject.n_trials // 2))
+    fewer = posterior.for_subject(Subject("fewer", subject.s1, subject.s2, subject.n_yes // 2, subject.n_trials // 2))
     plain = importance_evidence(fit_proposal(fewer, np.random.default_rng(6)))
     moved = replace(fitted.draws, log_posterior=fewer.log_density(fitted.draws.x))
     start = replace(fitted, proposal=replace(fitted.proposal, posterior=fewer), draws=moved)

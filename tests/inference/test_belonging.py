@@ -20,7 +20,7 @@ def test_draws_tell_their_study(analysis, small_study):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda one: replace(one, n_equal=np.minimum(one.n_equal + 1, one.n_trials)), "found draws of subject 'B' from other answers"),
+        (lambda one: replace(one, n_yes=np.minimum(one.n_yes + 1, one.n_trials)), "found draws of subject 'B' from other answers"),
         (lambda one: replace(one, name="X"), "found no draws of subject 'X'"),
         (lambda one: None, "found draws of subject 'B', whom three kinds does not have"),
         (lambda one: replace(one, isi=np.ones(one.n_pairs)), "found draws of subject 'B' from other answers"),

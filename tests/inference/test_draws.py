@@ -36,7 +36,7 @@ def test_saved_and_loaded_are_one(saved, analysis):
     assert (loaded.names, loaded.parameters) == (analysis.draws.names, PARAMETERS)
     for name in PARAMETERS:
         assert np.array_equal(loaded.values("B", name), analysis.draws.values("B", name))
-    assert np.array_equal(loaded.subject("B").n_equal, analysis.study["B"].n_equal)
+    assert np.array_equal(loaded.subject("B").n_yes, analysis.study["B"].n_yes)
     loaded.save(saved, overwrite=True)  # the file is not locked by having been read
 
 
@@ -87,7 +87,7 @@ def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, d
     theta = [analysis.draws.values(name, key)[..., None] for key in ("mu1", "sigma_p", "sigma_l", "q0")]
     s = analysis.study[name]
     q = bt.model.equal_probability(s.s1, s.s2, *theta)
-    expected = s.n_equal * np.log(q) + (s.n_trials - s.n_equal) * np.log1p(-q)
+    expected = s.n_yes * np.log(q) + (s.n_trials - s.n_yes) * np.log1p(-q)
     assert data["log_likelihood"]["n_equal"].values[..., at] == pytest.approx(expected, rel=1e-9, abs=1e-9)
     predicted = data["posterior_predictive"]["n_equal"].values[..., at]
     assert predicted.mean(axis=(0, 1)) == pytest.approx((s.n_trials * q).mean(axis=(0, 1)), abs=0.5)

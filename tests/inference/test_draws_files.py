@@ -166,7 +166,7 @@ def _put(name, at, value):
         (_attribute(settings="[" * 60_000), "none that draws have"),
         (_attribute(model="lapse"), "draws of model 'lapse'"),
         (_put("observed_data/subject", 0, "Z"), "not of the same subjects"),
-        (_put("observed_data/n_equal", 0, -1), "n_equal"),
+        (_put("observed_data/n_equal", 0, -1), "n_yes"),
         (_put("constant_data/s1", 0, 7.0), "of other pairs"),
         (_put("posterior/mu1", (0, 0, 0), np.inf), "draws of 'mu1' are no numbers"),
     ],

@@ -20,7 +20,7 @@ PARAMETRIC = [name for name in NAMES if name != "free frequencies"]
 def two(small_study):
     """Two subjects, one of them without two of the pairs."""
     b = small_study["B"]
-    fewer = bt.Subject("fewer", b.s1[2:], b.s2[2:], b.n_equal[2:], b.n_trials[2:])
+    fewer = bt.Subject("fewer", b.s1[2:], b.s2[2:], b.n_yes[2:], b.n_trials[2:])
     return bt.Study([small_study["A"], fewer], source="two")
 
 
@@ -76,7 +76,7 @@ def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
     a, fewer = two["A"], two["fewer"]
     assert isinstance(draws.posterior("A"), FrequencyPosterior)
     for i in range(13):
-        values, k, n = draws.values("A", f"q_{i + 1}"), a.n_equal[i] + 1, a.n_trials[i] + 2
+        values, k, n = draws.values("A", f"q_{i + 1}"), a.n_yes[i] + 1, a.n_trials[i] + 2
         sd = np.sqrt(k * (n - k) / n**2 / (n + 1))
         # 13 means at 4.5 standard errors: a false alarm in ten thousand such tests.
         assert values.mean() == pytest.approx(k / n, abs=4.5 * sd / np.sqrt(values.size))

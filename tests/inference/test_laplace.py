@@ -32,8 +32,8 @@ def _joint(subject, theta):
         return -np.inf
     sp = np.sqrt(v)
     q = bt.model.equal_probability(subject.s1, subject.s2, mu1, sp, np.sqrt(small), q0)
-    rest = subject.n_trials - subject.n_equal
-    likelihood = (subject.n_equal * np.log(q) + rest * np.log1p(-q)).sum()
+    rest = subject.n_trials - subject.n_yes
+    likelihood = (subject.n_yes * np.log(q) + rest * np.log1p(-q)).sum()
     prior = -0.5 * (mu1 / 10) ** 2 - np.log(10 * np.sqrt(2 * np.pi)) - 0.5 * v + 0.5 * np.log(2 / np.pi) - np.log(2 * sp**3)
     return likelihood + prior
 

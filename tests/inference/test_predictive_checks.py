@@ -46,7 +46,7 @@ def test_the_fit_at_a_maximum(small_study):
     posterior = bt.model.posterior_of(subject)
     fit = gof.fit_at(posterior, find_maxima(posterior).x[0])
     assert fit.degrees_of_freedom == 9
-    assert (np.sign(fit.residual) == np.sign(subject.n_equal / subject.n_trials - fit.q)).all()
+    assert (np.sign(fit.residual) == np.sign(subject.n_yes / subject.n_trials - fit.q)).all()
     assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
     assert fit.p_value > 0.999
@@ -69,8 +69,8 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
     again = rng.binomial(subject.n_trials, np.repeat(q, 25, axis=0))
     error = 5 * 0.5 / np.sqrt(len(again))
     assert found.expected == pytest.approx(q.mean(axis=0))
-    assert found.p_fewer == pytest.approx((again <= subject.n_equal).mean(axis=0), abs=error)
-    assert found.p_more == pytest.approx((again >= subject.n_equal).mean(axis=0), abs=error)
+    assert found.p_fewer == pytest.approx((again <= subject.n_yes).mean(axis=0), abs=error)
+    assert found.p_more == pytest.approx((again >= subject.n_yes).mean(axis=0), abs=error)
     assert (found.p_value <= 1).all()
     assert gof.predictive_check(posterior, x, seed=1).p_overall == found.p_overall
     with pytest.raises(NumericalError, match="draws must have shape"):
@@ -109,7 +109,7 @@ def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
 
 def test_a_misfit_names_its_worst_pairs(small_study):
     subject = small_study["A"]
-    odd = subject.n_equal.copy()
+    odd = subject.n_yes.copy()
     odd[[2, 5]] = subject.n_trials[[2, 5]] - odd[[2, 5]]
     bent = bt.Subject("bent", subject.s1, subject.s2, odd, subject.n_trials)
     for one, misfit in ((subject, False), (bent, True)):
@@ -121,7 +121,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
         assert found.p_deviance == pytest.approx(gof.fit_at(posterior, best[0]).p_value, rel=1e-10)
         worst = found.worst[0]
         at = int(np.flatnonzero((one.s1 == worst.s1) & (one.s2 == worst.s2))[0])
-        assert worst.observed == one.n_equal[at] / one.n_trials[at]
+        assert worst.observed == one.n_yes[at] / one.n_trials[at]
         assert at == np.argmax(gof.deviance(posterior, best)[0])
 
 

@@ -66,5 +66,5 @@ def test_nothing_is_lost_by_the_window(subject, found):
 
 
 def test_a_constant_and_a_factor_change_no_probability(subject, found):
-    moved = Subject(subject.name, 3.0 * subject.s1 + 2.0, 3.0 * subject.s2 + 2.0, subject.n_equal, subject.n_trials)
+    moved = Subject(subject.name, 3.0 * subject.s1 + 2.0, 3.0 * subject.s2 + 2.0, subject.n_yes, subject.n_trials)
     assert np.abs(by_order(space_evidence(moved, DEFAULT, SPACE, 1).log_evidence) - by_order(found.log_evidence)).max() < 1e-9

@@ -111,7 +111,7 @@ def test_free_weighting_is_hellstroms_form():
 
 def _natural_evidence(subject, q_of, box, log_prior):
     """Log evidence by adaptive cubature in natural coordinates; answers and prior as they are written on paper."""
-    k, n = subject.n_equal, subject.n_trials
+    k, n = subject.n_yes, subject.n_trials
 
     def log_joint(theta):
         q = q_of(theta)

@@ -58,7 +58,7 @@ def evidence_of(subject, model, prior=None):
 
 @pytest.mark.parametrize("model", IGNORING, ids=lambda model: model.name)
 def test_models_without_a_memory_pool_the_answers_over_intervals(model):
-    pooled = Subject.from_counts("a", OF_WALK.s1, OF_WALK.s2, OF_WALK.n_equal, OF_WALK.n_trials)
+    pooled = Subject.from_counts("a", OF_WALK.s1, OF_WALK.s2, OF_WALK.n_yes, OF_WALK.n_trials)
     assert pooled.n_pairs * 3 == OF_WALK.n_pairs
     x = posterior_of(pooled, model=model).sample_prior(np.random.default_rng(1), 500)
     assert posterior_of(OF_WALK, model=model).log_density(x) == pytest.approx(posterior_of(pooled, model=model).log_density(x), rel=1e-12)
@@ -92,7 +92,7 @@ def test_evidence_without_lapses_agrees_with_brute_force():
         mesh = np.meshgrid(6.0 * u, 2.5 * (1 + v), (1 + g) / 2, indexing="ij")
         mu1, sigma_p, sigma_l = mesh[0], mesh[1], mesh[1] * np.sqrt(mesh[2])
         total = np.ones(mu1.shape)
-        for s1, s2, k, n, isi in zip(WEAK.s1, WEAK.s2, WEAK.n_equal, WEAK.n_trials, WEAK.isi, strict=True):
+        for s1, s2, k, n, isi in zip(WEAK.s1, WEAK.s2, WEAK.n_yes, WEAK.n_trials, WEAK.isi, strict=True):
             evolved = evolve(update(steady_prior(mu1, sigma_p * np.sqrt(isi), sigma_l), s1, sigma_l), sigma_p, isi)
             q = 2.0 ** -np.square(comparison_distance(evolved, s2, sigma_l))
             total *= q**k * (1 - q) ** (n - k)
@@ -112,7 +112,7 @@ def test_evidence_of_the_mean_reverting_memory_is_the_prior_average_of_its_filte
     gain, rho, q0 = rng.uniform(size=(3, size))
     noise = sigma1 * np.sqrt(1 / gain - 1)
     logs = np.zeros(size)
-    for s1, s2, k, n, isi in zip(WEAK.s1, WEAK.s2, WEAK.n_equal, WEAK.n_trials, WEAK.isi, strict=True):
+    for s1, s2, k, n, isi in zip(WEAK.s1, WEAK.s2, WEAK.n_yes, WEAK.n_trials, WEAK.isi, strict=True):
         variance = sigma1**2 * (1 - rho ** (2 * isi) * gain)
         q = q0 * 2.0 ** -np.square(comparison_distance(Gaussian(mu1 + rho**isi * gain * (s1 - mu1), variance), s2, noise))
         with np.errstate(divide="ignore"):
@@ -129,7 +129,7 @@ def test_starts_find_the_maxima_of_intervals_far_from_one_second():
     # the higher of two maxima, by 52 nats, and another had no two walkers apart.
     case = CASES["reversed answers"]
     isi = np.array([500.0, 200.0, 1000.0, 1000.0, 1000.0, 1000.0, 1000.0, 200.0, 200.0, 200.0, 1000.0, 1000.0, 1000.0])
-    subject = Subject("far", case.s1, case.s2, case.n_equal, case.n_trials, isi)
+    subject = Subject("far", case.s1, case.s2, case.n_yes, case.n_trials, isi)
     found = [sample_model(subject, "no lapses", draws=300, seed=seed) for seed in range(1, 6)]
     assert all(one.converged for one in found)
     assert np.ptp([one.log_evidence for one in found]) < 6 * np.hypot(found[0].log_evidence_se, found[1].log_evidence_se)
@@ -158,7 +158,7 @@ def test_intervals_tell_gain_and_memory_apart():
 def test_a_left_out_pair_at_its_interval_by_evidence_and_by_smoothed_weights():
     made = sample_model(OF_MEMORY, "mean-reverting memory", draws=4000, seed=3)
     answers = made.target.log_answers(made.chains.x.reshape(-1, 5))
-    found = leave_one_out(*answers, OF_MEMORY.n_equal, OF_MEMORY.n_trials, unit="pair")
+    found = leave_one_out(*answers, OF_MEMORY.n_yes, OF_MEMORY.n_trials, unit="pair")
     pair = int(np.argmin(found.pareto_k[0]))
     rest = log_evidence_without(made.target, pair, np.random.default_rng(1))
     assert made.log_evidence - rest == pytest.approx(found.values[0, pair], abs=0.03)

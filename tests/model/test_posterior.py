@@ -32,7 +32,7 @@ def test_pairs_add_up_and_counts_weigh():
     x = np.random.default_rng(1).normal(size=(20, 4))
     posterior = posterior_of(s)
     assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(posterior.log_likelihood(x), rel=1e-13)
-    thrice = posterior_of(Subject("x3", s.s1, s.s2, 3 * s.n_equal, 3 * s.n_trials))
+    thrice = posterior_of(Subject("x3", s.s1, s.s2, 3 * s.n_yes, 3 * s.n_trials))
     assert thrice.log_likelihood(x) == pytest.approx(3 * posterior.log_likelihood(x), rel=1e-13)
 
 
@@ -52,7 +52,7 @@ def test_trials_one_by_one_have_the_likelihood_of_their_counts():
 def test_shifting_stimuli_and_prior_mean_together_changes_nothing():
     s = CASES["funnel"]
     x = np.random.default_rng(3).normal(size=(20, 4))
-    shifted = posterior_of(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_equal, s.n_trials), Prior(mu1_mean=3.0))
+    shifted = posterior_of(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_yes, s.n_trials), Prior(mu1_mean=3.0))
     assert shifted.log_density(x) == pytest.approx(posterior_of(s, Prior()).log_density(x), rel=1e-10)
 
 

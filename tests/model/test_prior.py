@@ -413,7 +413,7 @@ def test_the_summary_says_what_the_prior_rules(small_study):
     # one trial a pair tells nearly nothing of gamma; fifty thousand tell everything
     s1, s2 = small_study["A"].s1, small_study["A"].s2
     few = bt.Subject("few", s1, s2, np.ones(len(s1), int), np.ones(len(s1), int))
-    many = bt.Subject("many", s1, s2, 1000 * small_study["A"].n_equal, 1000 * small_study["A"].n_trials)
+    many = bt.Subject("many", s1, s2, 1000 * small_study["A"].n_yes, 1000 * small_study["A"].n_trials)
     summary = bt.sample(bt.Study([few, many]), draws=500, seed=1, workers=1).summary()
     assert "contraction" in summary.columns
     of = summary.set_index(["subject", "parameter"])["contraction"]

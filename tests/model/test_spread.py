@@ -21,7 +21,7 @@ def own(icc):
 
 
 def ways(subject):
-    return gammaln(subject.n_trials + 1) - gammaln(subject.n_equal + 1) - gammaln(subject.n_trials - subject.n_equal + 1)
+    return gammaln(subject.n_trials + 1) - gammaln(subject.n_yes + 1) - gammaln(subject.n_trials - subject.n_yes + 1)
 
 
 @pytest.mark.parametrize("icc", [0.001, 0.1, 0.5, 0.97])

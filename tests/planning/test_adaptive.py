@@ -22,7 +22,7 @@ LEVELS = np.linspace(-0.75, 1.25, 9)
 PAIRS = [(a, b) for a in LEVELS for b in LEVELS]
 DESIGN = each_once(*np.transpose(PAIRS))
 EACH, PRIOR = DESIGN.unanswered, prior_of([DESIGN], None)
-KEYS = ("s1", "s2", "n_equal", "n_trials")
+KEYS = ("s1", "s2", "n_yes", "n_trials")
 THREE = ("symmetric", "constant bias", "predictive update")
 
 

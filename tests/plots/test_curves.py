@@ -36,7 +36,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
         theta = analysis.draws.natural("A")
         assert q[-1] == pytest.approx(float(bt.model.equal_probability(s1, s2, *theta).mean()), abs=0.01)
         at = np.flatnonzero((subject.s1 == s1) & (subject.s2 == s2))[0]
-        qhat = (subject.n_equal[at] + 1) / (subject.n_trials[at] + 2)
+        qhat = (subject.n_yes[at] + 1) / (subject.n_trials[at] + 2)
         assert q[-1] == pytest.approx(qhat, abs=0.15)
     words_are_apart(figure)
     assert ax.get_ylabel() == "P('equal')"

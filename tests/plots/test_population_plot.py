@@ -73,7 +73,7 @@ def test_many_subjects_are_sorted_without_names():
 
 def test_curves_are_of_a_new_subject_and_points_of_all_answers(few, drawn):
     ax, study = drawn["new subject"], few.study
-    k, n = (np.sum([getattr(one, key) for one in study], axis=0) for key in ("n_equal", "n_trials"))
+    k, n = (np.sum([getattr(one, key) for one in study], axis=0) for key in ("n_yes", "n_trials"))
     at = study.subjects[0].s1 < study.subjects[0].s2
     points = next(bars[0] for bars in ax.containers if bars.get_label() == ORDERS[-1].label)
     assert np.asarray(points.get_ydata()) == pytest.approx(laplace_estimate(k, n)[at])

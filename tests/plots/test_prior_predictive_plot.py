@@ -18,7 +18,7 @@ def test_bands_are_the_prior_s_and_points_the_subjects(small_study):
         assert drawn == pytest.approx(np.quantile(found.equal, [low, high], axis=0))
     points = {line.get_color(): np.asarray(line.get_ydata()) for line in ax.lines}
     for sign, mark in ORDERS.items():
-        expected = [(k / n)[np.sign(one.s1 - one.s2) == sign] for one in small_study for k, n in [(one.n_equal, one.n_trials)]]
+        expected = [(k / n)[np.sign(one.s1 - one.s2) == sign] for one in small_study for k, n in [(one.n_yes, one.n_trials)]]
         assert np.sort(points[mark.colour]) == pytest.approx(np.sort(np.concatenate(expected)))
 
 

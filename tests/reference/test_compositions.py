@@ -27,7 +27,7 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
     for key, case in CASES.items():
         name, model = key.split(": ")
         s = SUBJECTS[name]
-        columns = np.column_stack((s.s1, s.s2, s.n_equal.astype(float), s.n_trials.astype(float)))
+        columns = np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float)))
         assert case["counts"] == hashlib.sha256(columns.tobytes()).hexdigest()
         assert case["prior"] == model_named(model).describe(PRIOR)
         assert case["method"] == METHOD

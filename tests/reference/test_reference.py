@@ -23,7 +23,7 @@ SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_s
 def test_stored_cases_belong_to_todays_counts_and_prior():
     for name, case in STORED["cases"].items():
         s = SUBJECTS[name]
-        columns = np.column_stack((s.s1, s.s2, s.n_equal.astype(float), s.n_trials.astype(float)))
+        columns = np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float)))
         assert case["counts"] == hashlib.sha256(columns.tobytes()).hexdigest()
         assert case["prior"] == bt.Prior().describe()
         assert case["log_evidence_error"] <= 1.01e-4

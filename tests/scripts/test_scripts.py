@@ -44,7 +44,7 @@ def folder(tmp_path_factory, small_study):
     """Two subjects, one with a name that no file may have, and their draws."""
     folder = tmp_path_factory.mktemp("scripts")
     a, b, _ = small_study
-    grouped_csv(folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_equal, b.n_trials)]))
+    grouped_csv(folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_yes, b.n_trials)]))
     (folder / "taken.png").write_bytes(b"precious")
     done = call("sample_posteriors.py", "study.csv", "-o", "p.nc", "--draws", "500", "--seed", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
