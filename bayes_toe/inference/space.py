@@ -88,14 +88,9 @@ class SpaceEvidence:
 def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed: int, *, window: float = WINDOW) -> SpaceEvidence:
     """The log evidence of every model; random streams are keyed by seed, subject and model."""
     numbers = prior.at(subject)
-    values, own = np.empty(len(models)), dict[int, tuple[Family, int]]()
-    for family, places in families(subject, numbers, models):
-        values[places] = family.laplace
-        own |= {place: (family, i) for i, place in enumerate(places)}
-    within = np.flatnonzero(~(values < np.nanmax(values) - window))  # Laplace's value does not exist for some, which are NaN
+    values, counting = laplace_evidences(subject, numbers, models, window)
     sampled, bounds, notes = dict[int, Sampled](), np.full(len(models), np.inf), list[str]()
-    for place in within.tolist():
-        family, i = own[place]
+    for place, (family, i) in counting.items():
         rng = generator(seed, subject.name, models[place].name, "space")
         mode, cloud = family.cloud(i, rng)
         fitted = with_trusted_draws(quick_proposal(models[place].posterior(subject, numbers), mode, cloud, rng), rng)
@@ -109,12 +104,24 @@ def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed
     return SpaceEvidence(subject, numbers, tuple(models), values, bounds, sampled, tuple(notes))
 
 
-def families(subject: Subject, prior: Prior, models: Sequence[Model]) -> list[tuple[Family, list[int]]]:
-    """Models that differ in what a largest one has more, with their places among all."""
-    found: dict[object, list[int]] = {}
+def laplace_evidences(
+    subject: Subject, prior: Prior, models: Sequence[Model], window: float = WINDOW
+) -> tuple[FloatArray, dict[int, tuple[Family, int]]]:
+    """Laplace's log evidence of every model, (models,), NaN where it does not exist; by place, family and place in it of those that count.
+
+    These are the models within the window of the best, nats, and those that have none. Models that are the largest one of them with some
+    coordinates fixed are one family.
+    """
+    families: dict[object, list[int]] = {}
     for place, model in enumerate(models):
-        found.setdefault((model.pull, model.coordinates[0], model.link_without_lapses, model.spread), []).append(place)
-    return [(Family(subject, prior, [models[i] for i in places]), places) for places in found.values()]
+        families.setdefault((model.pull, model.coordinates[0], model.link_without_lapses, model.spread), []).append(place)
+    values, own = np.empty(len(models)), dict[int, tuple[Family, int]]()
+    for places in families.values():
+        family = Family(subject, prior, [models[place] for place in places])
+        values[places] = family.laplace
+        own |= {place: (family, i) for i, place in enumerate(places)}
+    within = np.flatnonzero(~(values < np.nanmax(values) - window))
+    return values, {place: own[place] for place in within.tolist()}
 
 
 class Family:
