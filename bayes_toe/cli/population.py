@@ -25,13 +25,14 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
-from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, STATED, compared, conclusion
+from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.comparison.population_answer import OnAverage
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.population_table import PopulationRow
     from bayes_toe.groups.predictive_check import PredictiveCheck
@@ -44,14 +45,6 @@ _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
 CORRELATED = "correlations between subjects, mean (5 %, 95 %)"
 _SIDES = ("a difference", "no difference")
-#: What is said up to a probability of none on average, as of one subject; above the last, 'none on average'.
-_ON_AVERAGE = (
-    (HAS, "one on average"),
-    (PROBABLY_HAS, "probably one on average"),
-    (PROBABLY_NONE, "undecided on average"),
-    (NONE, "probably none on average"),
-)
-_FAR = 5.0  # posterior sds of a mean from 0
 _PULLING = ("pull", "gain", "offset")
 
 
@@ -170,15 +163,19 @@ def say_attention(console: Console, found: Population, contradicted: Sequence[st
 
 def answer(found: Population) -> list[str]:
     """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
+    from bayes_toe.comparison.population_answer import on_average
     from bayes_toe.groups.asymmetries import OVERALL
 
-    begin, pairs, both = "[bold]order effect of the population[/bold]", found.asymmetries, _order_rows(found)
+    begin, pairs, average = "[bold]order effect of the population[/bold]", found.asymmetries, on_average(found)
     names = list(found.not_described)
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
-    lines = [f"{begin}{reference(found)}: {_on_average(found)}; {counted(len(found.study), 'subject')}, {safe(described)}"] if both else []
-    if not both or _averages(both)[()] <= PROBABLY_HAS:
-        lines += [_direction(found, "[bold]direction[/bold]: " if both else f"{begin}: ")]
-    if not both:
+    lines = list[str]()
+    if average is not None:
+        who = counted(len(found.study), "subject")
+        lines += [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
+    if average is None or average.has:
+        lines += [_direction(found, f"{begin}: " if average is None else "[bold]direction[/bold]: ")]
+    if average is None:
         means = {row.parameter: _median(row) for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
         lines += [f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}"]
@@ -186,53 +183,13 @@ def answer(found: Population) -> list[str]:
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
 
-def _averages(rows: Sequence[PopulationRow]) -> dict[tuple[str, ...], float]:
-    """Probability of no mean effect, of each kind alone and of all, as probable beforehand; by their Bayes factors against all."""
-    both, *means = rows
-    none = {row.parameter: _bounded(row) for row in means}
-    joint = math.prod(none.values()) if both.bf_zero is None else both.bf_zero
-    factors: dict[tuple[str, ...], float] = {
-        (): joint,
-        **{(kind,): math.prod(none[one] for one in none if one != kind) for kind in none},
-        tuple(none): 1.0,
-    }
-    return {kinds: factor / math.fsum(factors.values()) for kinds, factor in factors.items()}
-
-
-def _bounded(row: PopulationRow) -> float:
-    """The Bayes factor of none, or about what it can be at most."""
-    if row.bf_zero is not None:
-        return row.bf_zero
-    far = abs(row.mean) > _FAR * row.sd  # no draw is near 0, so that none can carry an estimate
-    return 0.0 if far else 1.0 if row.bf_below is None else min(row.bf_below, 1.0)
-
-
-def _order_rows(found: Population) -> list[PopulationRow]:
-    """Means that may be none: both together, then each; empty where the model has none."""
-    rows = [row for kind in ("order effect", "pull", "constant error") for row in found.table.some("mean", kind)]
-    return [row for row in rows if row.bf_error is not None or row.bf_below is not None]
-
-
-def _on_average(found: Population) -> str:
-    """Whether there is an order effect on average, of which kind, how far subjects differ; then both means and both sds."""
-    (both, *means), spread = _order_rows(found), found.table.some("sd", "order effect")
-    average = _averages([both, *means])
-    p = average[()]
-    share = {row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds) / (1.0 - p) for row in means if p < 1.0}
-    side = next((words for most, words in _ON_AVERAGE if p <= most), "none on average")
-    kinds = " and ".join(f"a {kind}" for kind in share if share[kind] >= PROBABLY_NAMED)
-    said = f"{side}: {kinds or 'which kind is open'}" if p <= PROBABLY_HAS else side
-    if spread and spread[0].q05 > SMALL:
-        said += ", but subjects differ, with effects of either sign" if p > PROBABLY_HAS else ", and subjects differ"
-    parts = [f"P of none {compared(p)}"] + ([f"Bayes factor of none {_factor(both)}"] if len(means) > 1 else [])
-    for row in means:
+def _on_average(found: Population, said: OnAverage) -> str:
+    """Whether there is an order effect on average; then both means and both sds."""
+    parts = [f"P of none {compared(said.p_none)}"] + [f"Bayes factor of none {said.both.of_none}"] * (len(said.means) > 1)
+    for row in said.means:
         (sd,) = found.table.some("sd", row.parameter)
-        parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {_factor(row)}, sd between subjects {_shown(sd.mean, sd)}")
-    return f"{said} ({'; '.join(parts)})"
-
-
-def _factor(row: PopulationRow) -> str:
-    return "-" if row.bf_zero is None is row.bf_below else f"< {row.bf_below:.2g}" if row.bf_zero is None else f"{row.bf_zero:.2g}"
+        parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {row.of_none}, sd between subjects {_shown(sd.mean, sd)}")
+    return f"{said.words} ({'; '.join(parts)})"
 
 
 def _direction(found: Population, begin: str) -> str:
@@ -251,14 +208,13 @@ def _direction(found: Population, begin: str) -> str:
 
 def effect(row: PopulationRow) -> dict[Any, Any]:
     """One effect of a covariate, as a table shows it."""
-    bound = row.bf_no_difference is None
+    bound, words = row.bf_no_difference is None, conclusion(None)
     found = row.bf_below if bound else row.bf_no_difference
-    factor, words = "-", conclusion(None)
-    if found is not None and not (bound and found >= 1.0):  # a bound that says nothing
+    if found is not None and row.of_none != "-":
         nats = -math.log(found) if found > 0.0 else math.inf  # for a difference; a factor may be below the smallest float
-        factor, words = f"{'< ' * bound}{found:.2g}", f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
+        words = f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
     said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": _sign(row)}
-    return {**said, "BF no difference": factor, "evidence": words}
+    return {**said, "BF no difference": row.of_none, "evidence": words}
 
 
 def scales(found: Population) -> list[dict[Any, Any]]:

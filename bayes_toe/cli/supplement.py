@@ -204,11 +204,12 @@ def group_table(found: Population) -> SupplementTable:
             row.level,
             f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
             _NOTHING if row.p_direction is None else _probability(row.p_direction),
-            _NOTHING if row.bf_no_difference is None else f"{row.bf_no_difference:.2g}",
+            _NOTHING if row.of_none == "-" else row.of_none,
             f"{row.ess_bulk:.0f}",
             f"{row.r_hat:.3f}",
         )
         for row in found.table
     )
-    head = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF no difference", "bulk ESS", "R-hat")
-    return SupplementTable("population", f"The population under the model {found.settings.model}.", frame, head, rows)
+    head = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF of none", "bulk ESS", "R-hat")
+    caption = f"The population under the model {found.settings.model}. BF of none: Bayes factor of a mean of 0, or of no difference."
+    return SupplementTable("population", caption, frame, head, rows)

@@ -76,6 +76,14 @@ class PopulationRow(NamedTuple):
     bf_error: float | None = None
     bf_below: float | None = None
 
+    @property
+    def of_none(self) -> str:
+        """The Bayes factor of 0, of a mean or an effect, or a bound that says something, in words; else a dash."""
+        value = self.bf_no_difference if self.bf_zero is None else self.bf_zero
+        if value is not None:
+            return f"{value:.2g}"
+        return "-" if self.bf_below is None or self.bf_below >= 1.0 else f"< {self.bf_below:.2g}"
+
 
 @dataclass(frozen=True, eq=False)
 class PopulationTable(Table[PopulationRow]):

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import presentation_order
+from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
@@ -98,13 +99,17 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
 
 
 def _heading(found: Population) -> str:
-    """How many subjects under which model, whether to believe it, how they answer in both orders, and where a typical subject is."""
-    said = []
-    if found.asymmetries is not None:
+    """How many subjects under which model, whether to believe it, what is said of them on average, and where a typical subject is."""
+    answer, said = on_average(found), list[str]()
+    if answer is None and found.asymmetries is not None:
         draws = found.asymmetries.draws[:, :, 0, 0]
         said.append(f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {_direction(float((draws > 0.0).mean()))}")
-    mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
-    said += [f"{name} {said_interval(np.quantile(mean[name], MARKED))}" for name in _main_quantities(found)[:2]]
+    if answer is None:
+        mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
+        said += [f"{name} {said_interval(np.quantile(mean[name], MARKED))}" for name in _main_quantities(found)[:2]]
+    else:
+        factors = ", ".join(f"{row.parameter} {row.of_none}" for row in answer.means)
+        said += [f"order effect: {answer.words} (P of none {compared(answer.p_none)})\nBayes factors of a mean of 0: {factors}"]
     model = found.settings.model + (" (synthetic data)" if found.study.synthetic else "")
     badge = "" if found.converged else "NOT CONVERGED, not to be reported as it stands\n"
     return f"{badge}Population of {len(found.study)} subjects: {model}\n{'; '.join(said)}"

@@ -189,14 +189,18 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     text, printed = document(tmp_path)
     assert "Population" not in text
     assert "population.csv: left out" in printed
-    found = made_up(small_study)
+    found = made_up(small_study, model="free weighting")
     found.save(tmp_path / "population.nc")
     text, printed = document(tmp_path)
     assert "left out" not in printed
-    assert "3 subjects were also analysed together (model: predictive update; root seed 0)" in text
+    assert "3 subjects were also analysed together (model: free weighting; root seed 0)" in text
     assert "without correlations between parameters" in text
     rows = pd.read_csv(tmp_path / "text" / "m_population.csv")
     assert np.array_equal(rows["q50"], found.summary()["q50"])
+    table = (tmp_path / "text" / "m_population.tex").read_text(encoding="utf-8")
+    said = [row.of_none for row in found.table.some("mean") if row.parameter in ("pull", "constant error")]
+    assert "BF of none" in table
+    assert [one for one in said if f"& {one.replace('<', chr(92) + 'textless{}')} &" not in table] == []
     other = bt.Study([*small_study.subjects[:2], replace(small_study["C"], n_yes=small_study["C"].n_yes - 1)])
     made_up(other).save(tmp_path / "population.nc", overwrite=True)
     assert "population.nc: found other answers than the draws have of C" in refused(tmp_path, "-o", tmp_path / "n.md")

@@ -92,6 +92,19 @@ def test_of_students_population():
     assert one.error < 0.02
 
 
+def test_where_subjects_are_all_one_it_is_that_of_their_mean():
+    """Given a scatter of next to nothing the density of the mean is a spike at the subjects; over draws it is the posterior's, a normal."""
+    rng, mean = np.random.default_rng(6), 0.05 + 0.1 * np.random.default_rng(7).standard_normal((16, 400))
+    four, scatter = np.ones(4), 1e-6
+    eta = mean[..., None] + scatter * rng.standard_normal((*mean.shape, N))
+    found = made_up(people(), mean=mean[..., None] * four, eta=eta[..., None] * four, scatter=scatter, **WEIGHTING)
+    given = found.settings.hyperprior.numbers(found.names)
+    exact = stats.norm.pdf(0.0, 0.05, 0.1) / stats.norm.pdf(0.0, 0.0, given.mean_sd[found.names.index("gain")])
+    one = savage_dickey(found).means["gain"]
+    assert one.value == pytest.approx(exact, rel=5 * one.error)
+    assert one.error < 0.1
+
+
 def test_few_draws_that_carry_all_are_no_estimate():
     logs = np.zeros(SIZE)
     logs[3, 7] = 40.0

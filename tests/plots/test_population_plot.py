@@ -1,5 +1,6 @@
 """The figure of a population, by what is drawn in it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -125,5 +126,10 @@ def test_the_title_says_who_and_whether_to_believe_it(drawn):
     title = drawn["check"].get_figure(root=True).get_suptitle()
     assert title.startswith("Population of 3 subjects: predictive update\nasymmetry ")
     assert "pull 0." in title
+    weighted = made_population(np.array([0.0, 0.0, -1.2, 1.4]) + 0.01 * np.arange(3)[:, None], model="free weighting")
+    _, answer, factors = bt.plots.population_figure(weighted).get_suptitle().split("\n")
+    assert re.fullmatch(r"order effect: .* on average.* \(P of none = 0\.\d\d\)", answer)
+    of = {row.parameter: row.of_none for row in weighted.table.some("mean")}
+    assert factors == f"Bayes factors of a mean of 0: pull {of['pull']}, constant error {of['constant error']}"
     unfinished = bt.plots.population_figure(made_population(ordinary(3), reason="few draws"))
     assert unfinished.get_suptitle().startswith("NOT CONVERGED")

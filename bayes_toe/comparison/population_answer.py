@@ -1,0 +1,97 @@
+"""Whether a population has an order effect on average, of which kind, and whether its subjects differ: probabilities and words.
+
+Beforehand no mean effect, a mean pull, a mean constant error and both are equally probable; their Bayes factors are those of
+:mod:`bayes_toe.groups.savage_dickey`, where no effect on average means that both means are 0, whatever single subjects do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL
+from bayes_toe.groups.population import Population
+from bayes_toe.groups.population_table import ORDER_EFFECT, PopulationRow
+from bayes_toe.groups.savage_dickey import ORDER_EFFECTS
+
+#: What is said up to a probability of none on average, as of one subject; above the last, 'none on average'.
+_WORDS = (
+    (HAS, "one on average"),
+    (PROBABLY_HAS, "probably one on average"),
+    (PROBABLY_NONE, "undecided on average"),
+    (NONE, "probably none on average"),
+)
+_FAR = 5.0  # posterior sds of a mean from 0
+
+
+@dataclass(frozen=True)
+class OnAverage:
+    """What is said of the means that may be none.
+
+    Attributes
+    ----------
+    p_none : float
+        Probability of no effect on average.
+    shares : mapping of str to float
+        Probability that a kind, alone or with the other, is on average, if there is an effect.
+    both : PopulationRow
+        Size of the order effect at both means, with the Bayes factor of none.
+    means : tuple of PopulationRow
+        Each mean, with its own.
+    differ : bool
+        Whether subjects differ by more than a small effect.
+    """
+
+    p_none: float
+    shares: Mapping[str, float]
+    both: PopulationRow
+    means: tuple[PopulationRow, ...]
+    differ: bool
+
+    @property
+    def has(self) -> bool:
+        """Whether there is, or probably is, an effect on average."""
+        return self.p_none <= PROBABLY_HAS
+
+    @property
+    def words(self) -> str:
+        """One clause: 'one on average: a pull, and subjects differ'."""
+        side = next((words for most, words in _WORDS if self.p_none <= most), "none on average")
+        kinds = " and ".join(f"a {kind}" for kind, share in self.shares.items() if share >= PROBABLY_NAMED)
+        said = f"{side}: {kinds or 'which kind is open'}" if self.has else side
+        differ = ", and subjects differ" if self.has else ", but subjects differ, with effects of either sign"
+        return said + differ * self.differ
+
+
+def on_average(found: Population) -> OnAverage | None:
+    """Of a population; None where its model has no mean that may be none."""
+    rows = [row for kind in (ORDER_EFFECT, *ORDER_EFFECTS.values()) for row in found.table.some("mean", kind)]
+    rows = [row for row in rows if (row.bf_zero, row.bf_below) != (None, None)]
+    if not rows:
+        return None
+    both, *means = rows
+    average = _averages(both, means)
+    p, spread = average[()], found.table.some("sd", ORDER_EFFECT)
+    shares = {row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds) / (1.0 - p) for row in means if p < 1.0}
+    return OnAverage(p, shares, both, tuple(means), bool(spread) and spread[0].q05 > SMALL)
+
+
+def _averages(both: PopulationRow, means: Sequence[PopulationRow]) -> dict[tuple[str, ...], float]:
+    """Probability of no mean effect, of each kind alone and of all, by their Bayes factors against all."""
+    none = {row.parameter: _bounded(row) for row in means}
+    joint = math.prod(none.values()) if both.bf_zero is None else both.bf_zero
+    factors: dict[tuple[str, ...], float] = {
+        (): joint,
+        **{(kind,): math.prod(none[one] for one in none if one != kind) for kind in none},
+        tuple(none): 1.0,
+    }
+    return {kinds: factor / math.fsum(factors.values()) for kinds, factor in factors.items()}
+
+
+def _bounded(row: PopulationRow) -> float:
+    """The Bayes factor of none, or about what it can be at most."""
+    if row.bf_zero is not None:
+        return row.bf_zero
+    far = abs(row.mean) > _FAR * row.sd  # no draw is near 0, so that none can carry an estimate
+    return 0.0 if far else 1.0 if row.bf_below is None else min(row.bf_below, 1.0)
