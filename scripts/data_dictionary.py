@@ -352,9 +352,8 @@ FILES = (
         "power_population.csv", "`power --population`", "design, kind and number of subjects of a study, and quantity", POPULATION_COLUMNS, (),
         _PLANNED | {
             "subjects": "Subjects of a study.",
-            "quantity": "How often an order effect is found: in some pair (simultaneous 95 % band of the asymmetries), on average over pairs "
-            "(P(direction) above 0.975), or with the wrong sign; mean widths of 90 % intervals of what is said of the group; how often the "
-            "analysis warned.",
+            "quantity": "How often `population` says an order effect on average (for sure or probably), names a pull or a constant error, or "
+            "says none; mean widths of 90 % intervals of means and sds; how often the analysis warned.",
             "value": "The share or the mean.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
             "studies": "Over how many simulated studies.",
         },

@@ -55,11 +55,15 @@ class OnAverage:
         return self.p_none <= PROBABLY_HAS
 
     @property
+    def named(self) -> tuple[str, ...]:
+        """Kinds that are said, for sure or probably."""
+        return tuple(kind for kind, share in self.shares.items() if self.has and share >= PROBABLY_NAMED)
+
+    @property
     def words(self) -> str:
         """One clause: 'one on average: a pull, and subjects differ'."""
         side = next((words for most, words in _WORDS if self.p_none <= most), "none on average")
-        kinds = " and ".join(f"a {kind}" for kind, share in self.shares.items() if share >= PROBABLY_NAMED)
-        said = f"{side}: {kinds or 'which kind is open'}" if self.has else side
+        said = f"{side}: {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}" if self.has else side
         differ = ", and subjects differ" if self.has else ", but subjects differ, with effects of either sign"
         return said + differ * self.differ
 

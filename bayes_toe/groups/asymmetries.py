@@ -68,12 +68,9 @@ class Asymmetries:
     kept: IndexArray
 
 
-def asymmetries(found: Population, pairs: FloatArray | None = None) -> Asymmetries | None:
-    """Of a population; None where no pair of different stimuli was presented in both orders.
-
-    `pairs`, weaker and stronger stimulus and interval where there are any, (comparisons, 2 or 3), asks for these instead.
-    """
-    pairs = _both_orders(found.study) if pairs is None else pairs
+def asymmetries(found: Population) -> Asymmetries | None:
+    """Of a population; None where no pair of different stimuli was presented in both orders."""
+    pairs = _both_orders(found.study)
     if not len(pairs):
         return None
     s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()

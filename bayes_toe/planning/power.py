@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from scipy.special import betaincinv, ndtri
@@ -32,21 +32,15 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of power.csv and of power_data_sets.csv.
-POWER_COLUMNS = ("design", "trials", "observers", "quantity", "value", "low", "high", "data_sets")
-_LOG_EVIDENCES = ("log_evidence_none", "log_evidence_constant_error", "log_evidence_update")
-_PROBABILITIES = ("p_none", "p_constant_error", "p_update")
 #: Quantities of the update of which the expected width of the 90 % interval is told.
 WIDTHS = ("gain", "mu1", "width")
+#: Columns of power.csv and of power_data_sets.csv.
+POWER_COLUMNS = ("design", "trials", "observers", "quantity", "value", "low", "high", "data_sets")
+_EACH = ("none", "constant_error", "update")
 DATA_SET_COLUMNS = (
-    "design",
-    "trials",
-    "observer",
-    "kind",
-    "effect",
-    "kind_named",
-    *_LOG_EVIDENCES,
-    *_PROBABILITIES,
+    *("design", "trials", "observer", "kind", "effect", "kind_named"),
+    *(f"log_evidence_{one}" for one in _EACH),
+    *(f"p_{one}" for one in _EACH),
     *(f"{name}_90" for name in WIDTHS),
 )
 #: What is counted: whether an order effect is said, the observer's kind, or another; 'probably' counts, and negligible effects are none.
@@ -54,6 +48,8 @@ FOUND, NAMED, WRONG = "effect found", "kind named", "another kind named"
 #: Kinds in a sentence.
 WORDS = {NONE: "no order effect", CONSTANT_ERROR: "a constant error", UPDATE: "a pull"}
 _LEVEL = 0.95  # of the intervals of Monte Carlo error
+#: Value with both ends of its interval, and over how many it is.
+Estimate: TypeAlias = tuple[float, float, float, int]
 Row = TypeVar("Row")
 TRIALS, DATA_SETS = (325, 650, 1300), 100
 
@@ -61,8 +57,7 @@ TRIALS, DATA_SETS = (325, 650, 1300), 100
 # --- What is counted ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Counted:
+class Counted(NamedTuple):
     """A share or a mean over so many (`size`) simulated data sets, or studies of so many subjects, with its 95 % interval."""
 
     design: str
@@ -74,6 +69,16 @@ class Counted:
     low: float
     high: float
     size: int
+
+    @property
+    def percent(self) -> str:
+        """A share in words."""
+        return f"{100 * self.value:.0f} %"
+
+    @property
+    def of_studies(self) -> str:
+        """A share of studies in words."""
+        return f"{self.percent} of studies with {self.subjects} subjects (of {self.size})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +97,8 @@ class Simulations(Table[Row]):
     failed: Mapping[str, str] = field(default_factory=dict)
     COLUMNS: ClassVar[tuple[str, ...]] = ()  # of the file, the last being the size
 
-    def _counts(self, kind: str, rows: Sequence[Row]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
-        """Quantity, value with both ends of its interval, and size, of rows of one group."""
+    def _counts(self, kind: str, rows: Sequence[Row]) -> Iterator[tuple[str, Estimate]]:
+        """Every quantity of the rows of one group."""
         raise NotImplementedError
 
     @cached_property
@@ -109,7 +114,7 @@ class Simulations(Table[Row]):
     def counted(self) -> dict[tuple[str, int, str, int, str], Counted]:
         """Every share and mean, by its group and quantity."""
         found = ((key, of) for key, rows in self.groups.items() for of in self._counts(key[2], rows))
-        return {(*key, quantity): Counted(*key, quantity, *values, size) for key, (quantity, values, size) in found}
+        return {(*key, quantity): Counted(*key, quantity, *values) for key, (quantity, values) in found}
 
     @property
     def designs(self) -> tuple[str, ...]:
@@ -141,7 +146,7 @@ class Simulations(Table[Row]):
         return frame_of(self.counted.values(), (*self.COLUMNS[:-1], "size")).set_axis(list(self.COLUMNS), axis=1)
 
 
-def share(hits: float, size: int) -> tuple[float, float, float]:
+def share(hits: float, size: int) -> Estimate:
     """A share and its 95 % interval, by Jeffreys' prior; an end is 0 or 1 where nothing or all hit.
 
     Of a sum of probabilities the interval is too wide, if anything: they scatter no more than hits do.
@@ -149,24 +154,30 @@ def share(hits: float, size: int) -> tuple[float, float, float]:
     Examples
     --------
     >>> [round(value, 3) for value in share(7, 20)]
-    [0.35, 0.172, 0.568]
+    [0.35, 0.172, 0.568, 20]
     """
     tail = 0.5 * (1.0 - _LEVEL)
     low = 0.0 if hits == 0 else float(betaincinv(hits + 0.5, size - hits + 0.5, tail))
     high = 1.0 if hits == size else float(betaincinv(hits + 0.5, size - hits + 0.5, 1.0 - tail))
-    return hits / size, low, high
+    return hits / size, low, high, size
 
 
-def mean(values: Sequence[float]) -> tuple[float, float, float]:
+def share_of(hits: Iterable[bool]) -> Estimate:
+    """The share of what is true."""
+    found = list(hits)
+    return share(sum(found), len(found))
+
+
+def mean(values: Sequence[float]) -> Estimate:
     """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
     middle = float(np.mean(values))
     error = float(np.std(values, ddof=1) / np.sqrt(len(values)) * ndtri(0.5 * (1 + _LEVEL))) if len(values) > 1 else float("nan")
-    return middle, middle - error, middle + error
+    return middle, middle - error, middle + error, len(values)
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """One simulated observer's answers to a design, and how they are judged."""
+    """One simulated observer's answers, how many, and how they are judged."""
 
     design: str
     trials: int
@@ -176,17 +187,22 @@ class DataSet:
     subjects: ClassVar[int] = 1
 
 
+def data_sets_frame(rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_COLUMNS) -> pd.DataFrame:
+    """A row a data set; what is withheld is missing."""
+    import pandas as pd
+
+    cells = []
+    for row in rows:
+        said = row.judgement
+        numbers = [value for some in (said.log_evidence, said.probability, said.widths) for value in some or (None,) * 3]
+        words = (row.design, row.trials, row.observer, row.kind, said.verdict.effect, said.verdict.kind)
+        cells.append(dict(zip(DATA_SET_COLUMNS, (*words, *numbers), strict=True)))
+    return pd.DataFrame(cells, columns=list(columns))
+
+
 @dataclass(frozen=True, eq=False)
 class PowerTable(Simulations[DataSet]):
-    """Simulated data sets of one or several designs, and what is counted of them.
-
-    Attributes
-    ----------
-    rows : tuple of DataSet
-    seed : int
-    failed : mapping of str to str
-        Observers whose work was lost, with the reason.
-    """
+    """Simulated data sets of one or several designs, and what is counted of them."""
 
     COLUMNS = POWER_COLUMNS
 
@@ -197,31 +213,24 @@ class PowerTable(Simulations[DataSet]):
             raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.quantities], 20)}")
         return found
 
-    def _counts(self, kind: str, rows: Sequence[DataSet]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
+    def _counts(self, kind: str, rows: Sequence[DataSet]) -> Iterator[tuple[str, Estimate]]:
         said = [row.judgement for row in rows]
         known = [one.probability for one in said if one.probability is not None]
         for word, values in zip(SAID, zip(*known, strict=True), strict=False):  # none where nothing is known
-            yield f"P({word})", share(sum(values), len(known)), len(known)
-        for word in EFFECTS:
-            if word:
-                yield f"said: {word}", share(sum(one.verdict.effect == word for one in said), len(rows)), len(rows)
-        yield FOUND, share(sum(one.found for one in said), len(rows)), len(rows)
-        yield NAMED, share(sum(one.named == kind for one in said), len(rows)), len(rows)
-        yield WRONG, share(sum(one.named not in (None, kind) for one in said), len(rows)), len(rows)
+            yield f"P({word})", share(sum(values), len(known))
+        for word in filter(None, EFFECTS):
+            yield f"said: {word}", share_of(one.verdict.effect == word for one in said)
+        yield FOUND, share_of(one.found for one in said)
+        yield NAMED, share_of(one.named == kind for one in said)
+        yield WRONG, share_of(one.named not in (None, kind) for one in said)
         told = [one.widths for one in said if one.widths is not None]
         for name, values in zip(WIDTHS, zip(*told, strict=True), strict=False):
-            yield f"90 % width of {name}", mean(values), len(told)
-        yield "evidence withheld", share(len(rows) - len(known), len(rows)), len(rows)
+            yield f"90 % width of {name}", mean(values)
+        yield "evidence withheld", share_of(one.probability is None for one in said)
 
     def data_sets_frame(self) -> pd.DataFrame:
         """Every simulated data set, with the columns of power_data_sets.csv."""
-        import pandas as pd
-
-        said = [(one.judgement.log_evidence, one.judgement.probability, one.judgement.widths) for one in self.rows]
-        words = [[row.judgement.verdict.effect, row.judgement.verdict.kind] for row in self.rows]
-        numbers = [[*of, *(value for part in parts for value in part or (None,) * 3)] for of, parts in zip(words, said, strict=True)]
-        cells = [[row.design, row.trials, row.observer, row.kind, *more] for row, more in zip(self.rows, numbers, strict=True)]
-        return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
+        return data_sets_frame(self.rows)
 
     def sentences(self) -> list[str]:
         """What the simulation says, a line a design and number of trials.
@@ -234,15 +243,16 @@ class PowerTable(Simulations[DataSet]):
         """
         lines = []
         for design, trials in dict.fromkeys(key[:2] for key in self.groups):
-            groups = {key[2]: rows for key, rows in self.groups.items() if key[:2] == (design, trials)}
-            main = UPDATE if UPDATE in groups else list(groups)[-1]
-            p, low, high = (100 * getattr(self[design, trials, main, FOUND], key) for key in ("value", "low", "high"))
-            right, whom = 100 * self[design, trials, main, NAMED].value, WORDS[main].replace("no order effect", "none")
-            wrong = [row.judgement.found for row in groups.get(NONE, ()) if main != NONE]
-            more = f"; and wrongly one in {sum(wrong)} of {len(wrong)} without" if wrong else ""
+            kinds = [kind for kind in self.kinds if (design, trials, kind, 1) in self.groups]
+            main = UPDATE if UPDATE in kinds else kinds[-1]
+            found, right = (self[design, trials, main, what] for what in (FOUND, NAMED))
+            whom, wrong = WORDS[main].replace("no order effect", "none"), ""
+            if NONE in kinds and main != NONE:
+                none = self[design, trials, NONE, FOUND]
+                wrong = f"; and wrongly one in {none.value * none.size:.0f} of {none.size} without"
             lines.append(
-                f"with {design} {trials} trials find an order effect in {p:.0f} % of observers with {whom} ({low:.0f} to {high:.0f} %), "
-                f"and name {WORDS[main]} in {right:.0f} %{more}"
+                f"with {design} {trials} trials find an order effect in {found.percent} of observers with {whom} "
+                f"({100 * found.low:.0f} to {100 * found.high:.0f} %), and name {WORDS[main]} in {right.percent}{wrong}"
             )
         return lines
 
@@ -308,11 +318,7 @@ def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Map
 def jobs_of(
     job: Callable[..., Row], designs: Iterable[tuple[str, StudyDesign]], people: Sequence[Any], seed: int, prior: Prior | str | None
 ) -> list[partial[Row]]:
-    """A job for every observer, or study of such, of every design.
-
-    It is called with the design's name, the design, the observer, by whose name random streams are keyed, `seed` and `prior`, in numbers
-    for the design's stimuli.
-    """
+    """A job for every observer, or study of such, of every design, by whose name streams are keyed, with the prior in numbers for it."""
     numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
     return [partial(job, name, one, person, seed=seed, prior=of) for name, one, of in numbers for person in people]
 

@@ -1,13 +1,7 @@
 """How often a whole study finds the order effect of its subjects: simulated ones taken together, a few at a time.
 
-By random effects over their evidences, as `compare` has them, a study names the most frequent kind. By the analysis of the group, as
-`population` has it, an order effect is *found* in two ways, each of them wrong in some 5 % of studies without any, where priors say
-nothing:
-
-* on average: the probability of direction of the population's asymmetry, averaged over all pairs, is above 0.975;
-* in some pair: 0 lies outside the simultaneous 95 % band of the asymmetries of all pairs, so that many pairs are no more chances.
-
-A pull toward the middle of a wide range cancels on average; in single pairs it does not.
+By random effects over their evidences, as `compare` has them, a study names the most frequent kind. By the analysis of the group, with the
+model and the words of `population`, it finds an order effect on average, and names a pull, a constant error, or both.
 """
 
 from __future__ import annotations
@@ -19,20 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, simplefilter
 
-import numpy as np
-
-from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.random_effects import random_effects
+from bayes_toe.comparison.words import PROBABLY_HAS, PROBABLY_NONE
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError
-from bayes_toe.groups.asymmetries import asymmetries
-from bayes_toe.groups.population import Population, population
+from bayes_toe.groups.population import population
 from bayes_toe.kept import keeping
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import CONSTANT_ERROR, MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
-from bayes_toe.planning.power import WORDS, PowerTable, Simulations, jobs_of, mean, named_designs, share, worked
-from bayes_toe.planning.study_design import StudyDesign, each_once
+from bayes_toe.planning.observers import MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
+from bayes_toe.planning.power import FOUND, WORDS, Estimate, PowerTable, Simulations, jobs_of, mean, named_designs, share_of, worked
+from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
@@ -43,20 +34,12 @@ SUBJECTS, STUDIES = (4, 8, 16), 20
 #: Columns of power_subjects.csv and of power_population.csv.
 STUDY_COLUMNS = ("design", "trials", "observers", "subjects", "studies", "named", "low", "high", "another_named")
 POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
-#: What is counted.
+#: What is counted of studies by their evidences, and of those analysed as groups beside an effect that is found.
 NAMED, WRONG = "named", "another named"
-ON_AVERAGE, REVERSED, SOMEWHERE = "found on average", "found on average, reversed", "found in some pair"
-#: Quantities of the group of which the expected width of the 90 % interval is told.
-WIDTHS = ("mean of mu1", "mean of probit gamma", "pull at the means", "sd of mu1", "sd of probit gamma")
-_WHAT = {kind: f"{words} as the most frequent kind" for kind, words in WORDS.items()}
-_WHAT[MIXED] = "the most frequent kind of the mixed population"
-_WHO = {
-    NONE: "subjects without one",
-    CONSTANT_ERROR: "subjects with a constant error",
-    UPDATE: "subjects with a pull",
-    MIXED: "the mixed population",
-}
-_DIRECTION, _BAND, _SURE = 0.975, 0.95, 0.95
+PULL, ERROR, DENYING = "pull named", "constant error named", "none said"
+#: Rows of the population's table of which the expected width of the 90 % interval is told.
+WIDTHS = (("mean", "pull"), ("mean", "constant error"), ("sd", "pull"), ("sd", "constant error"))
+_SURE = 0.95
 _DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
 
@@ -79,9 +62,9 @@ class ComparedStudy:
 class StudyPower(Simulations[ComparedStudy]):
     """Simulated studies, and how often they name what is the most frequent kind, or another."""
 
-    def _counts(self, kind: str, rows: Sequence[ComparedStudy]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
-        yield NAMED, share(sum(row.named == row.right for row in rows), len(rows)), len(rows)
-        yield WRONG, share(sum(row.named not in (None, row.right) for row in rows), len(rows)), len(rows)
+    def _counts(self, kind: str, rows: Sequence[ComparedStudy]) -> Iterator[tuple[str, Estimate]]:
+        yield NAMED, share_of(row.named == row.right for row in rows)
+        yield WRONG, share_of(row.named not in (None, row.right) for row in rows)
 
     def frame(self) -> pd.DataFrame:
         """One row a design, number of trials, kind of subjects and number of them, with the columns of power_subjects.csv."""
@@ -96,9 +79,9 @@ class StudyPower(Simulations[ComparedStudy]):
         last = [kind for kind in (*PLAIN, MIXED) if kind in self.kinds][-1:]
         lines = []
         for design, trials, kind in dict.fromkeys(key[:3] for key in self.groups if key[2] in last):
-            found = [one for key, one in self.counted.items() if (*key[:3], key[4]) == (design, trials, kind, NAMED)]
-            said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.size})" for one in found)
-            lines.append(f"with {design} and {trials} trials each, {_WHAT[kind]} is named in {said}")
+            what = f"{WORDS[kind]} as the most frequent kind" if kind in WORDS else "the most frequent kind of the mixed population"
+            said = ", ".join(one.of_studies for key, one in self.counted.items() if (*key[:3], key[4]) == (design, trials, kind, NAMED))
+            lines.append(f"with {design} and {trials} trials each, {what} is named in {said}")
         return lines
 
 
@@ -154,27 +137,20 @@ class PlannedStudy:
 
 @dataclass(frozen=True)
 class AnalysedStudy:
-    """What the analysis of one simulated study said; `trials` are those of each subject, `kind` is that of all subjects, or "mixed".
+    """What `population` said of one simulated study on average; `trials` are those of each subject, `kind` that of all, or "mixed".
 
-    `direction` is the probability that the mean asymmetry is positive, NaN where the design has no pair of different stimuli, `truth` the
-    subjects' own mean asymmetry, `somewhere` whether an order effect is found in some pair, `widths` are those of the 90 % intervals of
-    :data:`WIDTHS`, `warned` whether something was not reached.
+    `p_none` and `named` are those of :class:`bayes_toe.comparison.population_answer.OnAverage`; `widths` are those of the 90 % intervals of
+    :data:`WIDTHS`, `warned` is whether something was not reached.
     """
 
     design: str
     trials: int
     subjects: int
     kind: str
-    direction: float
-    truth: float
-    somewhere: bool
+    p_none: float
+    named: tuple[str, ...]
     widths: tuple[float, ...]
     warned: bool
-
-    @property
-    def sign(self) -> int:
-        """Of the mean asymmetry, where it is found; else 0."""
-        return int(self.direction > _DIRECTION) - int(self.direction < 1.0 - _DIRECTION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,26 +159,27 @@ class PopulationPower(Simulations[AnalysedStudy]):
 
     COLUMNS = POPULATION_COLUMNS
 
-    def _counts(self, kind: str, rows: Sequence[AnalysedStudy]) -> Iterator[tuple[str, tuple[float, float, float], int]]:
-        size = len(rows)
-        yield ON_AVERAGE, share(sum(row.sign != 0 for row in rows), size), size
-        if kind != NONE:  # there is a direction
-            yield REVERSED, share(sum(row.sign * row.truth < 0.0 for row in rows), size), size
-        yield SOMEWHERE, share(sum(row.somewhere for row in rows), size), size
-        for name, values in zip(WIDTHS, zip(*(row.widths for row in rows), strict=True), strict=True):
-            yield f"90 % width of {name}", mean(values), size
-        yield "analysed with warnings", share(sum(row.warned for row in rows), size), size
+    def _counts(self, kind: str, rows: Sequence[AnalysedStudy]) -> Iterator[tuple[str, Estimate]]:
+        yield FOUND, share_of(row.p_none <= PROBABLY_HAS for row in rows)
+        yield PULL, share_of("pull" in row.named for row in rows)
+        yield ERROR, share_of("constant error" in row.named for row in rows)
+        yield DENYING, share_of(row.p_none >= PROBABLY_NONE for row in rows)
+        for (quantity, parameter), values in zip(WIDTHS, zip(*(row.widths for row in rows), strict=True), strict=True):
+            yield f"90 % width of {quantity} of {parameter}", mean(values)
+        yield "analysed with warnings", share_of(row.warned for row in rows)
 
     def sentences(self) -> list[str]:
-        """How often the order effect of subjects is found in some pair, and how often one that is not there, a line a design."""
+        """How often an order effect of subjects is found on average, and how often one that is not there, a line a design."""
         main = next((kind for kind in (MIXED, UPDATE) if kind in self.kinds), self.kinds[-1])
+        whom = f"subjects with {WORDS[main].replace('no order effect', 'none')}" if main in WORDS else "the mixed population"
         lines = []
         for design, trials in dict.fromkeys(key[:2] for key in self.groups):
-            found = [one for one in self.counted.values() if (one.design, one.observers, one.quantity) == (design, main, SOMEWHERE)]
-            said = ", ".join(f"{100 * one.value:.0f} % of studies with {one.subjects} subjects (of {one.size})" for one in found)
-            line = f"with {design} and {trials} trials each, population shows an order effect of {_WHO[main]} in {said}"
-            wrong = [row.somewhere for row in self.rows if row.design == design and row.kind == NONE != main]
-            lines.append(line + (f", and wrongly of others in {sum(wrong)} of {len(wrong)}" if wrong else ""))
+            every = [one for one in self.counted.values() if (one.design, one.quantity) == (design, FOUND)]
+            said = ", ".join(one.of_studies for one in every if one.observers == main)
+            wrong = [one for one in every if one.observers == NONE != main]
+            more = f", and wrongly of others in {sum(one.value * one.size for one in wrong):.0f} of {sum(one.size for one in wrong)}"
+            line = f"with {design} and {trials} trials each, population finds an order effect of {whom} in {said}"
+            lines.append(line + more * bool(wrong))
         return lines
 
 
@@ -218,7 +195,7 @@ def power_of_populations(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> PopulationPower:
-    """How often :func:`~bayes_toe.groups.population.population` finds the order effect of simulated subjects, and how narrow it gets.
+    """How often :func:`~bayes_toe.groups.population.population` finds an order effect of simulated subjects on average, and how narrowly.
 
     A study takes about a second a subject.
 
@@ -269,53 +246,8 @@ def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: 
     own = int(generator(seed, planned.name, "population").integers(2**32))
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
-        found = population(Study(tuple(answers)), model=PREDICTIVE_UPDATE.name, draws=_DRAWS, seed=own, prior=prior, workers=1)
-    pairs, direction, somewhere = comparisons(design), float("nan"), False
-    known = asymmetries(found, pairs)
-    if known is not None:
-        draws = known.draws[:, :, 0].reshape(-1, len(known.comparisons))
-        direction, somewhere = float((draws[:, 0] > 0.0).mean()), outside_band(draws[:, 1:])
-    truth = float(np.mean([asymmetry_of(one, pairs) for one in planned.people]))
-    widths, warned = _widths(found), bool(found.shortfalls)
-    return AnalysedStudy(name, design.total, len(answers), planned.kind, direction, truth, somewhere, widths, warned)
-
-
-def comparisons(design: StudyDesign) -> FloatArray:
-    """Weaker and stronger stimulus, and interval where there are any, of all pairs of different stimuli: (comparisons, 2 or 3).
-
-    Also of those that the design has in one order only: what would be answered in the other follows from the model.
-
-    Examples
-    --------
-    >>> comparisons(StudyDesign([0.0, 0.3, 0.5], [0.3, 0.0, 0.5], [1, 1, 1])).tolist()
-    [[0.0, 0.3]]
-    """
-    weak, strong = np.minimum(design.s1, design.s2), np.maximum(design.s1, design.s2)
-    return np.unique(np.column_stack([weak, strong, *design.columns[2:]])[weak < strong], axis=0)
-
-
-def asymmetry_of(observer: Observer, pairs: FloatArray) -> float:
-    """How much likelier 'equal' is with the stronger stimulus first, on average over comparisons."""
-    weak, strong, *isi = pairs.T
-    first, second = (observer.equal(each_once(a, b, *isi)).mean() for a, b in ((strong, weak), (weak, strong)))
-    return float(first - second)
-
-
-def outside_band(draws: FloatArray) -> bool:
-    """Whether 0 lies outside the simultaneous 95 % band, in units of each one's sd about its mean, of some column of (draws, columns).
-
-    Examples
-    --------
-    >>> z = np.random.default_rng(1).standard_normal((2000, 20))
-    >>> outside_band(z + 2.5), outside_band(z + 3.5)
-    (False, True)
-    """
-    middle, sd = draws.mean(axis=0), draws.std(axis=0)
-    band = np.quantile(np.abs((draws - middle) / sd).max(axis=1), _BAND)
-    return bool((np.abs(middle) > band * sd).any())
-
-
-def _widths(found: Population) -> tuple[float, ...]:
-    own, (mu1, gamma) = found.chains, (found.names.index(name) for name in ("mu1", "gamma"))
-    values = (own.mean[..., mu1], own.mean[..., gamma], found.quantities(own.mean)["pull"], own.scatter[..., mu1], own.scatter[..., gamma])
-    return tuple(float(np.subtract(*np.quantile(one, (0.95, 0.05)))) for one in values)
+        found = population(Study(tuple(answers)), draws=_DRAWS, seed=own, prior=prior, workers=1)
+    said, rows = on_average(found), [row for of in WIDTHS for row in found.table.some(*of)]
+    assert said is not None  # free weighting has means that may be none
+    widths = tuple(row.q95 - row.q05 for row in rows)
+    return AnalysedStudy(name, design.total, len(answers), planned.kind, said.p_none, said.named, widths, bool(found.shortfalls))

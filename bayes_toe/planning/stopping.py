@@ -23,7 +23,7 @@ from bayes_toe.kept import keeping
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import NONE, Observer, assumed
-from bayes_toe.planning.power import DATA_SETS, WORDS, jobs_of, named_designs, share, worked
+from bayes_toe.planning.power import DATA_SETS, WORDS, DataSet, data_sets_frame, jobs_of, named_designs, share_of, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -67,20 +67,9 @@ class StoppingRule:
         return verdict.effect in self.words or verdict.kind in self.words
 
 
-@dataclass(frozen=True)
-class Session:
-    """One simulated session: its trials, and how all answers were judged at its end."""
-
-    design: str
-    observer: str
-    kind: str
-    trials: int
-    judgement: Judgement
-
-
 @dataclass(frozen=True, eq=False)
-class StoppingTable(Table[Session]):
-    """Simulated sessions under a rule, a row each."""
+class StoppingTable(Table[DataSet]):
+    """Simulated sessions under a rule, a row each: their trials, and how all answers were judged at the end."""
 
     rule: StoppingRule
     seed: int
@@ -88,14 +77,7 @@ class StoppingTable(Table[Session]):
 
     def frame(self) -> pd.DataFrame:
         """Every session, with the columns of power_stopping.csv."""
-        import pandas as pd
-
-        ends = [(row.judgement.verdict, row.judgement.probability or (None,) * 3) for row in self.rows]
-        cells = [
-            [row.design, row.observer, row.kind, row.trials, said.effect, said.kind, *p]
-            for row, (said, p) in zip(self.rows, ends, strict=True)
-        ]
-        return pd.DataFrame(cells, columns=list(STOPPING_COLUMNS))
+        return data_sets_frame(self.rows, STOPPING_COLUMNS)
 
     def sentences(self) -> list[str]:
         """How often the rule ends with what is there, with something else, and after how many trials, a line a design and kind."""
@@ -103,17 +85,14 @@ class StoppingTable(Table[Session]):
         lines, rule = [], f"stopping at {words}, or {self.rule.most} trials"
         for design, kind in dict.fromkeys((row.design, row.kind) for row in self.rows):
             rows = [row for row in self.rows if (row.design, row.kind) == (design, kind)]
-            said = [row.judgement for row in rows]
+            found, none = ([row.judgement.found for row in rows], [row.judgement.named == NONE for row in rows])
+            what, right, else_, wrong = "finds an order effect", found, "none, or a negligible one,", none
             if kind == NONE:
-                right, wrong = sum(one.named == NONE for one in said), sum(one.found for one in said)
-                what, else_ = "says none, or a negligible effect", "one"
-            else:
-                right, wrong = sum(one.found for one in said), sum(one.named == NONE for one in said)
-                what, else_ = "finds an order effect", "none, or a negligible one,"
-            p, low, high = (100 * part for part in share(right, len(rows)))
+                what, right, else_, wrong = "says none, or a negligible effect", none, "one", found
+            p, low, high = (100 * part for part in share_of(right)[:3])
             lines.append(
                 f"with {design}, {rule} {what} in {p:.0f} % of observers with {WORDS[kind]} ({low:.0f} to {high:.0f} %), and "
-                f"{else_} in {wrong} of {len(rows)}; median {np.median([row.trials for row in rows]):.0f} trials"
+                f"{else_} in {sum(wrong)} of {len(rows)}; median {np.median([row.trials for row in rows]):.0f} trials"
             )
         return lines
 
@@ -154,7 +133,7 @@ def stopping(
     return StoppingTable(rows, chosen, root, failed)
 
 
-def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> Session:
+def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> DataSet:
     """One observer's session: at every look all answers so far are judged."""
     rng, trials = generator(seed, observer.name, "session"), 0
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
@@ -165,4 +144,4 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
         trials = min(trials + rule.every, rule.most)
         so_far = (column[:trials] for column in (s1, s2, equal, *isi))
         judgement = judged(Subject.from_trials(observer.name, *so_far), seed, prior)
-    return Session(name, observer.name, observer.kind, trials, judgement)
+    return DataSet(name, trials, observer.name, observer.kind, judgement)

@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, OptimalDesign, paper_amid
 from bayes_toe.planning.power import FOUND, NAMED, WIDTHS, WRONG, Counted, PowerTable
-from bayes_toe.planning.power_of_studies import ON_AVERAGE, SOMEWHERE, PopulationPower
+from bayes_toe.planning.power_of_studies import PULL, PopulationPower
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -54,14 +54,15 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
 
     Above: share of one kind of observers of whom the verdict says an order effect, and whose kind it names (of those without: none). In
     the middle: expected width of the 90 % interval of gain, mu1 and width of observers who update. Below: share of simulated studies of
-    one kind of subjects whose analysis as a group finds an order effect, by their number. Bars: 95 % of Monte Carlo error.
+    one kind of subjects of which population finds an order effect on average, and names a pull, by their number. Bars: 95 % of Monte Carlo
+    error.
     """
     named = {FOUND: "effect found", NAMED: "kind named"}
     rows = [partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))]
     if "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities):
         rows.append(partial(_draw_widths, table))
     if populations is not None:
-        [trials], effects = populations.trials, {one: f"order effect {one}" for one in (SOMEWHERE, ON_AVERAGE)}
+        [trials], effects = populations.trials, {FOUND: "effect found on average", PULL: "pull named"}
         rows.append(partial(_draw_shares, populations, "subjects", effects, ("share of studies", f"subjects of {trials:,} trials")))
     figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.designs) * (1 if populations is None else 2))  # of the legend
     for part, draw in zip(figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True):

@@ -7,7 +7,8 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import observers_from, prior_of
-from bayes_toe.planning.stopping import Session, StoppingRule, StoppingTable, session
+from bayes_toe.planning.power import DataSet
+from bayes_toe.planning.stopping import StoppingRule, StoppingTable, session
 from bayes_toe.planning.study_design import narrow_study_design
 from bayes_toe.seeds import generator
 
@@ -32,7 +33,7 @@ def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
 
 def test_errors_are_counted():
     said = [Judgement(tuple(np.log(p))) for p in ((0.01, 0.01, 0.98), (0.9, 0.05, 0.05), (0.5, 0.25, 0.25), (0.02, 0.49, 0.49))]
-    rows = tuple(Session("d", f"u{i}", "update", 100 * i, one) for i, one in enumerate(said, 1))
+    rows = tuple(DataSet("d", 100 * i, f"u{i}", "update", one) for i, one in enumerate(said, 1))
     table = StoppingTable(rows, StoppingRule(("has", "none")), 1, {})
     assert table.sentences() == [
         "with d, stopping at 'has' or 'none', or 1000 trials finds an order effect in 50 % of observers with a pull (12 to 88 %), and "

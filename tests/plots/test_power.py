@@ -48,16 +48,16 @@ def test_many_designs_are_told_apart_and_stand_at_their_numbers():
 
 def test_whole_studies_by_the_number_of_their_subjects(table):
     rows = [
-        AnalysedStudy(name, 400, size, kind, p, -0.1, p < 0.1, (0.1,) * 5, warned=False)
+        AnalysedStudy(name, 400, size, kind, p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False)
         for name in table.designs
         for kind in ("none", "update")
         for size in (4, 8)
-        for p in (0.001, 0.16 / size, 0.5)
+        for p in (0.01, 0.2, 0.5)
     ]
     figure = bt.plots.power_figure(table, PopulationPower(tuple(rows), 1, {}))
     assert len(figure.axes) == 8
-    some, average = (figure.axes[-1].containers[i].lines[0].get_ydata().tolist() for i in (0, 1))
-    assert (some, average) == ([2 / 3, 2 / 3], [1 / 3, 2 / 3])
+    found, named = (figure.axes[-1].containers[i].lines[0].get_ydata().tolist() for i in (0, 1))
+    assert (found, named) == ([2 / 3, 2 / 3], [0.0, 1 / 3])
     assert figure.axes[-1].get_xlabel() == "subjects of 400 trials"
 
 

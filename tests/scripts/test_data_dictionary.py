@@ -68,7 +68,7 @@ def planned(folder):
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
         "power_subjects.csv": power_of_studies(table).frame(),
-        "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.9, 0.1, False, (0.1,) * 5, False),), 1).frame(),
+        "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.01, ("pull",), (0.1,) * 4, False),), 1).frame(),
         "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
