@@ -18,10 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.text import Text
 
 import bayes_toe as bt
-from bayes_toe.cli.population import answer
+from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.study_answer import study_sentence
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.comparison.words import EFFECTS, ORDERS, SMALL
@@ -98,13 +97,30 @@ def members(kind: str, i: int, seed: int) -> bt.Study:
 
 
 def study_row(kind: str, i: int, seed: int) -> dict[str, object]:
-    """One study: the statement of its population, and the sentence of its subjects."""
+    """One study: what is said of its population, and of how many of its subjects an effect, none, or neither."""
     study = members(kind, i, seed)
-    found = population(study, draws=300, seed=seed, workers=1)
-    factors = {f"bf_{row.parameter}": row.bf_zero for row in found.table.some("mean") if row.bf_error is not None}
-    statement = Text.from_markup(answer(found)[0]).plain
-    sentence = study_sentence([verdict(one, DEFAULT, seed)[0] for one in study])
-    return {"kind": kind, "study": i, **factors, "population": statement.partition(": ")[2].partition(" (")[0], "subjects": sentence}
+    answer = on_average(population(study, draws=300, seed=seed, workers=1))
+    said = [verdict(one, DEFAULT, seed)[0] for one in study]
+    assert answer is not None
+    factors = {f"bf_{row.parameter.replace(' ', '_')}": row.of_none for row in answer.means}
+    counts = {f"n_{word.replace(' ', '_')}": sum(one.effect == word for one in said) for word in EFFECTS if word}
+    return {
+        "kind": kind,
+        "study": i,
+        "population": answer.words,
+        "p_none": answer.p_none,
+        **factors,
+        **counts,
+        "subjects": study_sentence(said),
+    }
+
+
+def agreement(table: pd.DataFrame) -> pd.DataFrame:
+    """What was said of studies of each kind, how often, and how many of their eight subjects have, or probably have, an effect."""
+    clause = table["population"].str.partition(":")[0].str.replace(", and subjects differ", "")
+    some = table["n_has"] + table["n_probably_has"]
+    rows = table.assign(population=clause, subjects=some).groupby(["kind", "population"], sort=False)["subjects"]
+    return rows.agg(studies="size", fewest="min", median="median", most="max").reset_index()
 
 
 def words(table: pd.DataFrame) -> pd.DataFrame:
@@ -143,8 +159,9 @@ def main() -> None:
     if given.studies:
         pairs = [(kind, i) for kind in STUDIES for i in range(given.studies)]
         rows = run_in_order([partial(study_row, *one, given.seed) for one in pairs], given.workers, None, [(str(one),) for one in pairs])
-        pd.DataFrame(rows).to_csv(given.output / "order_effect_studies.csv", index=False, float_format="%.3g")
-        print(*(f"{row['kind']}: {row['population']} | {row['subjects']}" for row in rows), sep="\n")
+        table = pd.DataFrame(rows)
+        table.to_csv(given.output / "order_effect_studies.csv", index=False, float_format="%.3g")
+        print(agreement(table).to_string(index=False))
         return
     asked = [(design, order, i) for design in ("moderate", "harsh") for order in ORDERS for i in range(given.observers)]
     rows = run_in_order([partial(row, *one, given.seed) for one in asked], given.workers, None, [(str(one),) for one in asked])

@@ -27,7 +27,7 @@ from bayes_toe.cli.terminal import (
 )
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
-from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS, hyperprior_of
+from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,13 +90,11 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
 
     files = _beside(output)
     task.require_files(*files)
-    keep = task.partial(output) if posterior is None else None
-    given = hyperprior_of(hyperprior)  # refused before anything is sampled
-    people = None if covariates is None else bt.read_covariates(covariates)
-    if people is None and categorical:
+    if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
-    if posterior is not None and task.resume:
+    if task.resume and posterior is not None:
         raise bt.InputError("--resume: allowed without --posterior, where subjects are sampled alone")
+    keep = task.partial(output) if posterior is None else None
     stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     say_study(task.console, read)
@@ -106,9 +104,9 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     with task.progress(what, len(read)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
         found = bt.population(
-            read, covariates=people, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
-            posterior=stored, hyperprior=given, scatter=scatter, correlations=correlations, workers=task.workers,
-            progress=tick, keep=keep,
+            read, covariates=covariates, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
+            posterior=stored, hyperprior=hyperprior, scatter=scatter, correlations=correlations, workers=task.workers, progress=tick,
+            keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
     _save(task, found, check, files)
@@ -169,16 +167,14 @@ def answer(found: Population) -> list[str]:
     begin, pairs, average = "[bold]order effect of the population[/bold]", found.asymmetries, on_average(found)
     names = list(found.not_described)
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
-    lines = list[str]()
-    if average is not None:
-        who = counted(len(found.study), "subject")
-        lines += [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
-    if average is None or average.has:
-        lines += [_direction(found, f"{begin}: " if average is None else "[bold]direction[/bold]: ")]
     if average is None:
         means = {row.parameter: _median(row) for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
-        lines += [f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}"]
+        lines = [_direction(found, begin), f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}"]
+    else:
+        who = counted(len(found.study), "subject")
+        lines = [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
+        lines += [_direction(found, "[bold]direction[/bold]")] if average.has else []
     contrasts = () if pairs is None else compress(found.table.some("asymmetry", OVERALL), pairs.differences)
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
@@ -197,13 +193,13 @@ def _direction(found: Population, begin: str) -> str:
     from bayes_toe.groups.asymmetries import OVERALL
 
     if found.asymmetries is None:
-        return f"{begin}no pair of different stimuli was presented in both orders; see pull and gain"
+        return f"{begin}: no pair of different stimuli was presented in both orders; see pull and gain"
     row, (further,) = found.table.some("asymmetry", OVERALL)[0], found.table.some("new_subject", OVERALL)
     p, likelier = row.p_direction or 0.0, f"likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
     decided = f"'equal' is {likelier} (P {compared(p)})", f"direction undecided ('equal' {likelier}: P {compared(p)})"
     many = counted(len(found.asymmetries.comparisons) - 1, "comparison")
     size = f"asymmetry, P(equal) stronger first less weaker first, {_interval(row)} on average over {many} and all subjects"
-    return f"{begin}{decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
+    return f"{begin}: {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
 
 
 def effect(row: PopulationRow) -> dict[Any, Any]:

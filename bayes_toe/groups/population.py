@@ -79,6 +79,13 @@ class GroupSettings:
     draws: int = 2000
     correlations: bool = False
 
+    def __post_init__(self) -> None:
+        _model(self.model)
+        scatter_named(self.scatter)
+        require_kind("draws", self.draws, Integral, f"a whole number from 1 to {_MOST_DRAWS}")
+        if not 1 <= self.draws <= _MOST_DRAWS:
+            raise InputError(f"population: draws={self.draws} must be in 1..{_MOST_DRAWS}")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Population:
@@ -292,13 +299,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
             correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
-        _model(model)
-        scatter_named(scatter)
         if len(who.subjects) < _FEWEST:
             raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
-        require_kind("draws", draws, Integral, f"a whole number from 1 to {_MOST_DRAWS}")
-        if not 1 <= draws <= _MOST_DRAWS:
-            raise InputError(f"population: draws={draws} must be in 1..{_MOST_DRAWS}")
         alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)
         if len(alone) < _FEWEST:
             raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
