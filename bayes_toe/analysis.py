@@ -12,14 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, WorkerError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws, assembled
@@ -38,7 +37,7 @@ from bayes_toe.inference.subject import (
     weighted_fit,
 )
 from bayes_toe.kept import Done, Kept, keeping
-from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SPACE, SYMMETRIC, model_named
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
@@ -129,14 +128,14 @@ def run(
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
-    by_name = {model.name: model for model in SPACE}
+    by_name = {model.name: model for model in models_of(study.task).space}
     best = tuple(
         Predictor(by_name[one.evidence.verdict.best_model].posterior(study[one.evidence.subject], settings.prior), one.best)
         for one in small
         if one.best is not None and one.evidence.verdict is not None
     )
     summary = tuple(row for one in small for row in one.summary)
-    return Analysis(study, made, _table(small, settings, failed), settings, fits, best, summary)
+    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary)
 
 
 def sample(
@@ -202,7 +201,7 @@ def draw(
     keep: str | Path | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
-    model_named(model)  # refuses a wrong word before any work
+    model_named(model, study.task)  # refuses a wrong word before any work
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior, model)
         wanted = Wanted(settings.sampler)
@@ -242,7 +241,7 @@ def evidence(
         settings, wanted = _settings(study, draws, kept.seed(seed), prior), Wanted(evidence_draws=draws)
         jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
         _, done, failed = _survivors(study, jobs, workers, progress, kept)
-        return _table(done, settings, failed)
+        return _table(done, settings, failed, study.task)
 
 
 def smooth_curve_evidence(draws: Draws, *, workers: Workers = None, progress: Progress | None = None) -> EvidenceTable:
@@ -260,12 +259,13 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None, progress: Pr
     settings = Settings(draws.seed, draws.prior, draws.sampler, draws.model)
     jobs = [partial(_against_frequencies, subject, settings) for subject in study]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return EvidenceTable(tuple(rows), settings.seed, settings.prior)
+    return EvidenceTable(tuple(rows), settings.seed, settings.prior, task=study.task)
 
 
 def _against_frequencies(subject: Subject, settings: Settings) -> SubjectEvidence:
     wanted = Wanted(evidence_draws=max(EVIDENCE_DRAWS, settings.sampler.proposals))  # by as many a run judges its proposal
-    return subject_evidence(*fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted), None)
+    posterior = models_of(subject.task).update.posterior(subject, settings.prior)
+    return subject_evidence(*fitted_result(posterior, settings.seed, wanted), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,31 +293,30 @@ class _Drawn:
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
-    return subject_draws(infer(model_named(settings.model).posterior(subject, settings.prior), settings.seed, wanted))
+    return subject_draws(infer(model_named(settings.model, subject.task).posterior(subject, settings.prior), settings.seed, wanted))
 
 
 def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[Doubt, ...]) -> _Analysed:
     """The verdict, and the paper's model with all that is wanted."""
-    prior, seed = settings.prior.at(subject), settings.seed
+    prior, seed, models = settings.prior.at(subject), settings.seed, models_of(subject.task)
     said, space = verdict(subject, prior, seed, data=data)
-    result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, prior), seed, wanted)
+    result, fitted = fitted_result(models.update.posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
-    if subject.isi is None:  # the maximum-likelihood fit knows one interval only
+    if subject.isi is None and subject.task == SAME_DIFFERENT:  # what the maximum-likelihood fit knows
         fit = None if wanted.chains is None else subject_fit(subject, prior, seed=seed)
         made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES) if fit is None else fit.bootstrap
         by_bootstrap = bootstrap_evidence(made, prior)
-    orders = [space.log_evidence[SPACE.index(model)] for model in (SYMMETRIC, CONSTANT_BIAS)]
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
     row = subject_evidence(
         result,
         fitted,
         by_bootstrap,
-        orders=(None if np.isnan(orders[0]) else float(orders[0]), None if np.isnan(orders[1]) else float(orders[1])),
+        orders=(space.value(models.symmetric), space.value(models.constant_bias)),
         verdict=said,
         fit=described,
     )
     best = None
-    if wanted.chains is not None and said.best_model not in ("", PREDICTIVE_UPDATE.name):
+    if wanted.chains is not None and said.best_model not in ("", models.update.name):
         best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
     return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best)
 
@@ -326,8 +325,8 @@ def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, mo
     return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
-def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str]) -> EvidenceTable:
-    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed)
+def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task) -> EvidenceTable:
+    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed, task)
 
 
 def _survivors(

@@ -45,10 +45,10 @@ def compare(
     from bayes_toe.plots.figure_files import picture_beside, save_figure
 
     asked, files = model or space, (output, *beside(output), picture_beside(output))
-    models = require_models(asked)
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
+    models = require_models(asked, read.task)
     with task.progress("comparing", len(read) * (len(models) if asked != "parts" else 1)) as tick:
         table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
     with task.together(*files) as folder:

@@ -32,7 +32,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
 
     prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
     say_study(task.console, read)
-    say_prior(task.console, prior)
+    say_prior(task.console, prior.describe_orders(read.task))
     rows = [{**row, "fraction_equal": f"{row['fraction_equal']:.3f}"} for row in map(described, read)]
     say_table(task.console, "subjects", rows)
     findings = bt.check(read, prior)

@@ -116,14 +116,13 @@ def sample(
     from bayes_toe.analysis import draw
     from bayes_toe.model.ladder import model_named
 
-    record = model_named(model)
     _require_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
     _require_room(task, output, keep, read, prior, model)
     say_study(task.console, read)
-    say_prior(task.console, record.describe(prior))
+    say_prior(task.console, model_named(model, read.task).describe(prior))
     say_doubts(task.console, read, prior)
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:

@@ -170,7 +170,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "terms": TERMS,
         "settings": {
             "model": settings["model"],
-            "prior": prior.describe_orders(),
+            "prior": prior.describe_orders(study.task),
             "seed": str(attrs["seed"]),
             **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
             "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),

@@ -139,7 +139,7 @@ def once(notes: Iterable[tuple[str, str]]) -> list[str]:
 def introduce(console: Console, study: Study, prior: Prior) -> None:
     """What everything below is about."""
     say_study(console, study)
-    say_prior(console, prior)
+    say_prior(console, prior.describe_orders(study.task))
     say_doubts(console, study, prior)
 
 
@@ -152,9 +152,9 @@ def say_study(console: Console, study: Study) -> None:
         say(console, f"  {safe(note)}")
 
 
-def say_prior(console: Console, prior: Prior | str) -> None:
-    """The prior that everything below depends on, or that of a model in words."""
-    say(console, f"  prior: {safe(prior if isinstance(prior, str) else prior.describe_orders())}")
+def say_prior(console: Console, prior: str) -> None:
+    """The prior that everything below depends on."""
+    say(console, f"  prior: {safe(prior)}")
 
 
 def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:

@@ -1,8 +1,8 @@
 """Answers averaged over models: what a subject's pull, constant error and gain are, and its P(equal), whichever model it follows.
 
-Each model of the space (:data:`bayes_toe.model.ladder.SPACE`) counts with its posterior probability, at equal prior probabilities; those
-far behind the best have no draws and are left out with less than 1 % of it. One without a part contributes exactly what that part leaves:
-no pull is 0, no constant error is 0, and the gain is then 1. Source: Hoeting et al. 1999 (Statist. Sci. 14:382).
+Each model of the space (:func:`bayes_toe.model.ladder.models_of`) counts with its posterior probability, at equal prior probabilities;
+those far behind the best have no draws and are left out with less than 1 % of it. One without a part contributes exactly what that part
+leaves: no pull is 0, no constant error is 0, and the gain is then 1. Source: Hoeting et al. 1999 (Statist. Sci. 14:382).
 """
 
 from __future__ import annotations

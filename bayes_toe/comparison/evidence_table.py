@@ -15,6 +15,7 @@ import numpy as np
 from bayes_toe.comparison.verdict import VERDICT_COLUMNS, Verdict
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.inference.evidence import laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
@@ -106,11 +107,14 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     ----------
     failed : mapping of str to str
         Subjects without a row because their work was lost, with the reason.
+    task : Task
+        What the subjects were asked.
     """
 
     seed: int | None = None
     prior: Prior | None = None
     failed: Mapping[str, str] = field(default_factory=dict)
+    task: Task = SAME_DIFFERENT
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior.
@@ -128,7 +132,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return tuple(row.verdict for row in self.rows if row.verdict is not None)
 
     def _cells(self) -> list[list[object]]:
-        prior = None if self.prior is None else self.prior.describe_orders()
+        prior = None if self.prior is None else self.prior.describe_orders(self.task)
         rows = [[prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS] for row in self.rows]
         of_failed = ({"subject": name, "prior": prior} for name in self.failed)
         return rows + [[row.get(key) for key in EVIDENCE_COLUMNS] for row in of_failed]
@@ -164,7 +168,9 @@ def subject_evidence(
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
     subject = posterior.subject
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
-    natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
+    # The paper's coordinates are those of its task.
+    known = "q0" in posterior.names.natural
+    natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima) if known else (None, "")
     bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
     return SubjectEvidence(
         subject=subject.name,

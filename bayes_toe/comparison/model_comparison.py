@@ -23,9 +23,10 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, compare_space, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
-from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts
+from bayes_toe.comparison.verdict import Verdict, data_doubts
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table, write_table
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.whole_files import whole_together
 from bayes_toe.errors import InputError
 from bayes_toe.inference.evidence import said_of_bound, weighed
@@ -140,6 +141,8 @@ class ModelComparison(Table[ModelRow]):
     prior : Prior
     verdicts : tuple of Verdict
         Of the subjects, where the space of them was compared.
+    task : Task
+        What the subjects were asked.
     """
 
     subjects: tuple[str, ...]
@@ -147,6 +150,7 @@ class ModelComparison(Table[ModelRow]):
     seed: int
     prior: Prior
     verdicts: tuple[Verdict, ...] = ()
+    task: Task = SAME_DIFFERENT
 
     def __getitem__(self, key: tuple[str, str]) -> ModelRow:
         """The row of (subject, model)."""
@@ -169,7 +173,7 @@ class ModelComparison(Table[ModelRow]):
     @property
     def records(self) -> tuple[Record, ...]:
         """The models' records."""
-        return tuple(map(model_named, self.models))
+        return tuple(model_named(name, self.task) for name in self.models)
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of compare.csv; natural logs, empty where a value does not exist."""
@@ -336,40 +340,36 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
-    records, chosen = require_models(models), prior_for(study, prior)
+    records, chosen = require_models(models, study.task), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
-    job: Callable[..., tuple[tuple[ModelRow, ...], Verdict | None]]
-    if models == "parts":
-        job, of = _whole_space, [(subject, records) for subject in study]
-        given: list[Any] = list(data_doubts(study))
-        names = [(subject.name,) for subject in study]
-    else:
-        job, of = _one_model, [(subject, (model,)) for subject in study for model in records]
-        given = [model for _, (model,) in of]
-        names = [(f"{subject.name}: {model.name}",) for subject, (model,) in of]
+    whole = models == "parts"
+    of: list[tuple[Subject, tuple[Record, ...]]] = [
+        (subject, some) for subject in study for some in ([records] if whole else [(model,) for model in records])
+    ]
+    names = [(subject.name if whole else f"{subject.name}: {some[0].name}",) for subject, some in of]
     with keeping(keep, "models of subjects") as kept:
-        root = kept.seed(seed)
-        jobs = [partial(job, subject, one, draws=draws, seed=root, prior=chosen) for (subject, _), one in zip(of, given, strict=True)]
+        common: dict[str, Any] = {"draws": draws, "seed": (root := kept.seed(seed)), "prior": chosen}
+        jobs: list[Callable[[], tuple[Sequence[ModelRow], Verdict | None]]] = (
+            [partial(compare_space, subject, data=data, **common) for subject, data in zip(study, data_doubts(study), strict=True)]
+            if whole
+            else [partial(_alone, subject, some[0], **common) for subject, some in of]
+        )
         done = kept.work(jobs, workers, progress, names)
-        lost = {
-            at: (tuple(failed_row(of[at][0], model, one.reason, prior=chosen) for model in of[at][1]), None)
-            for at, one in done.failed.items()
-        }
-        found = [lost[at] if at in lost else done.read(at) for at in range(len(of))]
+        found = [
+            ([failed_row(subject, model, done.failed[at].reason, prior=chosen) for model in some], None)
+            if at in done.failed
+            else done.read(at)
+            for at, (subject, some) in enumerate(of)
+        ]
     rows, size = [row for some, _ in found for row in some], len(records)
     groups = [rows[i : i + size] for i in range(0, len(rows), size)]
     table = tuple(row for group in groups for row in with_probabilities(with_differences(group)))
-    return ModelComparison(
-        table, tuple(study.names), tuple(model.name for model in records), root, chosen, tuple(said for _, said in found if said)
-    )
+    said = tuple(said for _, said in found if said)
+    return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen, said, study.task)
 
 
-def _whole_space(subject: Subject, data: tuple[Doubt, ...], *, draws: int, seed: int, prior: Prior) -> tuple[tuple[ModelRow, ...], Verdict]:
-    return compare_space(subject, draws=draws, seed=seed, prior=prior, data=data)
-
-
-def _one_model(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> tuple[tuple[ModelRow, ...], None]:
-    return (compare_one(subject, model, draws=draws, seed=seed, prior=prior),), None
+def _alone(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> tuple[Sequence[ModelRow], None]:
+    return [compare_one(subject, model, draws=draws, seed=seed, prior=prior)], None
 
 
 def with_probabilities(rows: Sequence[ModelRow]) -> list[ModelRow]:

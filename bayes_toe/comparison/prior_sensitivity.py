@@ -216,7 +216,7 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
     fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
     own = reweighted(fitted, posterior, posterior)
     rows = []
-    for varied, power in product(middle.varied(middle.of_h1), powers):
+    for varied, power in product(middle.varied(middle.of_h1(subject.task)), powers):
         wanted = posterior_of(subject, moved(middle, varied, power, reach))
         found = own if wanted.prior == middle else under(fitted, posterior, wanted, seed)
         rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))

@@ -41,7 +41,7 @@ def read_evidence(path: str | Path, draws: Draws) -> pd.DataFrame:
     require_update(draws, source)
     texts, numbers = read_rows(path, _TEXTS, [name for name in EVIDENCE_COLUMNS if name not in _TEXTS])
     require_subjects(source, texts["subject"], draws)
-    require_said_prior(source, texts["prior"][0], draws.prior.describe_orders())
+    require_said_prior(source, texts["prior"][0], draws.prior.describe_orders(draws.task))
     _require_answers(source, texts["subject"], numbers["log_evidence_h0"], draws)
     return aligned(pd.DataFrame({**texts, **numbers}, columns=list(EVIDENCE_COLUMNS)), draws)
 

@@ -1,9 +1,9 @@
 """One verdict a subject: whether there is an order effect, of which kind and size, and whether the models describe the answers.
 
-It averages over the 48 compositions of :data:`bayes_toe.model.ladder.SPACE`: order {none, constant error, update} x noise x lapses x curve
-x peak, all equally probable beforehand. The size of an effect is the root mean square, over the first stimuli shown, of the shift
-c - p (s1 - sbar) that the order makes, in half-widths of the curve; 0 where there is none. The words and their limits were measured on 510
-simulated observers: docs/order_effect.md says how often each is right.
+It averages over the space of the task (:func:`bayes_toe.model.ladder.models_of`): order {none, constant error, update} x noise x lapses x
+what else the task's curve has, all equally probable beforehand. The size of an effect is the root mean square, over the first stimuli
+shown, of the shift c - p (s1 - sbar) that the order makes, in just noticeable differences (half-widths of the curve of 'equal'); 0 where
+there is none. The words and their limits were measured on simulated observers: docs/order_effect.md says how often each is right.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
-from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import compose
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
@@ -89,7 +89,7 @@ class Verdict:
     log_bayes_factor_effect : float or None
         Natural log of the evidence of an effect, both kinds equally probable, over that of none; it does not depend on P(none) beforehand.
     size_q50, p_larger : float or None
-        Posterior median of the size of the effect in half-widths of the curve, and the probability that it is above 0.2.
+        Posterior median of the size of the effect in just noticeable differences, and the probability that it is above 0.2.
     best_model : str
         The composition with the highest evidence.
     best_fit : FitSummary or None
@@ -139,7 +139,7 @@ class Verdict:
 
     @property
     def at_most_small(self) -> bool:
-        """Whether no effect above a fifth of the curve's half-width is left."""
+        """Whether no effect above a fifth of a just noticeable difference is left."""
         return self.p_larger is not None and self.p_larger <= SURELY
 
     @property
@@ -251,12 +251,13 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
     data : sequence of Doubt
         What the data have against them.
     """
-    found = space_evidence(subject, prior, SPACE, seed)
+    space = models_of(subject.task).space
+    found = space_evidence(subject, prior, space, seed)
     values = weighed([None if np.isnan(one) else one for one in found.log_evidence.tolist()], found.bounds.tolist())
-    if np.isnan(values).any():
-        missing = ", ".join(SPACE[i].name for i in np.flatnonzero(np.isnan(values)))
+    if np.isnan(values).any() or not found.sampled:
+        missing = ", ".join(space[i].name for i in np.flatnonzero(np.isnan(values))) or "any model that can be trusted"
         return Verdict(subject.name, None, (), None, None, None, "", None, None, tuple(data), (f"no evidence of {missing}",)), found
-    of_orders = by_order(values)
+    of_orders = by_order(values, space)
     best = max(found.sampled, key=lambda i: float(values[i]))
     fit = weighted_fit(found.sampled[best].fitted, seed)
     sizes, weights = _sizes(found, values)
@@ -265,29 +266,32 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
     made = Verdict(
         subject.name,
         _probabilities(of_orders),
-        tuple(_probabilities(by_order(_under(found, values, factor))) for factor in FACTORS),
+        tuple(_probabilities(by_order(_under(found, values, factor), space)) for factor in FACTORS),
         float(np.logaddexp(*of_orders[1:]) - np.log(2.0) - of_orders[0]),
         float(sizes[order][min(middle, len(sizes) - 1)]),
         float(weights[sizes > SMALL].sum()),
-        SPACE[best].name,
+        space[best].name,
         fit,
         data=tuple(data),
         notes=found.notes,
     )
     if made.fit == "not described":
-        scattering = [compose(**{**dict(model.levels), "spread": "beta-binomial"}) for model in SPACE]
-        more = by_order(space_evidence(subject, prior, scattering, seed).log_evidence)
+        scattering = [compose(subject.task, **{**dict(model.levels), "spread": "beta-binomial"}) for model in space]
+        more = by_order(space_evidence(subject, prior, scattering, seed).log_evidence, scattering)
         made = replace(made, p_none_scattered=_probabilities(np.logaddexp(of_orders, more))[0])
     return made, found
 
 
-def by_order(log_evidence: FloatArray) -> FloatArray:
+def by_order(log_evidence: FloatArray, models: Sequence[Model]) -> FloatArray:
     """Log evidence of each order level, (models,) -> (3,): the mean over the models that have it, which are equally many."""
-    return np.array([logsumexp(log_evidence[_of(level)]) - np.log(len(_of(level))) for level in ORDERS])
+    of_level = [log_evidence[places] for places in places_by_order(models)]
+    return np.array([logsumexp(some) - np.log(len(some)) for some in of_level])
 
 
-def _of(level: str) -> list[int]:
-    return [i for i, model in enumerate(SPACE) if dict(model.levels)["order"] == level]
+def places_by_order(models: Sequence[Model]) -> list[list[int]]:
+    """Of each level of the order, the places of the models that have it."""
+    levels = [dict(model.levels)["order"] for model in models]
+    return [[i for i, level in enumerate(levels) if level == order] for order in ORDERS]
 
 
 def _probabilities(log_evidence: FloatArray) -> tuple[float, ...]:
@@ -304,8 +308,8 @@ def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArra
         some = np.isfinite(log_weights)  # elsewhere the likelihood is 0, or the prior
         log_weights[some] += posterior.log_prior_under(draws.x[some], other) - draws.log_prior[some]
         moved[i], known[i] = values[i] + logsumexp(log_weights) - logsumexp(draws.log_weights), True
-    for level in ORDERS:
-        same = np.isin(np.arange(len(values)), _of(level))
+    for places in places_by_order(found.models):
+        same = np.isin(np.arange(len(values)), places)
         if (same & known).any():
             moved[same & ~known] += (moved - values)[same & known].mean()
     return moved
@@ -314,12 +318,9 @@ def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArra
 def _sizes(found: SpaceEvidence, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Draws of the effect's size over all models, and their weights, which sum to 1; a model that was not sampled as those of its order."""
     sizes, weights = [np.zeros(1)], [np.zeros(1)]
-    p = softmax(values)
-    for level in ORDERS:
-        places = _of(level)
-        if level == ORDERS[0]:
-            weights[0][0] = p[places].sum()
-            continue
+    p, (without, *others) = softmax(values), places_by_order(found.models)
+    weights[0][0] = p[without].sum()
+    for places in others:
         known = [i for i in places if i in found.sampled]
         for i in known:
             fitted = found.sampled[i].fitted

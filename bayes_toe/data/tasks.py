@@ -15,11 +15,14 @@ class Task:
         What files and messages call it.
     yes, no : str
         The answer that is counted, and the other one; ``n_yes`` of a subject counts the first.
+    lapses : str
+        The fourth parameter of the paper's observer in this task: how answers come that the curve does not explain.
     """
 
     name: str
     yes: str
     no: str
+    lapses: str
 
     @property
     def count(self) -> str:
@@ -28,7 +31,7 @@ class Task:
 
 
 #: 'Were they the same or different?': the paper's task.
-SAME_DIFFERENT = Task("same/different", "equal", "different")
+SAME_DIFFERENT = Task("same/different", "equal", "different", "q0")
 #: 'Which was stronger (longer, louder, heavier)?', also called 2AFC and 2IFC.
-WHICH_STRONGER = Task("which is stronger", "second", "first")
+WHICH_STRONGER = Task("which is stronger", "second", "first", "lapse_rate")
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER)

@@ -37,7 +37,7 @@ from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import summarise_fit
 from bayes_toe.kept import Kept, keeping
-from bayes_toe.model.ladder import FREE_WEIGHTING, model_named
+from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import mean_first, prior_for
@@ -228,7 +228,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     *,
     covariates: Covariates | str | Path | None = None,
     categorical: tuple[str, ...] = (),
-    model: str = FREE_WEIGHTING.name,
+    model: str = "free weighting",
     draws: int = 2000,
     seed: int | None = None,
     prior: Prior | str | None = None,
@@ -291,7 +291,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
-        posterior = posterior if posterior.model == model_named(model).name else None
+        posterior = posterior if posterior.model == model_named(model, study.task).name else None
     people = None if covariates is None else covariates_of(covariates)
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)

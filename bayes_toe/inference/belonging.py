@@ -43,7 +43,8 @@ def require_belonging(
         raise InputError(f"{where}: {wrong}{made}; allowed: the posterior of {study.source}")
     if prior is not None and not _same_prior(draws, prior):
         raise InputError(
-            f"{where}: found draws under {draws.prior.describe_orders()}; allowed: that prior, or none, given {prior.describe_orders()}"
+            f"{where}: found draws under {draws.prior.describe_orders(draws.task)}; allowed: that prior, or none, "
+            f"given {prior.describe_orders(draws.task)}"
         )
     if seed is not None and draws.seed != seed:
         raise InputError(f"{where}: found draws of seed {draws.seed}, allowed: that seed, or none, given {seed}")
@@ -70,7 +71,7 @@ def require_said_prior(source: str, said: str, wanted: str) -> None:
 
 def _same_prior(draws: Draws, prior: Prior) -> bool:
     """Whether the model's parameters have the same prior; what only other models have does not count."""
-    record, own = model_named(draws.model), draws.prior
+    record, own = model_named(draws.model, draws.task), draws.prior
     used = {"interval"}.union(*(record.parameters(one) for one in (prior, own))) if isinstance(record, Model) else {"interval"}
     same = (getattr(own, one.name) == getattr(prior, one.name) for one in own.declared() if one.parameter in used)
     return type(prior) is type(own) and all(same)

@@ -100,7 +100,7 @@ class Draws:
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
-        return model_named(self.model).describe(self.prior)
+        return model_named(self.model, self.task).describe(self.prior)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -387,6 +387,6 @@ def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], se
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
     """About how many bytes the file of draws will have, before they are made."""
-    record, stored = model_named(model), sampler.ensembles * sampler.walkers * sampler.kept_steps
+    record, stored = model_named(model, study.task), sampler.ensembles * sampler.walkers * sampler.kept_steps
     names = {name for subject in study for name in record.posterior(subject, prior).names.natural}
     return 8 * stored * len(study) * (len(names) + 1) + 50_000

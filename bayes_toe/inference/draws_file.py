@@ -125,7 +125,7 @@ def _long(study: Study, key: str) -> xr.Dataset:
 
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
-    record = model_named(settings.model)
+    record = model_named(settings.model, study.task)
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,

@@ -141,7 +141,7 @@ def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: Float
         return slope
 
     starts = _starts(log_density, maxima) if starts is None else starts
-    density = Differenced(log_density, gradient, *starts.shape)
+    density = Differenced(lambda x, _: log_density(x), lambda x, _: gradient(x), *starts.shape)
     found = ascend(density, starts.T, rivals=np.zeros(len(starts), np.intp))
     best = np.lexsort((found.arrived, found.value))[-1:]  # of equals one that arrived
     curvature, x = density.curvature(found.x[:, best], best)[0], found.x[:, best[0]]

@@ -5,6 +5,7 @@ The objective may differ from point to point. Arrays have their points on the la
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -17,6 +18,9 @@ from bayes_toe.model.target import Gradient, Target, hessian, one_sided
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
 _TINY = 1e-300
+
+
+OfStarts = Callable[[FloatArray, IndexArray], FloatArray]
 
 
 class Objective(Protocol):
@@ -37,30 +41,34 @@ class Differenced:
     Parameters
     ----------
     value : callable
-        (points, k) -> (points,).
+        (points, k) and the start that each came from, (points,) -> (points,).
     gradient : callable
-        (points, k) -> (points, k).
+        The same -> (points, k).
     starts, k : int
         How many starts there will be, and of how many coordinates.
     """
 
-    def __init__(self, value: Gradient, gradient: Gradient, starts: int, k: int) -> None:
+    def __init__(self, value: OfStarts, gradient: OfStarts, starts: int, k: int) -> None:
         self._value, self._gradient, self._bend = value, gradient, np.ones((starts, k))
 
-    def value(self, x: FloatArray, _: IndexArray) -> FloatArray:
+    def value(self, x: FloatArray, index: IndexArray) -> FloatArray:
         """Value at x, (k, points) -> (points,)."""
-        return self._value(x.T)
+        return self._value(x.T, index)
 
     def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (k, points) and Hessian (k, k, points)."""
-        gradient, bends = one_sided(self._gradient, x.T, self._bend[index])
+        gradient, bends = one_sided(self._of(index), x.T, self._bend[index])
         bend = np.abs(np.diagonal(bends, axis1=1, axis2=2))
         self._bend[index] = np.where(np.isfinite(bend), bend, self._bend[index])
         return gradient.T, np.moveaxis(bends, 0, -1)
 
     def curvature(self, x: FloatArray, index: IndexArray) -> FloatArray:
         """Negative Hessian, (k, points) -> (points, k, k), by central differences, where the ascent ended."""
-        return -hessian(self._gradient, x.T, self._bend[index])
+        return -hessian(self._of(index), x.T, self._bend[index])
+
+    def _of(self, index: IndexArray) -> Gradient:
+        """The gradient at points of these starts, in their order as often as it takes."""
+        return lambda x: self._gradient(x, np.resize(index, len(x)))
 
 
 class Ascent(NamedTuple):
@@ -256,7 +264,7 @@ def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     True
     """
     x = target.starts() if starts is None else starts
-    density = Differenced(target.log_density, lambda x: target.gradient(x)[1], *x.shape)
+    density = Differenced(lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape)
     found = ascend(density, x.T)
     chosen: list[int] = []
     for i in np.argsort(-found.value):

@@ -71,9 +71,9 @@ class Predictor:
         """Normalised distance of every pair that was tested, shape (draws, pairs)."""
         return self.target.distance(self.x)
 
-    def equal_at_distance(self, z: FloatArray) -> FloatArray:
+    def yes_at_distance(self, z: FloatArray) -> FloatArray:
         """P(equal) at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
-        return self.target.equal_at_distance(self.x, z)
+        return self.target.yes_at_distance(self.x, z)
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
@@ -176,4 +176,4 @@ def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
     spread = np.average(np.square(lever), weights=share)  # the mean of the lever is 0, or that of the centre
     mean = np.average(lever, weights=share)
     square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.half_of_peak(x)))
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.noticeable(x)))

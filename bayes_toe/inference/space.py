@@ -21,7 +21,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
 from bayes_toe.inference.evidence import Evidence, importance_evidence
-from bayes_toe.inference.maxima import ascend
+from bayes_toe.inference.maxima import Differenced, ascend
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.closed_form import MAX_PULL
@@ -29,7 +29,6 @@ from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_lo
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import hessian, one_sided
 from bayes_toe.seeds import generator
 
 #: Nats below the best model within which evidences are sampled.
@@ -75,6 +74,11 @@ class SpaceEvidence:
     bounds: FloatArray
     sampled: Mapping[int, Sampled]
     notes: tuple[str, ...] = ()
+
+    def value(self, model: Model) -> float | None:
+        """The log evidence of a model; None where it is withheld."""
+        found = float(self.log_evidence[self.models.index(model)])
+        return None if np.isnan(found) else found
 
     def predictor(self, model: str, size: int, rng: np.random.Generator) -> Predictor:
         """So many posterior draws of a model that was sampled."""
@@ -205,14 +209,15 @@ class Family:
     def maxima(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of every model its highest maximum, (models, k), value, (models,), and negative Hessian, (models, k, k), 1 where fixed."""
         u, whose = self.starts()
-        climb = _Climb(self, whose, len(self.rest))
+        climb = Differenced(
+            lambda u, starts: self.log_density(u, whose[starts]), lambda u, starts: self.gradient(u, whose[starts]), *u.shape
+        )
         found = ascend(climb, u.T, fixed=~self.free[whose].T, rivals=whose)
         value = np.where(found.arrived, found.value, -np.inf)
         best = np.array([np.flatnonzero(whose == i)[np.argmax(value[whose == i])] for i in range(len(self.models))])
-        top, each = found.x.T[best], np.arange(len(best))
-        bend = -hessian(lambda u: self.gradient(u, np.resize(each, len(u))), top, climb.bend[best])
+        bend = climb.curvature(found.x[:, best], best)
         bend[:, np.arange(len(self.rest)), np.arange(len(self.rest))] += ~self.free
-        return top, value[best], bend
+        return found.x.T[best], value[best], bend
 
     @cached_property
     def laplace(self) -> FloatArray:
@@ -246,22 +251,3 @@ class Family:
         bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.diag(self.free[i].astype(np.float64))
         spread = np.linalg.inv(np.linalg.cholesky(bend)).T / size[:, None]
         return tops[i], spread, float(np.log(np.diagonal(spread)).sum())
-
-
-class _Climb:
-    """What :func:`~bayes_toe.inference.newton.ascend` climbs: each start on the density of its own model."""
-
-    def __init__(self, family: Family, whose: IndexArray, k: int) -> None:
-        self.family, self.whose, self.bend = family, whose, np.ones((len(whose), k))
-
-    def value(self, u: FloatArray, index: IndexArray) -> FloatArray:
-        """Log density, (k, points) -> (points,)."""
-        return self.family.log_density(u.T, self.whose[index])
-
-    def derivatives(self, u: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (k, points) and Hessian (k, k, points)."""
-        which = self.whose[index]
-        gradient, bends = one_sided(lambda at: self.family.gradient(at, np.resize(which, len(at))), u.T, self.bend[index])
-        bend = np.abs(np.diagonal(bends, axis1=1, axis2=2))
-        self.bend[index] = np.where(np.isfinite(bend), bend, self.bend[index])
-        return gradient.T, np.moveaxis(bends, 0, -1)

@@ -31,6 +31,8 @@ sigma1/K, that of a comparison with the prior alone. Nothing else is open: a sta
 parameter that the model at one interval does not have. One prior serves all intervals, mixed or in blocks; assumed is, as at one interval,
 that the pause before a pair is long enough for the memory to be the prior again. One interval tells rho K only; several tell rho and K.
 
+What the unit of z is depends on the task (:class:`CurveScale`); above it is that of same or different.
+
 The two disagree on what an interval does to the order effect: under the random walk it shrinks as the interval grows, under the
 mean-reverting memory it grows.
 """
@@ -39,6 +41,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -139,6 +142,27 @@ class Scales(NamedTuple):
         return Scales(self.pull[at], self.width[at])
 
 
+class CurveScale(NamedTuple):
+    """What a curve's width is, by the variances of memory and measurement: (sigma_2^2 + sigma_l^2)^total / sigma_2^(2 own).
+
+    In the predictive update sigma_2^2 = G sigma_p^2 and the sum G^2 sigma_p^2, so that the width is sigma_p G^(2 total - own).
+    """
+
+    total: float
+    own: float
+
+    @property
+    def power(self) -> float:
+        """Of G, in the predictive update."""
+        return 2.0 * self.total - self.own
+
+
+#: Same or different: sigma_2 + sigma_l^2/sigma_2 (Eq. mod:q).
+OF_EQUAL = CurveScale(1.0, 0.5)
+#: Which is stronger: sigma_d, the standard deviation of the second measurement as memory predicts it.
+OF_SECOND = CurveScale(0.5, 0.0)
+
+
 #: At one interval, and of a model that does not mention the interval: exactly 1.
 UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
 
@@ -167,7 +191,7 @@ def reference_interval(subject: Subject, given: float | None) -> float:
     return subject.intervals[0] if len(subject.intervals) == 1 else float(typical_interval(subject.isi, subject.n_trials)[0])
 
 
-def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
+def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
     """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
 
     As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
@@ -179,7 +203,7 @@ def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
     """
     gamma = noise_ratio_at(logit_pull)
     ratio = variance_ratio(gamma / intervals) / variance_ratio(gamma)  # t = 1 by the same formula: exactly 1
-    return Scales(1.0 / (np.square(ratio) * intervals), np.sqrt(intervals) * ratio**1.5)
+    return Scales(1.0 / (np.square(ratio) * intervals), np.sqrt(intervals) * ratio**curve.power)
 
 
 def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
@@ -188,13 +212,16 @@ def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
     return np.asarray(p / np.square(1.0 - p))
 
 
-def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Scales:
+def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
     """Scales of a memory that decays to the prior by rho^t, shapes (points,), (points,) and (intervals,).
 
     With l = -ln g_1 and rho = g_1^s, 0 < s < 1, the exponents are linear in the interval: g_t = exp(-l m) and g_t rho^t = exp(-l n) with
     m = 1 - s + s t and n = m + s t, so
 
         r = (1 - exp(-l m)) / (1 - exp(-l)),    v = f_t/f_1,    f_t = (1 - exp(-2 l m)) / (1 - exp(-l n))^(1/2).
+
+    and of another curve, with sigma_2^2 + sigma_l^2 = sigma1^2 (1 - g_t^2)/K and sigma_2^2 = sigma1^2 (1 - g_t rho^t), other powers of
+    these.
 
     As l -> 0, r -> m and v -> m ((1 + s)/n)^(1/2), which the quotients (1 - e^-x)/x keep to all digits.
 
@@ -208,26 +235,26 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, inter
     kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
 
     def forms(t: FloatArray) -> Scales:
-        """(1 - g_t)/l and f_t/(4 l)^(1/2)."""
+        """(1 - g_t)/l and f_t/l^(1/2), but for factors without t."""
         m, n = kept + decayed * t, kept + 2.0 * decayed * t
-        return Scales(m * exprel(-lost * m), m * exprel(-2.0 * lost * m) / np.sqrt(n * exprel(-lost * n)))
+        return Scales(m * exprel(-lost * m), (m * exprel(-2.0 * lost * m)) ** curve.total / (n * exprel(-lost * n)) ** curve.own)
 
     at, one = forms(intervals), forms(np.ones(1))  # t = 1 by the same formula: exactly 1
     return Scales(at.pull / one.pull, at.width / one.width)
 
 
-def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray) -> Scales:
-    """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = 1.5 e + log(t)/2.
+def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
+    """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = power e + log(t)/2.
 
     With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
     """
     gamma = noise_ratio_at(logit_pull)
     p1, pt = pull(gamma), pull(gamma / intervals)
     slope = (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
-    return Scales(-2.0 * slope[None], 1.5 * slope[None])
+    return Scales(-2.0 * slope[None], curve.power * slope[None])
 
 
-def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray) -> Scales:
+def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
     """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split), with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
     lost, log_growth = np.logaddexp(0.0, logit_pull[:, None]), log_lost_slope(logit_pull[:, None])
     kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
@@ -237,7 +264,10 @@ def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, inter
         m, n = kept + decayed * t, kept + 2.0 * decayed * t
         by_m, by_n = kept * decayed * (t - 1.0) / m, kept * decayed * (2.0 * t - 1.0) / n
         once, twice, mixed = (1.0 / exprel(lost * part) for part in (m, 2.0 * m, n))
-        of_width = log_growth * (twice - 0.5 * mixed - 0.5), by_m * twice - 0.5 * by_n * mixed
+        of_width = (
+            log_growth * (curve.total * twice - curve.own * mixed - curve.total + curve.own),
+            curve.total * by_m * twice - curve.own * by_n * mixed,
+        )
         return Scales(np.stack([log_growth * (once - 1.0), by_m * once]), np.stack(of_width))
 
     return Scales(*(at - one for at, one in zip(forms(intervals), forms(np.ones(1)), strict=True)))
@@ -279,17 +309,25 @@ class Propagator:
 
 
 _SHARE, _INTENSITY = "1, at {}", "ln intensity, at {}"
-RANDOM_WALK = Propagator(
-    "memory's variance grows by sigma_p^2 over the reference interval, with a self-consistent prior for each interval",
-    ("logit_pull",),
-    random_walk_scales,
-    random_walk_growth,
-    (("sigma_p", "ln intensity / ({})^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
-)
-MEAN_REVERSION = Propagator(
-    "memory keeps rho over the reference interval, rho^t over t of them",
-    ("logit_pull", "logit_split"),
-    mean_reverting_scales,
-    mean_reverting_growth,
-    (("rho", _SHARE), ("gain", _SHARE), ("width", _INTENSITY)),
-)
+
+
+def random_walk(curve: CurveScale) -> Propagator:
+    """The predictive update's."""
+    return Propagator(
+        "memory's variance grows by sigma_p^2 over the reference interval, with a self-consistent prior for each interval",
+        ("logit_pull",),
+        partial(random_walk_scales, curve=curve),
+        partial(random_walk_growth, curve=curve),
+        (("sigma_p", "ln intensity / ({})^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+    )
+
+
+def mean_reversion(curve: CurveScale) -> Propagator:
+    """That of a memory that decays to the prior."""
+    return Propagator(
+        "memory keeps rho over the reference interval, rho^t over t of them",
+        ("logit_pull", "logit_split"),
+        partial(mean_reverting_scales, curve=curve),
+        partial(mean_reverting_growth, curve=curve),
+        (("rho", _SHARE), ("gain", _SHARE), ("width", _INTENSITY)),
+    )

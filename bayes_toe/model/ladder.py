@@ -7,39 +7,83 @@ propagator scales them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import overload
+from functools import cache
+from typing import NamedTuple, overload
 
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FreeFrequencies, FrequencyPosterior
-from bayes_toe.model.parts import NAMED, allowed_words, composition, compositions
+from bayes_toe.model.parts import NAMED, allowed_words, compose, composition, compositions, parts_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 
 Record = Model | FreeFrequencies
 
-#: From fewest parameters to most, after H0.
-SYMMETRIC, CONSTANT_BIAS, DIFFERENCING, NO_LAPSES, PREDICTIVE_UPDATE, FREE_WEIGHTING, MEAN_REVERTING = map(composition, NAMED)
-MODELS: tuple[Record, ...] = (
-    *(FREE_FREQUENCIES, SYMMETRIC, CONSTANT_BIAS, DIFFERENCING),
-    *(NO_LAPSES, PREDICTIVE_UPDATE, FREE_WEIGHTING, MEAN_REVERTING),
-)
+
+class TaskModels(NamedTuple):
+    """The models of a task that have a role.
+
+    Attributes
+    ----------
+    named : tuple of record
+        Those that have a name of their own, from fewest parameters to most, after free frequencies (H0).
+    space : tuple of Model
+        What verdicts average over: is there an order effect and of which kind, whatever the other parts are.
+    symmetric, constant_bias, update : Model
+        The plain models of each kind of order effect; the last is the paper's observer (H1).
+    """
+
+    named: tuple[Record, ...]
+    space: tuple[Model, ...]
+    symmetric: Model
+    constant_bias: Model
+    update: Model
+
+    @property
+    def compared(self) -> tuple[Record, ...]:
+        """What `compare` compares by default."""
+        return (FREE_FREQUENCIES, *self.space)
+
+
+#: Levels of the order part of which a verdict is.
+ORDERS = ("none", "constant error", "update")
+#: Which levels the space of a task crosses beside those of the order; the others are its defaults.
+CROSSED: Mapping[Task, Mapping[str, tuple[str, ...]]] = {
+    SAME_DIFFERENT: {
+        "noise": ("Weber", "sloped"),
+        "lapses": ("misses", "both ways"),
+        "curve": ("bell", "differencing"),
+        "peak": ("one peak", "sloped peak"),
+    },
+    WHICH_STRONGER: {"noise": ("Weber", "sloped"), "lapses": ("guesses", "no lapses")},
+}
+
+
+@cache
+def models_of(task: Task) -> TaskModels:
+    """The models of a task.
+
+    Examples
+    --------
+    >>> len(models_of(SAME_DIFFERENT).space), len(models_of(WHICH_STRONGER).space)
+    (48, 12)
+    """
+    words = {word for levels in parts_of(task).values() for level in levels for word in (level.name, *level.also)}
+    named = [composition(text, task) for text in NAMED if {*text.split(" + ")} <= words]
+    plain = (compose(task, order=order) for order in ORDERS)
+    return TaskModels((FREE_FREQUENCIES, *named), compositions(task, order=ORDERS, **CROSSED[task]), *plain)
+
+
+#: Of same or different.
+MODELS, SPACE, SYMMETRIC, CONSTANT_BIAS, PREDICTIVE_UPDATE = models_of(SAME_DIFFERENT)
 NAMES = tuple(model.name for model in MODELS)
-#: What is compared by default: is there an order effect and of which kind, whatever noise, lapses, curve and peak are.
-SPACE = compositions(
-    order=("none", "constant error", "update"),
-    noise=("Weber", "sloped"),
-    lapses=("misses", "both ways"),
-    curve=("bell", "differencing"),
-    peak=("one peak", "sloped peak"),
-)
-COMPOSED: tuple[Record, ...] = (FREE_FREQUENCIES, *SPACE)
-#: Spaces of models by name.
-SPACES = {"parts": COMPOSED, "ladder": MODELS}
+#: Spaces of models that have a name.
+SPACES = ("parts", "ladder")
 
 
-def require_models(names: str | Sequence[str | Record]) -> tuple[Record, ...]:
-    """The models asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others.
+def require_models(names: str | Sequence[str | Record], task: Task = SAME_DIFFERENT) -> tuple[Record, ...]:
+    """The models of a task asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others.
 
     Raises
     ------
@@ -48,17 +92,19 @@ def require_models(names: str | Sequence[str | Record]) -> tuple[Record, ...]:
     """
     if not isinstance(names, Iterable) or isinstance(names, Mapping):
         require_kind("models", names, str, f"names of models, or of a space: {', '.join(SPACES)}")
+    known = models_of(task)
     if isinstance(names, str):
-        return SPACES[names] if names in SPACES else (model_named(names),)
+        spaces = dict(zip(SPACES, (known.compared, known.named), strict=True))
+        return spaces[names] if names in spaces else (model_named(names, task),)
     if not names:
-        raise InputError(f"models: none given; allowed: {', '.join(NAMES)}, or {allowed_words()}")
-    asked = tuple(dict.fromkeys(map(model_named, names)))
-    first = tuple(model for model in (*MODELS, *COMPOSED) if model in asked)
+        raise InputError(f"models: none given; allowed: {', '.join(one.name for one in known.named)}, or {allowed_words(task)}")
+    asked = tuple(dict.fromkeys(model_named(name, task) for name in names))
+    first = tuple(model for model in (*known.named, *known.compared) if model in asked)
     return tuple(dict.fromkeys((*first, *asked)))
 
 
-def model_named(name: str | Record) -> Record:
-    """The record of a model by its name or its composition, or the record that was given.
+def model_named(name: str | Record, task: Task = SAME_DIFFERENT) -> Record:
+    """The record of a task's model by its name or its composition, or the record that was given.
 
     Raises
     ------
@@ -77,13 +123,13 @@ def model_named(name: str | Record) -> Record:
     if isinstance(name, Record):
         return name
     require_kind("model", name, str, "a name or a composition, such as 'update + sloped + both ways'")
-    for model in MODELS:
-        if model.name == name:
-            return model
+    named = {model.name: model for model in models_of(task).named}
+    if name in named:
+        return named[name]
     try:
-        return composition(name)
+        return composition(name, task)
     except InputError as error:
-        raise InputError(f"{error}; or: {', '.join(NAMES)}") from error
+        raise InputError(f"{error}; or: {', '.join(named)}") from error
 
 
 @overload
@@ -91,9 +137,9 @@ def posterior_of(subject: Subject, prior: Prior | None = None) -> Posterior: ...
 @overload
 def posterior_of(subject: Subject, prior: Prior | None = None, *, model: str | Record) -> Posterior | FrequencyPosterior: ...
 def posterior_of(
-    subject: Subject, prior: Prior | None = None, *, model: str | Record = PREDICTIVE_UPDATE
+    subject: Subject, prior: Prior | None = None, *, model: str | Record = PREDICTIVE_UPDATE.name
 ) -> Posterior | FrequencyPosterior:
-    """Posterior of one subject under a model, by default the predictive update (H1).
+    """Posterior of one subject under a model of the task, by default the predictive update (H1).
 
     Examples
     --------
@@ -101,4 +147,4 @@ def posterior_of(
     >>> posterior_of(subject, model="constant bias").coordinates
     ('offset', 'log_width', 'logit_q0')
     """
-    return model_named(model).posterior(subject, prior)
+    return model_named(model, subject.task).posterior(subject, prior)

@@ -1,12 +1,16 @@
 """From normalised distance to the two answers: what they weigh, and how that changes with the distance and with the curve's parameters.
 
-A link gives log P(equal) and log P(different) together, each accurate to rounding wherever the other is near 1: whichever probability is
-the smaller is formed from positive terms, and the larger one is its complement. Its slopes are the first derivatives of both logs in z and
-in the link's own coordinates, for the chain rule of :mod:`bayes_toe.model.posterior`. The first of these is l, the logit of the peak, the
-P(equal) at z = 0; where a model has none, the peak is 1 and l infinite.
+A link gives the log probabilities of both answers together, first that of the answer which the task counts, each accurate to rounding
+wherever the other is near 1: whichever probability is the smaller is formed from positive terms, and the larger one is its complement. Its
+slopes are the first derivatives of both logs in z and in the link's own coordinates, for the chain rule of
+:mod:`bayes_toe.model.posterior`.
 
-With lapses in both directions an observer answers a share lambda of the trials without regard to the stimuli, 'equal' with the peak's
-probability q0: P(equal) = lambda q0 + (1 - lambda) Q(z), whatever curve Q is.
+*Same or different*: the first own coordinate is l, the logit of the peak, the P(equal) at z = 0; where a model has none, the peak is 1 and
+l infinite. *Which is stronger*: P(second) = F(z), with z the distance from the evolved memory in units of sigma_d, the standard deviation
+of the second measurement as memory predicts it.
+
+An observer who lapses answers a share lambda of the trials without regard to the stimuli: P = lambda g + (1 - lambda) P(z). Of these the
+share g is 'equal' with the peak's probability q0, or 'second' with one half or with a share of its own.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
+from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.closed_form import LN2, log_different, log_equal
@@ -47,11 +51,11 @@ class Link:
     coordinates : tuple of str
         Its own unconstrained coordinates, the peak's first.
     log_answers : callable
-        z and the own coordinates, which broadcast to (points, pairs) -> log P(equal), log P(different).
+        z and the own coordinates, which broadcast to (points, pairs) -> log P of the answer that is counted, and of the other one.
     slopes : callable
         z, both log probabilities and the own coordinates -> :class:`Slopes` of both.
     half : callable
-        The own coordinates -> the z at which P(equal) is half its peak.
+        The own coordinates -> the just noticeable z: where P(equal) is half its peak, or P(second) 75 %.
     """
 
     coordinates: tuple[str, ...]
@@ -131,60 +135,117 @@ def _log_lost(log_t: FloatArray, t: FloatArray) -> FloatArray:
     return np.where(t < 1e-17, log_t, np.log(-np.expm1(-np.maximum(t, 1e-17))))
 
 
-# --- Lapses in both directions ------------------------------------------------------------------------
+# --- Which is stronger --------------------------------------------------------------------------------
+
+
+def probit_answers(z: FloatArray) -> Answers:
+    """P(second) = Phi(z).
+
+    Examples
+    --------
+    >>> [round(float(part), 3) for part in probit_answers(np.asarray(-40.0))]
+    [-804.608, -0.0]
+    """
+    return np.asarray(log_ndtr(z)), np.asarray(log_ndtr(-z))
+
+
+def probit_slopes(z: FloatArray, answers: Answers) -> tuple[Slopes, Slopes]:
+    """Mills' ratios, by which nothing cancels far out: phi(z)/Phi(z) = sqrt(2/pi) / erfcx(-z/sqrt 2)."""
+    rise, fall = (np.sqrt(2.0 / np.pi) / erfcx(sign * z * np.sqrt(0.5)) for sign in (-1.0, 1.0))
+    return Slopes(np.asarray(rise), ()), Slopes(np.asarray(-fall), ())
+
+
+_STEEP = 1.702  # with which a logistic curve is nearest to a normal one
+
+
+def logistic_answers(z: FloatArray) -> Answers:
+    """P(second) = 1 / (1 + exp(-1.702 z)), which has heavier tails than a normal.
+
+    Examples
+    --------
+    >>> round(float(np.exp(logistic_answers(np.asarray(1.0))[0])), 3)
+    0.846
+    """
+    return np.asarray(log_expit(_STEEP * z)), np.asarray(log_expit(-_STEEP * z))
+
+
+def logistic_slopes(z: FloatArray, answers: Answers) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`logistic_answers`."""
+    return Slopes(_STEEP * expit(-_STEEP * z), ()), Slopes(-_STEEP * expit(_STEEP * z), ())
+
+
+# --- Lapses -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Lapsing:
-    """The rule of an observer who answers by another rule but for a share lambda of the trials, of which the share q0 is 'equal'.
+    """The rule of an observer who answers by another rule but for a share lambda of the trials; its attributes are those of :class:`Link`.
 
-    Its attributes are those of :class:`Link`.
+    Parameters
+    ----------
+    link : Link
+        The other rule.
+    guess : str, optional
+        The coordinate that is the logit of the share, among blind answers, of the one that is counted: one of the link's, or one more.
+        None: one half.
 
     Examples
     --------
-    >>> far = Lapsing(BELL).log_answers(np.array([[1e9]]), np.array([[0.0]]), np.array([[np.log(0.2 / 0.8)]]))[0]
-    >>> Lapsing(BELL).coordinates, float(np.exp(far).round(12)[0, 0])  # lambda q0 = 0.2 0.5
-    (('logit_q0', 'logit_lapse_rate'), 0.1)
+    >>> far = Lapsing(BELL, "logit_q0").log_answers(np.array([[1e9]]), np.array([[0.0]]), np.array([[np.log(0.2 / 0.8)]]))[0]
+    >>> float(np.exp(far).round(12)[0, 0])  # lambda q0 = 0.2 0.5
+    0.1
+    >>> Lapsing(PROBIT).coordinates, Lapsing(PROBIT, "logit_guess_second").coordinates
+    (('logit_lapse_rate',), ('logit_guess_second', 'logit_lapse_rate'))
     """
 
     link: Link
+    guess: str | None = None
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """The rule's, and the logit of lambda."""
-        return (*self.link.coordinates, "logit_lapse_rate")
+        """The rule's, the share's where it has its own, and the logit of lambda."""
+        own = () if self.guess is None or self.guess in self.link.coordinates else (self.guess,)
+        return (*self.link.coordinates, *own, "logit_lapse_rate")
 
     def log_answers(self, z: FloatArray, *own: FloatArray) -> Answers:
         """Sums of positive terms; the larger probability is the complement of the smaller one."""
-        equal, different = (np.logaddexp(*parts) for parts in _parts(self.link.log_answers(z, *own[:-1]), own))
-        few = equal < different
+        yes, no = (np.logaddexp(*parts) for parts in self._parts(self._of_curve(z, own), own))
+        few = yes < no
         with np.errstate(divide="ignore"):  # an answer that is impossible
-            other = np.log1p(-np.exp(np.where(few, equal, different)))
-        return np.where(few, equal, other), np.where(few, other, different)
+            other = np.log1p(-np.exp(np.where(few, yes, no)))
+        return np.where(few, yes, other), np.where(few, other, no)
 
     def slopes(self, z: FloatArray, answers: Answers, *own: FloatArray) -> tuple[Slopes, Slopes]:
         """Slopes of the logs of a mixture: the curve's by the share of attention in an answer, those of blind answers by the rest."""
-        peak, rate, of_curve = own[0], own[-1], self.link.log_answers(z, *own[:-1])
+        of_curve, rate = self._of_curve(z, own), own[-1]
 
         def mixed(sign: float, parts: Answers, log_p: FloatArray, of: Slopes) -> Slopes:
             lapsed, attended = (np.exp(part - log_p) for part in parts)
             # Far out, where nothing of the curve is left, its slopes may be infinite: they no longer count.
             z_slope, *rest = (np.where(attended > 0.0, attended * part, 0.0) for part in (of.z, *of.own))
-            blind = lapsed * sign * expit(-sign * peak)  # d log q0 or d log(1 - q0)
-            return Slopes(z_slope, (rest[0] + blind, *rest[1:], lapsed * expit(-rate) - attended * expit(rate)))
+            found = dict(zip(self.link.coordinates, rest, strict=True))
+            if self.guess is not None:  # d log g or d log(1 - g)
+                found[self.guess] = found.get(self.guess, 0.0) + lapsed * sign * expit(-sign * self._guess(own))
+            return Slopes(z_slope, (*found.values(), lapsed * expit(-rate) - attended * expit(rate)))
 
         with np.errstate(over="ignore", invalid="ignore"):
-            one, other = map(mixed, (1.0, -1.0), _parts(of_curve, own), answers, self.link.slopes(z, of_curve, *own[:-1]))
+            slopes = self.link.slopes(z, of_curve, *own[: len(self.link.coordinates)])
+            one, other = map(mixed, (1.0, -1.0), self._parts(of_curve, own), answers, slopes)
         return one, other
 
+    def _of_curve(self, z: FloatArray, own: tuple[FloatArray, ...]) -> Answers:
+        return self.link.log_answers(z, *own[: len(self.link.coordinates)])
 
-def _parts(of_curve: Answers, own: tuple[FloatArray, ...]) -> tuple[Answers, Answers]:
-    """For 'equal' and for 'different': logs of the parts that lapse and that attend, from the answers that a curve gives."""
-    peak, rate = own[0], own[-1]
-    lapsed = (log_expit(rate) + log_expit(sign * peak) for sign in (1.0, -1.0))
-    attended = (log_expit(-rate) + part for part in of_curve)
-    one, other = zip(lapsed, attended, strict=True)
-    return one, other
+    def _guess(self, own: tuple[FloatArray, ...]) -> FloatArray:
+        """The logit of the share of blind answers that is counted."""
+        return np.zeros(1) if self.guess is None else own[self.coordinates.index(self.guess)]
+
+    def _parts(self, of_curve: Answers, own: tuple[FloatArray, ...]) -> tuple[Answers, Answers]:
+        """For either answer: logs of the parts that lapse and that attend, from the answers that a curve gives."""
+        lapsed = (log_expit(own[-1]) + log_expit(sign * self._guess(own)) for sign in (1.0, -1.0))
+        attended = (log_expit(-own[-1]) + part for part in of_curve)
+        one, other = zip(lapsed, attended, strict=True)
+        return one, other
 
 
 #: The paper's rule, P(equal) = q0 2^(-z^2).
@@ -293,3 +354,6 @@ def differencing_half(logit_peak: FloatArray) -> FloatArray:
 
 #: Signal detection: 'equal' where a noisy difference lies within a criterion.
 DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes, differencing_half)
+#: Which is stronger: a normal curve, and a logistic one.
+PROBIT = Link((), probit_answers, probit_slopes, lambda: np.asarray(ndtri(0.75)))
+LOGISTIC = Link((), logistic_answers, logistic_slopes, lambda: np.asarray(np.log(3.0) / _STEEP))

@@ -9,23 +9,21 @@ import numpy as np
 from scipy.special import expit, exprel, log_expit, ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.closed_form import MAX_PULL, pull, width
+from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio
 from bayes_toe.model.coordinates import (
     Natural,
-    derived,
     inverse_pull,
     log_jacobian_of_pull,
     log_jacobian_slope_of_pull,
     log_noise_ratio,
     log_slope,
     logit_of_probit,
-    natural,
     probit_of_logit,
     reach,
     unconstrained,
 )
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.intervals import log_lost, log_lost_slope
+from bayes_toe.model.intervals import OF_EQUAL, CurveScale, log_lost, log_lost_slope
 from bayes_toe.model.parameters import WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
 from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
 from bayes_toe.model.target import Names
@@ -33,7 +31,12 @@ from bayes_toe.model.target import Names
 
 @dataclass(frozen=True)
 class Update:
-    """The predictive update's (mu1, sigma_p, gamma) in identified coordinates, with H1's prior; see :mod:`bayes_toe.model.coordinates`."""
+    """The predictive update's (mu1, sigma_p, gamma) in identified coordinates, with H1's prior; see :mod:`bayes_toe.model.coordinates`.
+
+    The width is sigma_p G^power, as the task's curve has it.
+    """
+
+    curve: CurveScale = OF_EQUAL
 
     coordinates = ("offset", "logit_pull", "log_width")
     group = ("mu1", "gamma", "width")
@@ -53,23 +56,23 @@ class Update:
         """H1's log density but for the part of q0; where the width has a prior, not sigma_p, |d(mu1, gamma)/d(c, a)| is the Jacobian."""
         a, b = x[:, 1], x[:, 2]
         of_mu1, of_spread, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
-        log_sigma_p = b + 1.5 * np.log1p(-MAX_PULL * expit(a))
-        seen = b if prior.spread == "width" else log_sigma_p
+        log_gain = np.log1p(-MAX_PULL * expit(a))
+        seen = b if prior.spread == "width" else b + self.curve.power * log_gain
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
             of_values = of_mu1.log_density(sbar + reach(x)) + Log().log_density(of_spread, seen)
-        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) + b - log_sigma_p)
+        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) - 1.5 * log_gain)
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
         a, b, p, down = x[:, 1], x[:, 2], MAX_PULL * expit(x[:, 1]), expit(-x[:, 1])
         of_mu1, of_spread, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
-        narrowing = -1.5 * p * down / (1.0 - p)  # d log sigma_p / da
+        narrowing = -p * down / (1.0 - p)  # d log K / da
         with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
             far = reach(x)
             score = of_mu1.slope(sbar + far)
-            of_log_spread = Log().slope(of_spread, b if prior.spread == "width" else b + 1.5 * np.log1p(-p))
-            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - narrowing
-            of_pull += 0.0 if prior.spread == "width" else narrowing * of_log_spread
+            of_log_spread = Log().slope(of_spread, b if prior.spread == "width" else b + self.curve.power * np.log1p(-p))
+            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * narrowing
+            of_pull += 0.0 if prior.spread == "width" else self.curve.power * narrowing * of_log_spread
             return np.stack([score * inverse_pull(a), of_pull + slope_of_noise_ratio(of_gamma, a), of_log_spread], axis=-1)
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
@@ -80,25 +83,32 @@ class Update:
         mu1, spread = (prior.distribution(name).sample(rng, size) for name in ("mu1", prior.spread))
         logit_gamma = Logit().sample(prior.distribution("gamma"), rng, size)
         gamma = expit(logit_gamma)
-        p, w = pull(gamma), spread if prior.spread == "width" else width(spread, gamma)
+        p, w = pull(gamma), spread if prior.spread == "width" else spread * variance_ratio(gamma) ** self.curve.power
         return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(w)], axis=-1)
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """Natural, derived and identified parameters."""
-        theta = natural(np.concatenate([x, np.zeros((*x.shape[:-1], 1))], axis=-1), sbar)
-        found = {**theta._asdict(), **derived(theta), "offset": x[..., 0], "pull": MAX_PULL * expit(x[..., 1])}
+        p, w = MAX_PULL * expit(x[..., 1]), np.exp(x[..., 2])
+        gain = 1.0 - p
+        sigma_p = w * gain**self.curve.power
+        found = {
+            **{"mu1": sbar + reach(x), "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(p) / gain, "gamma": p / np.square(gain)},
+            **{"sigma1": sigma_p / np.sqrt(gain), "gain": gain, "width": w, "offset": x[..., 0], "pull": p},
+        }
         return {name: found[name] for name in dict.fromkeys((*self.names.natural, *self.names.derived, *self.names.identified))}
 
     def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
         """From the natural parameters."""
         mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
-        return unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
+        x = unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
+        x[..., 2] = np.log(sigma_p) + self.curve.power * np.log(variance_ratio(noise_ratio(sigma_p, sigma_l)))
+        return x
 
     def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
         """Exact, but for the offset."""
         if name == "pull":
             return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
-        return None if name == "offset" else prior_quantile(prior, name, probability)
+        return None if name == "offset" else prior_quantile(prior, name, probability, self.curve.power)
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
@@ -134,14 +144,17 @@ class Memory:
 
         mu_2 = mu1 + rho K (s1 - mu1),    sigma_2^2 = sigma1^2 (1 - rho^2 K),    w = sigma_2 + sigma_l^2/sigma_2,
 
-    so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p. One interval tells rho K, not rho and K.
-    The coordinate that only the prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and
-    everything that depends on it is that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.intervals`).
+    so the pull is p = 1 - rho K, and w = sigma1 (1 - g^2)/(K (1 - g rho)^(1/2)) with g = 1 - p; of another task's curve w is other powers
+    of sigma_2^2 + sigma_l^2 = sigma1^2 (1 - g^2)/K and of sigma_2^2. One interval tells rho K, not rho and K. The coordinate that only the
+    prior rules then splits the logs: rho = g^v, K = g^(1 - v), 0 < v < 1. With several intervals rho and everything that depends on it is
+    that at the reference, and the split is told by the answers (:mod:`bayes_toe.model.intervals`).
 
     Priors: mu1 as in H1; the width as in the other models, or, where sigma_p has the prior, sigma1, the spread of expected intensities, its
     HalfNormal; gain and rho are Uniform(0, 1), which says nothing of how the pull comes about. Then v is Uniform(0, 1) and p has density
     -ln(1 - p), independent.
     """
+
+    curve: CurveScale = OF_EQUAL
 
     coordinates = ("offset", "logit_pull", "log_width", "logit_split")
     group = ("mu1", "pull", "width", "split")
@@ -248,19 +261,19 @@ class Memory:
         p = ndtr(probit)
         return GroupPull(a, slope, p, p * expit(-a) * slope)
 
-    @staticmethod
-    def _log_stretch(x: FloatArray) -> FloatArray:
-        """Log of w/sigma1 = (1 - g^2)/(K (1 - g rho)^(1/2)) with g = exp(-l), rho = exp(-l v), K = exp(-l (1 - v)), l = -ln(1 - p)."""
+    def _log_stretch(self, x: FloatArray) -> FloatArray:
+        """Log of w/sigma1 with g = exp(-l), rho = exp(-l v), K = exp(-l (1 - v)), l = -ln(1 - p)."""
         lost, v = np.logaddexp(0.0, x[..., 1]), x[..., 3]
-        return np.asarray(np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v) - 0.5 * np.log(-np.expm1(-lost * (1.0 + expit(v)))))
+        total, own = np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v), np.log(-np.expm1(-lost * (1.0 + expit(v))))
+        return np.asarray(self.curve.total * total - self.curve.own * own)
 
-    @staticmethod
-    def _stretch_slopes(a: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _stretch_slopes(self, a: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the log of w/sigma1 in the logits of pull and split, with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
         lost, growth, split = np.logaddexp(0.0, a), log_lost_slope(a), expit(v)
-        twice, mixed = 1.0 / exprel(2.0 * lost), 0.5 / exprel(lost * (1.0 + split))
+        twice, mixed = self.curve.total / exprel(2.0 * lost), self.curve.own / exprel(lost * (1.0 + split))
         turn = split * expit(-v)
-        return growth * (twice - mixed) + expit(a) * expit(-v), -turn * (lost + mixed / (1.0 + split))
+        by_pull = growth * (twice - mixed) + self.curve.total * expit(a) * expit(-v)
+        return by_pull, -turn * (self.curve.total * lost + mixed / (1.0 + split))
 
 
 def _inverse_share(a: FloatArray) -> FloatArray:

@@ -1,10 +1,10 @@
 """The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
 One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v) with offset c, pull p and width w, noise
-slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to P(equal) that ends at z = 0 in a peak of logit q0 + g m, a spread of
-the counts about it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a record leaves out is
-fixed: no offset means c = 0, no pull K = 1 - p = 1, no slopes b = 0 and g = 0, no peak q0 = 1, no propagator that the interval does not
-matter.
+slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to both answers (that of P(equal) ends at z = 0 in a peak of logit
+q0 + g m), a spread of the counts about it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a
+record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no slopes b = 0 and g = 0, no peak q0 = 1, no propagator that the
+interval does not matter.
 
 log posterior = log likelihood (no binomial coefficients) + log prior, a density with respect to unconstrained coordinates x, so that its
 integral over x is the evidence of the model.
@@ -24,6 +24,7 @@ from scipy.special import expit, logit
 
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import Random
@@ -76,6 +77,8 @@ class Model:
         every one, and comparing it with a model that does asks whether intervals matter.
     levels : tuple of (part, level)
         Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
+    task : Task
+        What it answers.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Model:
     spread: Spread = BINOMIAL
     propagator: Propagator | None = None
     levels: tuple[tuple[str, str], ...] = ()
+    task: Task = SAME_DIFFERENT
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -125,7 +129,16 @@ class Model:
         return ", ".join(block.describe(prior) for block in self.free) + prior.remark
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
-        """The posterior of a subject under this model."""
+        """The posterior of a subject under this model.
+
+        Raises
+        ------
+        InputError
+            If the subject was asked something else.
+        """
+        if subject.task != self.task:
+            asked = f"subject {subject.name!r} was asked '{subject.task.name}'"
+            raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")
         return Posterior(subject, self, DEFAULT if prior is None else prior)
 
 
@@ -241,7 +254,7 @@ class Posterior:
         return self.model.spread.log_likelihood(self.subject, known, *self._own(points, self.model.spread))
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
-        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
+        """Log P of the counted answer and of the other one, of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
         points = require_points(x, len(self.coordinates))
         return self.model.link.log_answers(self.distance(points), *self._of_link(points))
 
@@ -326,7 +339,7 @@ class Posterior:
         peak = float(logit(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()))
         axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
         points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if self._offset_place is not None and _PEAK not in self._places:
+        if self._offset_place is not None and _PEAK in self.model.link.coordinates and _PEAK not in self._places:
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
         if self._intervals is not None:  # offset and width are those at the typical interval: what they are at the reference
             at = self._scales_at(points, typical_interval(np.asarray(subject.isi) / self.reference, subject.n_trials))
@@ -339,7 +352,7 @@ class Posterior:
         """Name the pair whose answers have probability 0 at most of these points, (points, k)."""
         subject, pairs = self.subject, np.isneginf(self.pair_log_likelihood(points)).sum(axis=0)
         i = int(pairs.argmax())
-        answers = f"{subject.n_yes[i]} of {subject.n_trials[i]} 'equal'"
+        answers = f"{subject.n_yes[i]} of {subject.n_trials[i]} {subject.task.yes!r}"
         raise InputError(
             f"subject {subject.name!r}, pair s1={subject.s1[i]:g}, s2={subject.s2[i]:g}: {answers}, which model {self.model.name!r} says "
             "is impossible; allowed is a model with lapses or a constant error"
@@ -378,14 +391,17 @@ class Posterior:
         scale = self._scales_at(x, seconds / self.reference).pull
         return np.asarray(1.0 - np.broadcast_to(self._pull(x) * scale, (len(x), len(seconds))))
 
-    def equal_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """P(equal) at normalised distances, (points, k) and (n,) -> (points, n)."""
+    def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """P of the answer that the task counts at normalised distances, (points, k) and (n,) -> (points, n)."""
         return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link))[0]))
 
-    def half_of_peak(self, x: FloatArray) -> FloatArray:
-        """Normalised distance at which the answers that depend on the stimuli are half as often 'equal', (points, k) -> (points,)."""
+    def noticeable(self, x: FloatArray) -> FloatArray:
+        """Just noticeable normalised distance, (points, k) -> (points,); of the answers that depend on the stimuli.
+
+        'Equal' is there half as often as at its peak, or 'second' has 75 %.
+        """
         link = self.model.link_without_lapses
-        return link.half(*(part[:, 0] for part in self._own(x, link)))
+        return np.broadcast_to(link.half(*(part[:, 0] for part in self._own(x, link))), len(x))
 
     # --- What readers ask for -------------------------------------------------------------------------
 
@@ -454,10 +470,10 @@ class Posterior:
 
     def _of_link(self, x: FloatArray) -> tuple[FloatArray, ...]:
         """Own coordinates of the link, shape (points, 1) each, or (points, pairs) of a peak that depends on the pair."""
-        peak, *others = self._own(x, self.model.link)
-        if _PEAK_SLOPE in self._places:
-            peak = peak + x[:, self._places[_PEAK_SLOPE], None] * self._middle
-        return (peak, *others)
+        own = self._own(x, self.model.link)
+        if _PEAK_SLOPE not in self._places:
+            return own
+        return (own[0] + x[:, self._places[_PEAK_SLOPE], None] * self._middle, *own[1:])
 
     def _own(self, x: FloatArray, of: Link | Lapsing | Spread) -> tuple[FloatArray, ...]:
         """Own coordinates of a link or a spread, shape (points, 1) each; a logit that is fixed is infinite."""

@@ -26,6 +26,7 @@ from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
@@ -88,10 +89,9 @@ class Prior(PriorFields):
         "icc": share,
     }
 
-    @property
-    def of_h1(self) -> tuple[str, ...]:
+    def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
         """The parameters of the predictive update (H1) that have a distribution: the width's, or in its place sigma_p's, among them."""
-        return ("mu1", self.spread, "gamma", "q0")
+        return ("mu1", self.spread, "gamma", task.lapses)
 
     @property
     def spread(self) -> str:
@@ -116,7 +116,7 @@ class Prior(PriorFields):
             return self
         found = Stimuli.of(*subjects)
         if found is None:  # what only rivals of H1 need may stay open: whoever asks for it is refused
-            if any(one.parameter in self.of_h1 for one in named.values()):
+            if any(one.parameter in self.of_h1() for one in named.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of different stimuli, found none; allowed: the "
                     "prior 'paper' (--prior paper), or one of numbers"
@@ -184,11 +184,11 @@ class Prior(PriorFields):
             raise InputError(f"prior: found mu1 ~ {found.describe()}, allowed as a penalty: a normal")
         return found
 
-    def describe(self) -> str:
+    def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1) + self.remark
+        return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1(task)) + self.remark
 
-    def describe_orders(self) -> str:
+    def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
         """The same with that of a constant error, against which H1 is weighed: its evidence depends on it.
 
         Examples
@@ -196,12 +196,12 @@ class Prior(PriorFields):
         >>> Prior(offset_sd=0.5).describe_orders().partition("q0")[2]
         ' ~ Uniform(0, 1), offset ~ Normal(0, 0.5)'
         """
-        return ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1, "offset")) + self.remark
+        return ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1(task), "offset")) + self.remark
 
     @property
     def remark(self) -> str:
         """What else to know of its numbers, to be put behind a description: what its symbols mean, and their unit of time."""
-        symbols = any(map(self.of_stimuli, self.of_h1))
+        symbols = any(map(self.of_stimuli, self.of_h1()))
         stimuli = "M mean and R sd of the stimuli, D rms step" if symbols else ""
         time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
         return "".join(f"; {part}" for part in (stimuli, time) if part)
@@ -229,7 +229,7 @@ class Prior(PriorFields):
         gamma = theta.gamma
         stretch = np.asarray(1.0) if self.spread == "sigma_p" else variance_ratio(gamma) ** 1.5
         values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
-        densities = [self.distribution(name).log_density(value) for name, value in zip(self.of_h1, values, strict=True)]
+        densities = [self.distribution(name).log_density(value) for name, value in zip(self.of_h1(), values, strict=True)]
         return np.asarray(sum(densities) + np.log(stretch))
 
     def sample(self, rng: Random, size: int) -> Natural:
@@ -240,7 +240,7 @@ class Prior(PriorFields):
         >>> Prior().sample(np.random.default_rng(1), 3).q0.shape
         (3,)
         """
-        mu1, spread, gamma, q0 = (self.distribution(name).sample(rng, size) for name in self.of_h1)
+        mu1, spread, gamma, q0 = (self.distribution(name).sample(rng, size) for name in self.of_h1())
         sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
@@ -270,8 +270,8 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
 
 
-def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
-    """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width.
+def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
+    """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width, where the width is sigma_p G^power.
 
     sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one of them has a distribution of its own:
     another one's distribution function is the average over gamma of that one's at x / h(gamma), one smooth integral over the quantiles of
@@ -282,30 +282,25 @@ def prior_quantile(prior: Prior, parameter: str, probability: float) -> float:
     >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
     [16.4485, 1.96, 0.95, 0.9545]
     """
-    if parameter in prior.of_h1:
+    if parameter in prior.of_h1():
         return float(prior.distribution(parameter).quantile(probability))
     of_gamma = prior.distribution("gamma")
     if parameter == "gain":
         return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
-    return _product_quantile(prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability)
-
-
-#: Over sigma_p, functions of gamma.
-_SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
-    "sigma_p": np.ones_like,
-    "sigma_l": np.sqrt,
-    "sigma1": lambda gamma: np.sqrt(variance_ratio(gamma)),
-    "width": lambda gamma: variance_ratio(gamma) ** 1.5,
-}
+    return _product_quantile(prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power)
 
 
 @cache
-def _product_quantile(of_spread: Distribution, of_gamma: Distribution, spread: str, parameter: str, probability: float) -> float:
+def _product_quantile(
+    of_spread: Distribution, of_gamma: Distribution, spread: str, parameter: str, probability: float, power: float
+) -> float:
     """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     root = 0.5 * (nodes + 1.0)  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
     gamma = of_gamma.quantile(np.square(root))
-    shape = _SHAPES[parameter](gamma) / _SHAPES[spread](gamma)
+    ratio = variance_ratio(gamma)
+    over_sigma_p = {"sigma_p": np.ones_like(gamma), "sigma_l": np.sqrt(gamma), "sigma1": np.sqrt(ratio), "width": ratio**power}
+    shape = over_sigma_p[parameter] / over_sigma_p[spread]
     unit = float(of_spread.quantile(probability))
 
     def excess(x: float) -> float:

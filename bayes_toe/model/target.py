@@ -28,7 +28,7 @@ RANGE = (0.05, 0.95)
 DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
-    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "exponent", "icc"),
+    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "guess_second", "exponent", "icc"),
     *("gamma", "sigma1", "gain", "width", "offset", "pull"),
 )
 
@@ -112,7 +112,7 @@ def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]
 
 
 def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
-    """How often each pair was called 'equal' and how often 'different', shape (pairs,) each."""
+    """How often each pair got either answer, that which the task counts first, shape (pairs,) each."""
     return subject.n_yes.astype(np.float64), (subject.n_trials - subject.n_yes).astype(np.float64)
 
 

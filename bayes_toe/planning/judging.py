@@ -99,4 +99,4 @@ def judged(subject: Subject, seed: int, prior: Prior, only: Sequence[int] = rang
     for place, (posterior, x, weights) in draws.items():
         if dict(SPACE[place].levels)["order"] != ORDERS[0]:
             larger += p[place] * float(softmax(weights) @ (effect_size(posterior, x) > SMALL))
-    return Judgement(tuple(by_order(values).tolist()), larger / float(p[list(draws)].sum()))
+    return Judgement(tuple(by_order(values, SPACE).tolist()), larger / float(p[list(draws)].sum()))

@@ -170,7 +170,7 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
     if fitted is not None:
         reach = 1.05 * max(float(np.abs(z).max()), 1.43)
         x = np.linspace(-reach, reach, 200)
-        _draw_band(ax, x, fitted.equal_at_distance(x), "#333333")
+        _draw_band(ax, x, fitted.yes_at_distance(x), "#333333")
     for order, mark in ORDERS.items():
         at = presentation_order(counts) == order
         if at.any():

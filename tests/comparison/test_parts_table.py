@@ -10,11 +10,12 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.comparison.model_comparison import PARTS_COLUMNS, ModelComparison, part_tables
 from bayes_toe.comparison.model_row import Checks, ModelRow
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.inference.subject import Wanted, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.ladder import COMPOSED, MODELS, model_named, require_models
+from bayes_toe.model.ladder import MODELS, model_named, models_of, require_models
 
-EVIDENCE = np.random.default_rng(4).normal(size=(3, len(COMPOSED))) * 2 - 300
+EVIDENCE = np.random.default_rng(4).normal(size=(3, len(models_of(SAME_DIFFERENT).compared))) * 2 - 300
 
 
 def made(evidence, models):
@@ -29,7 +30,7 @@ def made(evidence, models):
 
 
 def test_in_the_default_space_a_level_has_the_sum_of_its_models():
-    found = {part.part: part for part in part_tables(COMPOSED, EVIDENCE)}
+    found = {part.part: part for part in part_tables(models_of(SAME_DIFFERENT).compared, EVIDENCE)}
     assert [(name, part.levels) for name, part in found.items()] == [
         ("order", ("none", "constant error", "update")),
         ("noise", ("Weber", "sloped")),
@@ -41,7 +42,7 @@ def test_in_the_default_space_a_level_has_the_sum_of_its_models():
     weights /= weights.sum(axis=1, keepdims=True)
     for name, part in found.items():
         for k, level in enumerate(part.levels):
-            p = weights[:, [dict(model.levels)[name] == level for model in COMPOSED[1:]]].sum(axis=1)
+            p = weights[:, [dict(model.levels)[name] == level for model in models_of(SAME_DIFFERENT).compared[1:]]].sum(axis=1)
             assert part.probability[:, k] == pytest.approx(p, rel=1e-12)
             odds = p / (1 - p) * (len(part.levels) - 1)
             assert part.log_inclusion[:, k] == pytest.approx(np.log(odds), rel=1e-9, abs=1e-12)
@@ -61,8 +62,8 @@ def test_far_beyond_the_range_of_floats_odds_keep_their_digits():
 
 
 def test_the_study_is_the_sum_over_all_assignments_of_families():
-    order = part_tables(COMPOSED, EVIDENCE)[0]
-    levels = np.array([order.levels.index(dict(model.levels)["order"]) for model in COMPOSED[1:]])
+    order = part_tables(models_of(SAME_DIFFERENT).compared, EVIDENCE)[0]
+    levels = np.array([order.levels.index(dict(model.levels)["order"]) for model in models_of(SAME_DIFFERENT).compared[1:]])
     family = np.stack([np.exp(EVIDENCE[:, 1:] + 300)[:, levels == k].mean(axis=1) for k in range(3)], axis=1)
     total, mean = 0.0, np.zeros(3)
     for assignment in itertools.product(range(3), repeat=3):
@@ -76,7 +77,7 @@ def test_the_study_is_the_sum_over_all_assignments_of_families():
 def test_rows_columns_and_what_is_withheld(tmp_path):
     evidence = EVIDENCE.copy()
     evidence[1, 4] = np.nan
-    table = made(evidence, COMPOSED)
+    table = made(evidence, models_of(SAME_DIFFERENT).compared)
     table.save(tmp_path / "compare.csv")
     frame = pd.read_csv(tmp_path / "compare_parts.csv")
     assert tuple(frame.columns) == PARTS_COLUMNS
@@ -86,21 +87,21 @@ def test_rows_columns_and_what_is_withheld(tmp_path):
     assert frame[~known][["probability", "log_inclusion_bayes_factor"]].isna().all(axis=None)
     assert frame[known].groupby(["subject", "part"])["probability"].sum().to_numpy() == pytest.approx(1.0)
     assert table.parts[0].counted == 2
-    assert table.parts[0].study == pytest.approx(part_tables(COMPOSED, EVIDENCE[[0, 2]], seed=1)[0].study)
-    alone = made(EVIDENCE[:1], COMPOSED).parts_frame()
+    assert table.parts[0].study == pytest.approx(part_tables(models_of(SAME_DIFFERENT).compared, EVIDENCE[[0, 2]], seed=1)[0].study)
+    alone = made(EVIDENCE[:1], models_of(SAME_DIFFERENT).compared).parts_frame()
     assert set(alone["subject"]) == {"P1"}
-    assert made(EVIDENCE[:, :2], COMPOSED[:2]).parts_frame().empty  # one composition: no part varies
+    assert made(EVIDENCE[:, :2], models_of(SAME_DIFFERENT).compared[:2]).parts_frame().empty  # one composition: no part varies
 
 
 def test_the_best_composition_and_its_evidence_against_free_frequencies():
     evidence = np.array([[1.0, 3.0, 2.0], [1.0, np.nan, -4.0], [0.0, np.nan, np.nan], [np.nan, 3.0, 2.0]])
-    best = made(evidence, COMPOSED[:3]).best_compositions()
+    best = made(evidence, models_of(SAME_DIFFERENT).compared[:3]).best_compositions()
     assert {name: (row.model, against) for name, (row, against) in best.items()} == {
         "P1": ("symmetric", 2.0),
         "P2": ("none + sloped peak", -5.0),
         "P4": ("symmetric", None),
     }
-    assert made(evidence[:1, 1:], COMPOSED[1:3]).best_compositions()["P1"][1] is None
+    assert made(evidence[:1, 1:], models_of(SAME_DIFFERENT).compared[1:3]).best_compositions()["P1"][1] is None
 
 
 #: Best evidence of models with a bell of one peak less that of free frequencies, nats, measured apart from the package.

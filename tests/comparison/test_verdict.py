@@ -86,7 +86,7 @@ def test_size_is_the_shift_over_the_distance_at_which_the_curve_has_halved():
             whole = replace(posterior, model=replace(posterior.model, link=posterior.model.link_without_lapses))
             for _ in range(60):
                 z = 0.5 * (low + high)
-                top, here = whole.equal_at_distance(point[None], np.array([0.0, z]))[0]
+                top, here = whole.yes_at_distance(point[None], np.array([0.0, z]))[0]
                 low, high = (z, high) if here > 0.5 * top else (low, z)
             half.append(low)
         size = np.sqrt(np.average(np.square(shift), axis=0, weights=subject.n_trials)) / (found["width"] * np.array(half))

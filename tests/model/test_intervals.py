@@ -11,12 +11,13 @@ from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, updat
 from bayes_toe.model.closed_form import MAX_PULL, equal_probability, pull, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import (
-    MEAN_REVERSION,
-    RANDOM_WALK,
+    OF_EQUAL,
     at_interval,
     equal_probability_at,
     gain_at,
+    mean_reversion,
     mean_reverting_scales,
+    random_walk,
     random_walk_scales,
 )
 
@@ -79,8 +80,8 @@ def one(scales, *coordinates):
 
 @given(a=FAR, split=FAR)
 def test_one_second_is_exactly_one(a, split):
-    assert one(RANDOM_WALK.scales, a, 1.0) == [1.0, 1.0]
-    assert one(MEAN_REVERSION.scales, a, split, 1.0) == [1.0, 1.0]
+    assert one(random_walk(OF_EQUAL).scales, a, 1.0) == [1.0, 1.0]
+    assert one(mean_reversion(OF_EQUAL).scales, a, split, 1.0) == [1.0, 1.0]
 
 
 @given(a=st.floats(-600, 30), t=st.floats(1e-3, 1e3))

@@ -19,9 +19,7 @@ from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import (
     CONSTANT_BIAS,
-    FREE_WEIGHTING,
     MODELS,
-    NO_LAPSES,
     SYMMETRIC,
     model_named,
     posterior_of,
@@ -98,7 +96,7 @@ def test_shared_quantities_share_their_priors():
 
 def test_free_weighting_is_hellstroms_form():
     subject = STUDY["S03"]
-    target = posterior_of(subject, PLAIN, model=FREE_WEIGHTING)
+    target = posterior_of(subject, PLAIN, model="free weighting")
     offset, gain, width, q0 = 0.04, 1.3, 0.3, 0.85
     x = [[offset, np.log(gain / (2 - gain)), np.log(width), np.log(q0 / (1 - q0))]]
     # The second stimulus against a weighted compound of the first and of the mean first stimulus.
@@ -316,7 +314,7 @@ def test_compositions_in_hard_cases_agree_with_themselves_or_are_withheld(case, 
 def test_no_maximum_between_walls_is_missed(case):
     # Identical stimuli that were once called 'different' wall off offsets where q0 is 1: every gap has a maximum of its own.
     subject = STUDY["S13"] if case == "S13" else CASES[case]
-    target = posterior_of(subject, model=NO_LAPSES)
+    target = posterior_of(subject, model="no lapses")
     known = find_maxima(target)
     rng = np.random.default_rng(6)
     starts = np.stack([rng.uniform(-0.6, 0.6, 4000), rng.uniform(-4, 4, 4000), rng.uniform(-3, 1, 4000)], axis=1)

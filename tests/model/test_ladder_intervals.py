@@ -18,16 +18,16 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import (
-    MEAN_REVERTING,
     MODELS,
     NAMES,
-    NO_LAPSES,
     PREDICTIVE_UPDATE,
+    model_named,
     posterior_of,
 )
 from bayes_toe.model.posterior import Model
 
 CASES = hard_cases()
+MEAN_REVERTING = model_named("mean-reverting memory")
 IGNORES_INTERVALS = "ignores the interval: a pair has the same P(equal) at every one"
 RUNGS = [model for model in MODELS if isinstance(model, Model)]
 IGNORING = [model for model in RUNGS if model.propagator is None]
@@ -101,7 +101,7 @@ def test_evidence_without_lapses_agrees_with_brute_force():
 
     coarse, fine = brute_force((150, 150, 20)), brute_force((220, 220, 30))
     assert fine == pytest.approx(coarse, abs=1e-4)
-    value, error = evidence_of(WEAK, NO_LAPSES, prior)
+    value, error = evidence_of(WEAK, model_named("no lapses"), prior)
     assert error < 0.005
     assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
 

@@ -104,7 +104,7 @@ def test_curves_with_and_without_a_floor_at_their_ends(exponent):
     shape = [] if exponent is None else [np.array([[np.log(exponent)]])]
     exact = 2 if exponent is None else mp.exp(mp.mpf(float(np.log(exponent))))
     for rate in RATES:
-        link, floor = (curve, []) if rate is None else (Lapsing(curve), [np.array([[rate]])])
+        link, floor = (curve, []) if rate is None else (Lapsing(curve, "logit_q0"), [np.array([[rate]])])
         for peak in PEAKS:
             found = link.log_answers(np.array([AWAY]), np.array([[peak]]), *shape, *floor)
             for i, z in enumerate(AWAY):
@@ -117,7 +117,7 @@ def test_slopes_are_finite_where_only_the_floor_is_left(curve):
     # There the curve has the log -inf with infinite slopes, and the observer answers by lapses alone.
     z, own = np.array([[1e20, 1e100, 1e180, -1e180]]), [np.array([[2.0]])]
     own += [*([np.array([[2.9]])] if curve is EXPONENT else []), np.array([[-2.0]])]
-    link = Lapsing(curve)
+    link = Lapsing(curve, "logit_q0")
     with np.errstate(all="raise", under="ignore"):
         for slopes in link.slopes(z, link.log_answers(z, *own), *own):
             assert all((np.asarray(row) == 0.0).all() for row in (slopes.z, *slopes.own[1:-1]))
@@ -126,7 +126,7 @@ def test_slopes_are_finite_where_only_the_floor_is_left(curve):
 
 def test_slopes_exist_where_a_steep_curve_has_fallen_beyond_the_largest_float():
     """An optimiser gets there: z = 40 to the power of 230. 'Equal' then comes from lapses alone, 'different' is certain without them."""
-    z, own, link = np.array([[40.0]]), (np.array([[1.3]]), np.log([[230.0]])), Lapsing(EXPONENT)
+    z, own, link = np.array([[40.0]]), (np.array([[1.3]]), np.log([[230.0]])), Lapsing(EXPONENT, "logit_q0")
     rate = np.array([[-0.2]])
     equal, different = link.slopes(z, link.log_answers(z, *own, rate), *own, rate)
     for one in (equal, different, EXPONENT.slopes(z, EXPONENT.log_answers(z, *own), *own)[1]):

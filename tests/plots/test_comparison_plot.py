@@ -11,7 +11,8 @@ from matplotlib.patches import Rectangle
 import bayes_toe as bt
 from bayes_toe.comparison.model_comparison import ModelComparison
 from bayes_toe.comparison.model_row import Checks, ModelRow
-from bayes_toe.model.ladder import COMPOSED, NAMES
+from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.model.ladder import NAMES, models_of
 from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS, comparison_figure
 
 
@@ -137,7 +138,7 @@ def test_without_frequencies_the_panel_says_why(evidence, models, words):
 
 #: Free frequencies, and of the default space the models with a bell of one peak.
 SPACE = tuple(
-    model.name for model in COMPOSED if not {("curve", "differencing"), ("peak", "sloped peak")} & {*getattr(model, "levels", ())}
+    model.name for model in models_of(SAME_DIFFERENT).compared if not {("curve", "differencing"), ("peak", "sloped peak")} & {*model.levels}
 )
 
 
