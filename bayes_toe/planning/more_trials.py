@@ -20,7 +20,7 @@ from bayes_toe.model.ladder import SPACE
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.judging import Weighed, judged, weighed
-from bayes_toe.planning.study_design import StudyDesign, apportioned, each_once
+from bayes_toe.planning.study_design import StudyDesign, all_pairs, each_once
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -109,9 +109,8 @@ class _Job:
             raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
         rng = generator(self.seed, subject.name, "more trials")
         people = observers(found, _PREDICTED, rng)
-        columns = (subject.s1, subject.s2, *(() if subject.isi is None else (subject.isi,)))
         same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi)
-        every = _pairs_of(columns)
+        every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals)
         best = np.sort(np.argsort(-_told(every, people))[:_PAIRS])
         telling = each_once(*(column[best] for column in every.columns))
         only = likeliest(found.values)
@@ -129,7 +128,7 @@ class _Job:
 
     def _tried(self, design: StudyDesign, people: Sequence[Predictor], only: Sequence[int], times: float) -> Tried:
         trials = max(design.n_pairs, round(times * self.subject.total_trials))
-        shared = StudyDesign(design.s1, design.s2, apportioned(design.n_trials / design.total, trials), design.isi)
+        shared = design.with_total(trials)
         decided = 0
         for number, one in enumerate(people[:REPETITIONS]):
             rng = generator(self.seed, self.subject.name, "repetition", number, trials)
@@ -156,16 +155,6 @@ def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predi
         posterior, x, weights = found.draws[place]
         made.append(Predictor(posterior, x[rng.choice(len(x), 1, p=softmax(weights))]))
     return made
-
-
-def _pairs_of(columns: Sequence[FloatArray]) -> StudyDesign:
-    """All ordered pairs of the stimuli shown, at every interval."""
-    levels = np.unique(np.concatenate(columns[:2]))
-    s1, s2 = np.repeat(levels, len(levels)), np.tile(levels, len(levels))
-    isi = [np.unique(one) for one in columns[2:]]
-    at = [np.repeat(isi[0], len(s1))] if isi else []
-    times = len(isi[0]) if isi else 1
-    return each_once(np.tile(s1, times), np.tile(s2, times), *at)
 
 
 def _told(pairs: StudyDesign, people: Sequence[Predictor]) -> FloatArray:

@@ -14,10 +14,10 @@ from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.kept import Kept
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import UTILITIES, Task, built, exchanged, information, trials_of
+from bayes_toe.planning.information import UTILITIES, Information, exchanged, information
 from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
 from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
-from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, each_once, paper_study_design
+from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, all_pairs, each_once, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -29,7 +29,7 @@ ASSUMED, JUDGED = 20, 20
 _MOST_PAIRS = 20_000  # admissible ones
 _FEWEST = 4  # trials, and pairs, without which four parameters cannot be told
 _PILOT = 10  # simulated observers who update, of whom a design has to name one
-_HOPELESS, _LITTLE = 0.05, 0.7  # share named below which, and posterior over prior sd above which, a range tells nothing
+_LITTLE = 0.7  # posterior over prior sd above which a range tells nothing
 _LEVELS = 5  # of the full factorial
 
 
@@ -220,29 +220,18 @@ def optimal_design(
     """
     asked, root = DesignGoal() if goal is None else goal, root_seed(seed)
     different = np.unique(np.asarray(levels, np.float64))
-    every = {"the pairs that can be shown": _admissible(different, asked)}
-    people, judges = (assumed(observers, every, size, root, prior) for size in (ASSUMED, data_sets))
-    search = _Search(different, trials, asked, people, root, prior)
-    found = search.candidates()
+    plane = _admissible(different, asked)
+    people, judges = (assumed(observers, {"the pairs that can be shown": plane}, size, root, prior) for size in (ASSUMED, data_sets))
+    found, worth = proposed(different, trials, asked, people, root, prior)
+    design = found[OPTIMISED].design
+    if asked.aim == "update":  # the closed form is too hopeful where there are few trials
+        pilot = (simulated(OPTIMISED, design, one, root, prior_of([plane], prior)) for one in of_kind(people, UPDATE)[:_PILOT])
+        if all(one.judgement.verdict.kind != "pull" for one in pilot):
+            raise _hopeless(different, trials, people, f"of {_PILOT} simulated observers who update the best pairs there name none")
     designs = [(name, one.design) for name, one in found.items()]
     rows, failed = worked(Kept(), jobs_of(simulated, designs, judges, root, prior), workers, progress)
-    design, reasons = found[OPTIMISED].design, tuple(reasons_for(found, people, asked.aim))
-    worth = search.information.worth(search.information.total(search.counts(design)))
-    return OptimalDesign(design, asked, found, PowerTable(rows, root, failed), search.pairs, worth, reasons, root)
-
-
-def proposed(levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0) -> dict[str, Candidate]:
-    """The optimised design and those that it is compared with, by the closed form alone: seconds, where simulation takes minutes.
-
-    Examples
-    --------
-    >>> from bayes_toe.planning.observers import observers_from
-    >>> people = observers_from(None, 2, seed=1)
-    >>> found = proposed(grid(-0.75, 1.25, 0.25), 200, DesignGoal("gain", max_pairs=8), people)
-    >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
-    (200, True)
-    """
-    return _Search(np.unique(np.asarray(levels, np.float64)), trials, goal, people, seed, None).candidates()
+    reasons = tuple(reasons_for(found, people, asked.aim))
+    return OptimalDesign(design, asked, found, PowerTable(rows, root, failed), plane, worth, reasons, root)
 
 
 def paper_amid(shown: StudyDesign) -> StudyDesign:
@@ -259,100 +248,84 @@ def paper_amid(shown: StudyDesign) -> StudyDesign:
 # --- Candidates by the closed form ----------------------------------------------------------------
 
 
+def proposed(
+    levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0, prior: Prior | str | None = None
+) -> tuple[dict[str, Candidate], FloatArray]:
+    """Designs to compare: the best, the paper's, a full factorial, random pairs; and what one more trial of each admissible pair adds.
+
+    By the closed form alone: seconds, where simulation takes minutes. Exchange from pairs at random, or from the paper's, ends within 0.002
+    of the same score.
+
+    Examples
+    --------
+    >>> from bayes_toe.planning.observers import observers_from
+    >>> people = observers_from(None, 2, seed=1)
+    >>> found, _ = proposed(grid(-0.75, 1.25, 0.25), 200, DesignGoal("gain", max_pairs=8), people)
+    >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
+    (200, True)
+    """
+    plane = _admissible(levels, goal)
+    fixed = np.zeros(plane.n_pairs, np.int64)
+    if goal.keep is not None:
+        fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
+    left, kept = trials - int(fixed.sum()), int((fixed > 0).sum())
+    if left < _FEWEST:
+        said = f", {trials - left} of which --keep has taken" if kept else ""
+        raise InputError(f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters")
+    if kept >= goal.max_pairs:
+        raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
+    numbers = prior_of([plane], prior)
+    known = information(plane, people, goal.aim, numbers)
+    n = exchanged(known, left, min(goal.max_pairs, left + kept), fixed)
+
+    def candidate(design: StudyDesign) -> Candidate:
+        own = information(design, people, goal.aim, numbers)
+        total = own.total(design.n_trials)
+        return Candidate(design, own.utility(total), _sd(own, total))
+
+    s1, s2, *isi = (column[n > 0] for column in plane.columns)
+    best = candidate(StudyDesign(s1, s2, n[n > 0], *isi))
+    begun = _sd(known, known.prior)
+    if goal.aim in WIDTHS and best.sd > _LITTLE * begun:
+        raise _hopeless(levels, trials, people, f"the sd of {goal.aim} falls from {begun:.2g} to {best.sd:.2g} at best")
+    rivals = {name: candidate(one.with_total(trials)) for name, one in _rivals(levels, plane, goal, seed) if one.n_pairs <= trials}
+    total = known.total(n)
+    return {OPTIMISED: best, **rivals}, known.score(total, 1.0) - known.score(total)
+
+
 def _admissible(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, at every interval, and those that are kept."""
     number = len(levels) ** 2 * max(1, len(goal.isi))
     if number > _MOST_PAIRS:
         raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
-    found, keep = _at_intervals(*_factorial(levels), goal.isi), goal.keep
+    found, keep = all_pairs(levels, goal.isi), goal.keep
     return found if keep is None else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1))
 
 
-def _factorial(levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.repeat(levels, len(levels)), np.tile(levels, len(levels))
+def _rivals(levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int) -> Iterator[tuple[str, StudyDesign]]:
+    """At all intervals that there are; the paper's too where a range is too narrow for them: they say what the range is worth."""
+    paper, rng = paper_amid(plane), generator(seed, "random pairs")
+    timed = [each_once(paper.s1, paper.s2, np.full(paper.n_pairs, one)) for one in goal.isi] or [each_once(paper.s1, paper.s2)]
+    yield PAPER if np.array_equal(paper.s1, paper_study_design().s1) else MOVED, each_once(*np.hstack([one.columns for one in timed]))
+    yield FULL, all_pairs(levels[np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)], goal.isi)
+    chosen = rng.choice(plane.n_pairs, min(goal.max_pairs, plane.n_pairs), replace=False)
+    yield RANDOM, each_once(*(column[chosen] for column in plane.columns))
 
 
-def _at_intervals(s1: FloatArray, s2: FloatArray, isi: tuple[float, ...]) -> StudyDesign:
-    """Pairs, each at every interval, if there are any."""
-    return each_once(np.tile(s1, len(isi)), np.tile(s2, len(isi)), np.repeat(isi, len(s1))) if isi else each_once(s1, s2)
+def _sd(known: Information, total: FloatArray) -> float:
+    """Of the wanted quantity, a root mean square over observers who update."""
+    return float(np.sqrt(known.variance(total)[known.updates].mean()))
 
 
-class _Search:
-    """Admissible pairs, their information, and designs made of them."""
-
-    def __init__(
-        self, levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int, prior: Prior | str | None
-    ) -> None:
-        self.levels, self.trials, self.goal, self.people, self.seed = levels, trials, goal, people, seed
-        self.pairs = _admissible(levels, goal)
-        self.prior, self.paper = prior_of([self.pairs], prior), paper_amid(self.pairs)
-        self.fixed = np.zeros(self.pairs.n_pairs, np.int64) if goal.keep is None else self.counts(goal.keep).astype(np.int64)
-        taken, kept = int(self.fixed.sum()), int((self.fixed > 0).sum())
-        if trials - taken < _FEWEST:
-            said = f", {taken} of which --keep has taken" if taken else ""
-            raise InputError(f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters")
-        most = min(goal.max_pairs, trials - taken + kept)
-        if kept >= most:
-            raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
-        self.information = information(self.pairs, people, goal.aim, self.prior)
-        self.task = Task(self.information, trials - taken, most, self.fixed)
-
-    def counts(self, design: StudyDesign) -> FloatArray:
-        """Trials of a design by admissible pair."""
-        trials = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
-        return np.array([trials.get(pair, 0) for pair in self.pairs.pairs], np.float64)
-
-    def candidates(self) -> dict[str, Candidate]:
-        """Designs to compare: the best, then the paper's, a full factorial, random pairs.
-
-        Exchange from pairs at random, or from the paper's, ends within 0.002 of the same score.
-        """
-        n = trials_of(self.task, exchanged(self.task, built(self.task)))
-        s1, s2, *isi = (column[n > 0] for column in self.pairs.columns)
-        best = self._candidate(StudyDesign(s1, s2, n[n > 0], *isi))
-        self._require_hope(best)
-        return {OPTIMISED: best} | {name: self._candidate(design) for name, design in self._rivals()}
-
-    def _candidate(self, design: StudyDesign) -> Candidate:
-        own = information(design, self.people, self.goal.aim, self.prior)
-        total = own.total(design.n_trials.astype(np.float64))
-        return Candidate(design, own.utility(total), float(np.sqrt(own.variance(total)[own.updates].mean())))
-
-    def _rivals(self) -> Iterator[tuple[str, StudyDesign]]:
-        """The paper's pairs too where a range is too narrow for them: they say what the range is worth. At all intervals that there are."""
-        rng, size = generator(self.seed, "random pairs"), min(self.goal.max_pairs, self.pairs.n_pairs)
-        random = rng.choice(self.pairs.n_pairs, size, replace=False)
-        some = self.levels[np.linspace(0, len(self.levels) - 1, min(_LEVELS, len(self.levels))).round().astype(int)]
-        rivals = {
-            PAPER if np.array_equal(self.paper.s1, paper_study_design().s1) else MOVED: (self.paper.s1, self.paper.s2),
-            FULL: _factorial(some),
-        }
-        designs = {name: _at_intervals(s1, s2, self.goal.isi) for name, (s1, s2) in rivals.items()}
-        designs[RANDOM] = each_once(*(column[random] for column in self.pairs.columns))
-        yield from ((name, one.with_total(self.trials)) for name, one in designs.items() if one.n_pairs <= self.trials)
-
-    def _require_hope(self, best: Candidate) -> None:
-        """Refuse a range or a number of trials with which even the best design tells next to nothing."""
-        known, updates = self.information, of_kind(self.people, UPDATE)
-        start = np.sqrt(known.variance(known.prior)[known.updates].mean())
-        targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
-        width = np.mean([target.quantities(one.point(target))["width"][0] for one, target in targets])
-        pull, span = known.pull[known.updates].mean(), float(np.ptp(self.levels))
-        toward = float(np.median([one.quantities["mu1"] for one in updates if "mu1" in one.quantities]))
-        away = pull * max(self.levels[0] - toward, toward - self.levels[-1])  # of the nearest stimulus
-        nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
-        about = (
-            f"{self.trials} trials between {self.levels[0]:g} and {self.levels[-1]:g} tell next to nothing: first stimuli {span:g} apart "
-            f"are pulled together by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or "
-            f"more trials{nearer}"
-        )
-        # The closed form is too hopeful where there are few trials.
-        if self.goal.aim == "update" and (
-            known.named(known.total(self.counts(best.design))) < _HOPELESS
-            or all(
-                simulated(OPTIMISED, best.design, one, self.seed, self.prior).judgement.verdict.kind != "pull" for one in updates[:_PILOT]
-            )
-        ):
-            raise InputError(f"{about} (of {_PILOT} simulated observers who update the best pairs there name none)")
-        if self.goal.aim in WIDTHS and best.sd > _LITTLE * start:
-            raise InputError(f"{about} (the sd of {self.goal.aim} falls from {start:.2g} to {best.sd:.2g} at best)")
+def _hopeless(levels: FloatArray, trials: int, people: Sequence[Observer], why: str) -> InputError:
+    """What is said of a range or a number of trials with which even the best design tells next to nothing."""
+    updates, span = of_kind(people, UPDATE), float(np.ptp(levels))
+    targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
+    known = [target.quantities(one.point(target)) for one, target in targets]
+    pull, width, toward = (float(np.mean([one[name] for one in known])) for name in ("pull", "width", "mu1"))
+    away = pull * max(levels[0] - toward, toward - levels[-1])  # of the nearest stimulus
+    nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
+    return InputError(
+        f"{trials} trials between {levels[0]:g} and {levels[-1]:g} tell next to nothing: first stimuli {span:g} apart are pulled together "
+        f"by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or more trials{nearer} ({why})"
+    )

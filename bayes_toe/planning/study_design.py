@@ -5,8 +5,9 @@ Orders of trials have blocks alike, both orders of two stimuli equally often in 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,11 @@ class StudyDesign:
 def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> StudyDesign:
     """A design that has each of these pairs once."""
     return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi)  # type: ignore[arg-type]  # which makes arrays of them
+
+
+def all_pairs(levels: FloatArray, isi: Sequence[float] = ()) -> StudyDesign:
+    """Every ordered pair of levels once, at every interval (seconds) where there are any."""
+    return each_once(*np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T)
 
 
 def apportioned(share: FloatArray, trials: int) -> IntArray:
