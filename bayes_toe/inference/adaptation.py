@@ -7,9 +7,9 @@ tempered; where sixteen components stay poor, more draws and twenty-four take ov
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.special import logsumexp
@@ -30,9 +30,6 @@ from bayes_toe.model.target import Target
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
-Result = TypeVar("Result")
-#: Work that can be left and taken up again.
-Portions: TypeAlias = Generator[int, None, Result]
 _COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
 _COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
@@ -104,21 +101,9 @@ def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng:
     scales = np.concatenate([1.2 * spread[None], np.repeat(0.6 * spread[None], QUICK.components - 1, axis=0)])
     mixture = StudentMixture(np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1]))
     cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
-    history = _finished(_adapt(Proposal(posterior, levelling, mixture, cover, QUICK.cover_share), QUICK, rng))
+    history = _adapt(Proposal(posterior, levelling, mixture, cover, QUICK.cover_share), QUICK, rng)
     found = _judged(_refitted(history[-_HISTORY:], QUICK), rng, QUICK_DRAWS)
     return found if found.trusted else _judged(_refitted([found], QUICK, _PATCHES // 2), rng, 2 * QUICK_DRAWS)
-
-
-def fitting(posterior: Target, rng: np.random.Generator, draws: int) -> Portions[FittedProposal]:
-    """:func:`fit_proposal` for whoever has other things to do in between: in portions, each told by about how many draws it took.
-
-    As many draws as asked for in any case.
-    """
-    fitted = yield from _adapting(posterior, rng, None, draws)
-    if fitted.independent:
-        return fitted
-    yield draws
-    return _judged(fitted.proposal, rng, draws)
 
 
 def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
@@ -126,33 +111,17 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start 
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
     """
-    return _finished(_adapting(posterior, rng, start, draws))
-
-
-def _finished(portions: Portions[Result]) -> Result:
-    while True:
-        try:
-            next(portions)
-        except StopIteration as end:
-            found: Result = end.value
-            return found
-
-
-def _adapting(posterior: Target, rng: np.random.Generator, start: Start, draws: int) -> Portions[FittedProposal]:
     stage = STAGES[0]
     if start is None:
         start = find_maxima(posterior)
-        yield _LARGE
-    history = yield from _adapt(_first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage), stage, rng)
+    history = _adapt(_first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage), stage, rng)
     if max(entry.efficiency for entry in history) < _POOR:
         stage = STAGES[1]
-        history = yield from _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
+        history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
     best = max(entry.efficiency for entry in history)
     sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
-    yield _LARGE
     judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best):
-        yield draws
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
     chosen = judged[-1] if _good(judged[-1], best) else max(judged, key=lambda fitted: fitted.efficiency)
     return replace(chosen, independent=len(judged) == 1)
@@ -213,13 +182,11 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
     return _Round(proposal, draws, efficiency(draws.log_weights))
 
 
-def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> Portions[list[_Round]]:
+def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
     """Rounds of drawing and refitting, until the efficiency is enough."""
     history = [_round(proposal, rng, stage.draws)]
-    yield stage.draws
     while len(history) < stage.rounds and history[-1].efficiency < stage.enough:
         history.append(_round(_refitted(history[-_HISTORY:], stage), rng, stage.draws))
-        yield stage.draws
     return history
 
 

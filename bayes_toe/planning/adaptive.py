@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ Pair = tuple[float, ...]
 PARAMETERS, WHICH_MODEL = "parameters", "model"
 DRAWS = 4000
 _JUDGES, _JUDGED = 512, 512_000  # draws of a model by which pairs are compared, at least, and their answers to all pairs, about
-_PORTION = 4000  # draws that are made at one trial, about
 _BINS = 16  # of a quantity
 _FORMAT = "bayes-toe adaptive 1"
 
@@ -100,7 +99,6 @@ class Adaptive:
             for one in models
         }
         self._answers: list[tuple[Pair, bool]] = []
-        self._work: Iterator[int] | None = None
         self._seen: dict[str, tuple[int, FloatArray, FloatArray]] = {}
         quantities = next(iter(self._clouds.values())).target(self.pairs.unanswered).names.all
         if self.about not in (PARAMETERS, *([WHICH_MODEL] if len(models) > 1 else quantities)):
@@ -281,22 +279,15 @@ class Adaptive:
     # --- Parts ------------------------------------------------------------------------------------------
 
     def _renew(self) -> None:
-        """Make draws anew that have come to count too little, one model's after the other's, at most so much at a trial.
+        """Make the draws of one model anew, of those that have come to count too little.
 
-        First of the model by whose log evidence, with its error of 1/sqrt(effective draws), probabilities are moved most. How much is
-        counted in draws, never in seconds: what a session does depends on its answers alone.
+        Of the model by whose log evidence, with its error of 1/sqrt(effective draws), probabilities are moved most.
         """
-        if self._work is None:
-            share, clouds = self.probabilities, self._clouds
-            few = [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]
-            if few:
-                worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
-                rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
-                self._work = self._clouds[worst].renewing(self.subject, rng)
-        done = 0
-        while self._work is not None and done < _PORTION:
-            portion = next(self._work, None)
-            done, self._work = (done, None) if portion is None else (done + portion, self._work)
+        share, clouds = self.probabilities, self._clouds
+        few = [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]
+        if few:
+            worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
+            clouds[worst].renew(self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials))
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their P(equal) and P(different) of every pair, (2, draws, pairs), and the entropy of these.

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.inference.adaptation import fitting, refreshed
+from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
@@ -43,7 +42,6 @@ class Particles:
     log_weight: FloatArray
     fitted: FittedProposal | None = None
     generation: int = 0
-    _meanwhile: list[Subject] = field(default_factory=list)  # answers since they were last begun to be made anew
 
     @classmethod
     def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
@@ -83,7 +81,6 @@ class Particles:
 
     def answered(self, more: Subject) -> None:
         """Take in further answers."""
-        self._meanwhile.append(more)
         gained = self.target(more).log_likelihood(self.x)
         self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
 
@@ -92,21 +89,13 @@ class Particles:
         """Share of the draws that counted when they were made, that count still."""
         return self.effective / (len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency))
 
-    def renewing(self, subject: Subject, rng: np.random.Generator) -> Iterator[int]:
-        """Make the draws anew, for all answers so far, in portions, told by about how many draws they took.
-
-        Answers may come in between, and old draws serve meanwhile. Where the old proposal can be brought up to date it is one portion, else
-        there are a few.
-        """
-        self._meanwhile = []
-        target = self.target(subject)
+    def renew(self, subject: Subject, rng: np.random.Generator) -> None:
+        """Make the draws anew, for all answers so far; where it can be, the old proposal is brought up to date."""
+        target, size = self.target(subject), len(self.x)
         fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
         if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
-            if fitted is not None:
-                yield len(self.x)
-            fitted = yield from fitting(target, rng, draws=len(self.x))
-        draws, later, self._meanwhile = fitted.draws, self._meanwhile, []
+            fitted = adapt_proposal(target, rng, draws=size)
+            fitted = fitted if fitted.independent else redrawn(fitted, rng, size)
+        draws = fitted.draws
         self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
         self.generation += 1
-        for more in later:
-            self.answered(more)

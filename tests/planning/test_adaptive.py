@@ -166,25 +166,19 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
         assert (copied.trials, session.trials) == (at + 1, at)
 
 
-def test_old_draws_serve_until_new_ones_are_made_in_portions_and_those_outside_of_the_support_weigh_nothing(done):
-    """What draws weigh is about all answers, also those that came while they were made."""
-    cloud = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0, 2000, np.random.default_rng(1))
+def test_draws_made_anew_weigh_what_all_answers_say_and_those_outside_of_the_support_count_for_nothing(done):
+    cloud, rng = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0, 2000, np.random.default_rng(1)), np.random.default_rng(2)
+    more = bt.Subject.from_trials("one", [0.0], [0.1], [True])
     cloud.answered(done.subject)
     cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
-    before, portions, more = cloud.x, [], bt.Subject.from_trials("one", [0.0], [0.1], [True])
-    for portion in cloud.renewing(done.subject, np.random.default_rng(2)):
-        assert cloud.x is before
-        portions.append(portion)
-        cloud.answered(more)
-        assert not np.isnan(cloud.log_weight).any()
-    assert cloud.generation == 1
-    assert max(portions) <= 4000
-    assert len(portions) > 1
-    given = [done.subject, *[more] * len(portions)]
-    target = cloud.target(bt.Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in given]) for key in KEYS)))
+    cloud.renew(done.subject, rng)
+    cloud.answered(more)
+    target = cloud.target(
+        bt.Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in (done.subject, more)]) for key in KEYS))
+    )
     assert cloud.log_posterior == pytest.approx(target.log_prior(cloud.x) + target.log_likelihood(cloud.x), rel=1e-12, abs=1e-9)
-    assert np.isfinite(cloud.log_evidence)
-    assert cloud.left > 0.5
+    assert not np.isnan(cloud.log_weight).any()
+    assert (len(cloud.x), cloud.generation, np.isfinite(cloud.log_evidence), cloud.left > 0.5) == (2000, 1, True, True)
 
 
 def test_intervals_are_part_of_a_pair():
