@@ -71,13 +71,13 @@ def main() -> int:
     return 3 if too_far(numbers, outside) else 0
 
 
-def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(COMMANDS)) -> None:
+def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(COMMANDS), reading: Sequence[str] = ()) -> None:
     """All commands on one study."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
     for command in commands:
         seeded = [] if command == "asymmetry" else ["--seed", str(seed), "--workers", "1"]
-        words = [sys.executable, "-m", "bayes_toe", command, str(study), *COMMANDS[command][0], *seeded, "--overwrite"]
+        words = [sys.executable, "-m", "bayes_toe", command, str(study), *reading, *COMMANDS[command][0], *seeded, "--overwrite"]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
         if done.returncode not in (0, 3):
             raise SystemExit(f"{' '.join(words)}: exit code {done.returncode}: {done.stderr}")

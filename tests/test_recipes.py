@@ -132,7 +132,10 @@ def test_problems_of_all_files_come_together(tmp_path):
     [
         ({"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}}, "found the structs a, b, allowed: one struct"),
         ({"s1": [1.0, 2.0], "s2": [1.0, 2.0, 3.0]}, "found s1, not a column of 3"),
-        ({"s1": [0.0, 1.0], "s2": [1.0, np.nan], "response": [1, 0], "subject": 7}, "row 2, column s2: found '', allowed: a finite number"),
+        (
+            {"s1": [0.0, 1.0], "s2": [1.0, np.nan], "response": ["same", "same"], "subject": 7},
+            "row 2, column s2: found '', allowed: a finite number",
+        ),
     ],
     ids=["two structs", "lengths", "row"],
 )

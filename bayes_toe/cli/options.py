@@ -85,6 +85,14 @@ class StudyFileOrExample:
     intensity: Annotated[float | None, _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF")] = None
     equal_code: Annotated[str | None, _how_to_read("--equal-code", "The response that means 'equal'.")] = None
     different_code: Annotated[str | None, _how_to_read("--different-code", "The response that means 'different'.")] = None
+    second_code: Annotated[str | None, _how_to_read("--second-code", "The response that means 'second'.")] = None
+    first_code: Annotated[str | None, _how_to_read("--first-code", "The response that means 'first'.")] = None
+    correct: Annotated[
+        str | None, _how_to_read("--correct", "A column that says right or wrong: second or first by the sign of s2 - s1.", "COLUMN")
+    ] = None
+    ignore: Annotated[
+        list[str] | None, _how_to_read("--ignore", "A column that is not read: isi pools pairs over it; repeatable.", "isi|block|trial")
+    ] = None
     where: Annotated[list[str] | None, _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT")] = None
     subject_from: Annotated[
         str | None, _how_to_read("--subject-from", "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.", "NAME")
@@ -94,7 +102,7 @@ class StudyFileOrExample:
     ] = None
     turn: Annotated[
         list[str] | None,
-        typer.Option("--turn", metavar=_WHOSE, help="Swap 'equal' and 'different' in these blocks, or in all; repeatable."),
+        typer.Option("--turn", metavar=_WHOSE, help="Swap the two answers in these blocks, or in all; repeatable."),
     ] = None
     leave_out: Annotated[
         list[str] | None, typer.Option("--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable.")
@@ -111,6 +119,10 @@ class StudyFileOrExample:
             intensity=self.intensity,
             equal_code=self.equal_code,
             different_code=self.different_code,
+            second_code=self.second_code,
+            first_code=self.first_code,
+            correct=self.correct,
+            ignore=self.ignore or (),
             columns={} if self.columns is None else parse_columns(self.columns),
             where=parse_where(self.where or ()),
             subject_from=self.subject_from,
@@ -145,6 +157,6 @@ class StudyFile(StudyFileOrExample):
         list[Path],
         typer.Argument(
             metavar="STUDY.csv...",
-            help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal,n_trials), CSV, .parquet or .mat, one file or several.",
+            help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal|n_second,n_trials), CSV, .parquet or .mat, one or more.",
         ),
     ] = field()  # without the default that it would inherit

@@ -13,27 +13,30 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, chndtr, logit, ndtri
+from scipy.optimize import isotonic_regression
+from scipy.special import chdtri, chndtr, logit, ndtri, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import bare, counted
 from bayes_toe.data.study import Study, Subject, as_option, require_study
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
 
 #: Chance that a test names anyone in a study of clean observers.
 STUDY_LEVEL = 0.01
 #: Answers are called independent of the stimuli, and accuracy near chance, only where the data exclude more with this chance of error.
 EXCLUSION = 0.05
-#: A standard deviation of P(equal) between pairs that would have to be found before nothing found means independent answers.
+#: A standard deviation of the share of an answer between pairs that would have to be found before nothing found means independent answers.
 NOTICEABLE = 0.15
-#: Accuracy is near chance where P(equal) of equal pairs exceeds that of different ones by less.
+#: Accuracy is near chance where an answer is given by less more often where it is right than where it is not.
 NEAR_CHANCE = 0.1
 #: A block is called answered the wrong way round where its answers are e^5 = 150 times as probable with the buttons swapped.
 SWAPPED = 5.0
-#: Changes of P(equal), or of accuracy, from the first trial to the last that are too small to matter for pooled counts.
+#: Changes of an answer's share, or of accuracy, from the first trial to the last that are too small to matter for pooled counts.
 SMALL_DRIFT = 0.2
-#: Orders are not told apart where two standard errors of the difference of P(equal) between them are larger.
+#: Orders are not told apart where two standard errors of the difference of an answer's share between them are larger.
 WIDE = 0.25
 #: What makes the data of a subject doubtful, by code, in the words of tables.
 DOUBTS = {
@@ -43,9 +46,13 @@ DOUBTS = {
     "independent_answers": "independent of the stimuli",
     "reversed_answers": "reversed answers",
     "chance_accuracy": "near chance",
+    "other_task": "like another task",
     "one_order": "one order only",
+    "pull_not_told": "pull cannot be told",
 }
 
+_ONE_LINE = 1e-7  # of the extent of the pairs: stimuli that are equal up to rounding stay below it
+_REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance
 _STRETCHES = 10  # of the trials, among which drift is looked for
 _FEWEST_DRAWS, _LARGER = 99, 10  # drawing ends with so many tables, or sooner with so many that deviate more
 _MOST_DRAWN = 10**8  # answers of a subject: beyond them tables cannot be drawn, and no experiment has so many
@@ -103,25 +110,47 @@ def data_findings(study: Study) -> tuple[Finding, ...]:
     return tuple(one for one in answer_findings(study) if one.code in DOUBTS)
 
 
+def refuse_reversed(study: Study, remedy: str) -> None:
+    """Refuse answers 'second' that are rarer the larger s2 - s1 is, in all of a study: they mean the opposite of what they say.
+
+    Raises
+    ------
+    InputError
+        With the correlation within subjects; those of whom it holds while it does not of others are a finding.
+    """
+    if study.task != WHICH_STRONGER:
+        return
+    rows = []
+    for one in study:
+        share, x = one.fraction_yes, one.s2 - one.s1 - np.average(one.s2 - one.s1, weights=one.n_trials)
+        rows.append((x @ one.n_yes, (x**2) @ one.n_trials, share * (1 - share), one.total_trials))
+    together, of_x, of_y, n = np.array(rows).T
+    z = together / np.sqrt(np.maximum(of_x * of_y, 1e-300))
+    if together.sum() < _REVERSED * math.sqrt((of_x * of_y).sum()) and z.max() < _STRAIGHT:
+        correlation = together.sum() / math.sqrt(of_x.sum() * (of_y * n).sum())
+        found = f"found 'second' less often the larger s2 - s1 is (correlation {correlation:.2f})"
+        raise InputError(f"{study.source}: {found}, allowed: 'second' where the second stimulus was called the stronger; {remedy}")
+
+
 def answer_findings(study: Study) -> tuple[Finding, ...]:
     """The same, and who has too few trials."""
     require_study(study)
-    found = ((one, _of(one, study.reading.answers.get(one.name), STUDY_LEVEL / len(study))) for one in study)
-    return tuple(Finding(one.name, *said) for one, rules in found for said in rules)
+    of_all, level = tuple(_other_task(study)), STUDY_LEVEL / len(study)
+    return tuple(Finding(one.name, *said) for one in study for said in (*of_all, *_of(one, study.reading.answers.get(one.name), level)))
 
 
 def _of(subject: Subject, answers: Answers | None, level: float) -> _Rule:
     yield from _few_trials(subject)
-    yield from _one_order(subject)
+    yield from _orders(subject)
     if subject.total_trials > _MOST_DRAWN:
         return
     if answers is not None:
-        blocks = list(_blocks(subject.name, answers, level))
+        blocks = list(_blocks(subject, answers, level))
         yield from blocks
         if any(code == "swapped_blocks" for code, *_ in blocks):
             return  # which explains what else may be found
         if answers.trials:
-            yield from _drift(subject.name, answers, level)
+            yield from _drift(subject, answers, level)
     yield from _stimuli(subject, level)
 
 
@@ -133,32 +162,70 @@ def _few_trials(subject: Subject) -> _Rule:
     if up and down and 2 * math.sqrt(0.25 / up + 0.25 / down) > WIDE:
         yield (
             "few_trials",
-            f"Only {counted(up, 'trial')} with the stronger stimulus second and {down} with it first: orders whose P(equal) differ "
-            f"by {WIDE:.0%} cannot be told apart, so expect the prior back.",
+            f"Only {counted(up, 'trial')} with the stronger stimulus second and {down} with it first: an effect of the order on "
+            f"P({subject.task.yes}) of {WIDE:.0%} cannot be told from none, so expect the prior back.",
         )
 
 
-def _one_order(subject: Subject) -> _Rule:
-    unequal = subject.s1 != subject.s2
-    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
-    pairs = set(zip(subject.s1[unequal].tolist(), subject.s2[unequal].tolist(), isi[unequal].tolist(), strict=True))
-    if pairs and not any((second, first, at) in pairs for first, second, at in pairs):
-        yield "one_order", "Every pair was presented in one order only: an order effect is not observed but predicted by the model."
+def _orders(subject: Subject) -> _Rule:
+    """Designs that show no order effect, or not of which kind it is."""
+    if subject.task == SAME_DIFFERENT:
+        unequal = subject.s1 != subject.s2
+        isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
+        pairs = set(zip(subject.s1[unequal].tolist(), subject.s2[unequal].tolist(), isi[unequal].tolist(), strict=True))
+        if pairs and not any((second, first, at) in pairs for first, second, at in pairs):
+            yield "one_order", "Every pair was presented in one order only: an order effect is not observed but predicted by the model."
+        return
+    points = np.column_stack([subject.s1, subject.s2])
+    points = points - points.mean(0)
+    # On one line z = ((s2 - s1) + p (s1 - sbar) - c)/width has two coefficients for three parameters.
+    values = np.linalg.svd(points, compute_uv=False)
+    if len(points) < 3 or (len(subject.intervals) <= 1 and values[-1] <= _ONE_LINE * values[0]):
+        one = (subject.s1 == subject.s1[0]).all()
+        design = f"All pairs have the first stimulus {subject.s1[0]:.4g}" if one else "s1 and s2 are one linear function of each other"
+        told = "from a constant error" if one else "from a constant error and the width"
+        yield "pull_not_told", f"{design}: a pull cannot be told {told}, so which kind an order effect is rests on the prior."
+
+
+def _other_task(study: Study) -> _Rule:
+    """Answers that rise or fall with s2 - s1 where they should have a peak, or have a peak where they should rise, in all of a study."""
+    monotone = off = equal = 0.0
+    for one in study:
+        difference = one.s2 - one.s1
+        shifts = np.abs(difference).max() * np.array([-0.5, -0.25, 0.0, 0.25, 0.5])  # an order effect moves the peak
+        monotone += _isotonic(difference, one) - max(_isotonic(np.abs(difference - shift), one) for shift in shifts.tolist())
+        off += np.abs(one.n_yes - 0.5 * one.n_trials)[difference == 0].sum()
+        equal += one.n_trials[difference == 0].sum()
+    said = ""
+    if study.task == SAME_DIFFERENT and monotone > SWAPPED and off <= 0.25 * equal:
+        said = "rises or falls with s2 - s1 and is about one half near s2 = s1, as in answers to 'which is stronger?'"
+    elif study.task != SAME_DIFFERENT and -monotone > SWAPPED:
+        said = "is highest or lowest near s2 = s1, as in answers to 'same or different?'"
+    if said:
+        yield "other_task", f"Was the other question asked? P({study.task.yes}) {said}."
+
+
+def _isotonic(x: FloatArray, subject: Subject) -> float:
+    """Log likelihood of shares of the counted answer that only rise, or only fall, with x."""
+    places = np.unique(np.round(x, 9), return_inverse=True)[1].ravel()
+    k, n = (np.bincount(places, counts) for counts in (subject.n_yes, subject.n_trials))
+    fits = (isotonic_regression(k / n, weights=n, increasing=rises).x for rises in (True, False))
+    return max(float((xlogy(k, fit) + xlogy(n - k, 1 - fit)).sum()) for fit in fits)
 
 
 def _stimuli(subject: Subject, level: float) -> _Rule:
     """Whether answers depend on the stimuli, and the right way round."""
-    n, k, same = subject.n_trials, subject.n_yes, subject.s1 == subject.s2
+    n, k = subject.n_trials, subject.n_yes
     if not 0 < k.sum() < n.sum() or len(n) < 2:
         return
     table, share = _Table(n[None, :], k[None, :]), k.sum() / n.sum()
-    p = table.p_value(table.chi_square, EXCLUSION, subject.name)
+    p, right = table.p_value(table.chi_square, EXCLUSION, subject.name), subject.task.right(subject.s2 - subject.s1)
     if p > EXCLUSION and _would_show(table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share))):
         ratio, option = f"X^2 / d.f. = {table.ratio(table.k):.2f}, p = {p:.2g}", f"--leave-out {as_option(subject.name)}"
         message = f"Answers look independent of the stimuli ({ratio}): {option} leaves the subject out."
         yield "independent_answers", message, option
-    elif same.any() and not same.all():
-        yield from _accuracy(subject.name, n, k, same, level)
+    elif (right > 0).any() and (right < 0).any():
+        yield from _accuracy(subject, right, level)
 
 
 def _would_show(freedom: int, noncentrality: float) -> bool:
@@ -166,27 +233,29 @@ def _would_show(freedom: int, noncentrality: float) -> bool:
     return bool(chndtr(chdtri(freedom, EXCLUSION), freedom, noncentrality) < EXCLUSION)
 
 
-def _accuracy(name: str, n: IntArray, k: IntArray, same: BoolArray, level: float) -> _Rule:
-    """Whether equal pairs are called equal more often than different ones (Fisher's exact test, and a bound that is Wald's)."""
-    equal, answers = (np.array([counts[chosen].sum() for chosen in (same, ~same)]) for counts in (k, n))
-    share = (equal + 0.5) / (answers + 1)
+def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
+    """Whether an answer is given more often where it is right than elsewhere (Fisher's exact test, and a bound that is Wald's)."""
+    yes, answers = (np.array([counts[chosen].sum() for chosen in (right > 0, right < 0)]) for counts in (subject.n_yes, subject.n_trials))
+    share = (yes + 0.5) / (answers + 1)
     most = share[0] - share[1] - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
-    said = "'equal' to {:.0%} of the equal and {:.0%} of the different pairs".format(*equal / answers)
-    turned = equal[0] * answers[1] < equal[1] * answers[0]  # else it is at least a half
-    if turned and _fisher(equal, answers) <= level:
-        option = f"--turn {as_option(name)}"
-        message = f"Answers look reversed, {said}: does --equal-code name the other answer? Or {option} turns them."
+    of = ("equal", "different") if subject.task == SAME_DIFFERENT else ("weaker-first", "stronger-first")
+    given = yes / answers
+    said = f"{subject.task.yes!r} to {given[0]:.0%} of the {of[0]} and {given[1]:.0%} of the {of[1]} pairs"
+    turned = yes[0] * answers[1] < yes[1] * answers[0]  # else it is at least a half
+    if turned and _fisher(yes, answers) <= level:
+        option = f"--turn {as_option(subject.name)}"
+        message = f"Answers look reversed, {said}: does --{subject.task.yes}-code name the other answer? Or {option} turns them."
         yield "reversed_answers", message, option
     elif most < NEAR_CHANCE:
-        option = f"--leave-out {as_option(name)}"
+        option = f"--leave-out {as_option(subject.name)}"
         yield "chance_accuracy", f"Accuracy is near chance, {said}: {option} leaves the subject out.", option
 
 
-def _fisher(equal: IntArray, answers: IntArray) -> float:
+def _fisher(yes: IntArray, answers: IntArray) -> float:
     """One-sided p-value, of the first share being the smaller."""
     from scipy.stats import hypergeom  # slow to import, and few subjects ask
 
-    return float(hypergeom.cdf(equal[0], answers.sum(), equal.sum(), answers[0]))
+    return float(hypergeom.cdf(yes[0], answers.sum(), yes.sum(), answers[0]))
 
 
 # --- The answers in their blocks, and in their order -----------------------------------------------
@@ -265,9 +334,10 @@ def _tabulated(answers: Answers, column: IntArray) -> tuple[FloatArray, _Table]:
     return pairs, _Table(n, k)
 
 
-def _blocks(name: str, answers: Answers, level: float) -> _Rule:
+def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
     if answers.block is None:
         return
+    name = subject.name
     pairs, table = _tabulated(answers, answers.block)
     told = table.told()
     if told.freedom == 0:
@@ -275,7 +345,7 @@ def _blocks(name: str, answers: Answers, level: float) -> _Rule:
     # Half the level each: dispersion finds any difference, agreement a single swapped block among many.
     p = told.p_value(told.chi_square, level / 2, name)
     suspect = p <= level / 2 or table.p_value(table.worst_agreement, level / 2, name) <= level / 2
-    turned = _swapped(table, pairs[:, 1] - pairs[:, 0]) if suspect else []
+    turned = _swapped(table, subject.task.toward_yes(pairs[:, 1] - pairs[:, 0])) if suspect else []
     names = [answers.blocks[index] for index in turned]
     option = f"--turn {as_option(name, names)}" if turned else ""
     if p <= level / 2:
@@ -298,13 +368,13 @@ def _blocks(name: str, answers: Answers, level: float) -> _Rule:
         yield "swapped_blocks", message, option
 
 
-def _swapped(table: _Table, difference: FloatArray) -> list[int]:
+def _swapped(table: _Table, toward: FloatArray) -> list[int]:
     """Blocks whose answers agree with those of the others only if they are turned.
 
-    Blocks start as they relate to the sizes of the differences, which in the end also tells which of two camps is right; between, each is
-    turned to where the others have it, until nothing changes.
+    Blocks start as they relate to what speaks `toward` the counted answer, which in the end also tells which of two camps is right;
+    between, each is turned to where the others have it, until nothing changes.
     """
-    lean = np.abs(difference).mean() - np.abs(difference)
+    lean = toward - toward.mean()
     sign = np.where(lean @ (2 * table.k - table.n) < 0, -1, 1)
     excess = np.zeros(len(sign))
     for _ in range(20):
@@ -316,14 +386,14 @@ def _swapped(table: _Table, difference: FloatArray) -> list[int]:
     return np.flatnonzero((excess if right >= 0 else -excess) < -SWAPPED).tolist()
 
 
-def _drift(name: str, answers: Answers, level: float) -> _Rule:
+def _drift(subject: Subject, answers: Answers, level: float) -> _Rule:
     """Answers, or right answers, that become more or fewer over the trials."""
     count = len(answers.n_trials)
     pairs, table = _tabulated(answers, np.arange(count) * min(_STRETCHES, count) // count)
     pairs, table = pairs[table.both_ways], table.told()
     if table.freedom == 0:
         return
-    kinds = np.stack([np.ones(len(pairs)), np.where(pairs[:, 0] == pairs[:, 1], 1, -1)])
+    kinds = np.stack([np.ones(len(pairs)), subject.task.right(pairs[:, 1] - pairs[:, 0])])
     time = np.arange(table.n.shape[1]) / table.n.shape[1]
     centred = time - (table.n @ time / table.n.sum(1))[:, None]
     slopes = kinds[:, :, None] * centred / (table.n * centred**2).sum()  # least squares: the change from the first trial to the last
@@ -334,8 +404,8 @@ def _drift(name: str, answers: Answers, level: float) -> _Rule:
     change = np.tensordot(slopes, table.k, 2)
     which = int(np.argmax(np.abs(change)))
     # Most changes are too small to be named, and then their p-value, which takes hundreds of tables, need not be known.
-    p = table.p_value(largest, level, name) if abs(change[which]) >= SMALL_DRIFT else 1.0
+    p = table.p_value(largest, level, subject.name) if abs(change[which]) >= SMALL_DRIFT else 1.0
     if p <= level:
-        what = ("P(equal)", "share of right answers")[which]
+        what = (f"P({subject.task.yes})", "share of right answers")[which]
         way = f"{'rises' if change[which] > 0 else 'falls'} by {abs(change[which]):.2f} from the first trial to the last"
         yield "drift", f"Answers drift: the {what} for the same pairs {way} (p = {p:.1g}), and pooled counts are an average over that."

@@ -10,16 +10,22 @@ from pathlib import Path
 
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.study import Study
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
-COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_trials", "isi", "block", "trial")
+COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials", "isi", "block", "trial")
 #: Columns by which counts are no other, but which are looked at before answers are pooled.
 LOOKED_AT = ("block", "trial")
+_COUNTS = ("n_equal", "n_second", "n_trials")
+_MAY_BE_IGNORED = ("isi", *LOOKED_AT)
+_ANSWERS = {answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)}
 # Other spellings, in small letters and digits alone.
 _SPELLINGS = {
     "subject": {"subj", "subjectid", "subjid", "participant", "participantid", "observer", "person", "vp"},
     "response": {"resp", "answer", "judgment", "judgement", "choice"},
+    "correct": {"accuracy", "acc", "hit", "hits", "iscorrect", "responsecorrect", "respcorr", "corr", "keyrespcorr"},
     "n_equal": {"nsame", "equal", "kequal"},
+    "n_second": {"second", "ksecond"},
     "n_trials": {"trials", "ntotal", "total"},
     "isi": {"isis", "isims", "isisec", "interval", "intervals", "intervalms", "interstimulusinterval", "soa", "soams", "gap", "delay"},
     "block": {"blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid", "run", "runnr", "session", "sessionnr"},
@@ -35,10 +41,15 @@ class ReadOptions:
     ----------
     intensity : float, optional
         REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the unit of the columns.
-    equal_code, different_code : str, optional
-        The exact text that stands for this answer; other texts for it are then refused.
+    equal_code, different_code, second_code, first_code : str, optional
+        The text that stands for this answer, which also tells the task; other texts for it are then refused.
+    correct : str, optional
+        A column that says whether the question which stimulus was the stronger was answered rightly: 'second' or 'first' then follows from
+        the sign of s2 - s1.
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
+    ignore : sequence of str
+        Columns isi, block or trial that are not read although they are there: without isi pairs are pooled over the intervals.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
     subject_from : str, optional
@@ -48,7 +59,7 @@ class ReadOptions:
     Raises
     ------
     InputError
-        If REF is not positive and finite, a code is empty, both codes are one text, a column name is unknown or
+        If REF is not positive and finite, a code is empty, both codes are one text, codes are of two tasks, a column name is unknown or
         repeated, or the name of files has not one {}.
 
     Examples
@@ -63,30 +74,59 @@ class ReadOptions:
     columns: Mapping[str, str] = field(default_factory=dict)
     where: Mapping[str, str] = field(default_factory=dict)
     subject_from: str | None = None
+    second_code: str | None = None
+    first_code: str | None = None
+    correct: str | None = None
+    ignore: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        for key in ("equal_code", "different_code"):
-            code = getattr(self, key)
-            object.__setattr__(self, key, None if code is None else code.strip())
+        for key in (*(f"{answer}_code" for answer in _ANSWERS), "correct"):
+            text = getattr(self, key)
+            object.__setattr__(self, key, None if text is None else text.strip())
         for key in ("columns", "where"):
             object.__setattr__(self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()})
         problems = []
         if self.intensity is not None and not (math.isfinite(self.intensity) and self.intensity > 0):
             problems.append(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")
-        given = {"--equal-code": self.equal_code, "--different-code": self.different_code}
-        problems += [f"{name}: found '', allowed: a text that is not empty" for name, code in given.items() if code == ""]
-        if self.equal_code and self.equal_code == self.different_code:
-            problems.append(f"--different-code: found {quoted(self.equal_code)} as --equal-code, allowed: two different texts")
+        problems += self._code_problems()
         problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
+        unknown = [quoted(one) for one in self.ignore if one not in _MAY_BE_IGNORED]
+        problems += [f"--ignore: found {one}, allowed: {', '.join(_MAY_BE_IGNORED)}" for one in unknown]
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             found = quoted(self.subject_from)
             problems.append(f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'")
         if problems:
             raise InputError(problems)
 
+    def _code_problems(self) -> list[str]:
+        """What is said of codes that are empty, that are one text, and of what tells the task twice."""
+        given = {option: text for option, (_, text) in self._telling().items()}
+        problems = [f"{name}: found '', allowed: a text that is not empty" for name, text in given.items() if text == ""]
+        for task in TASKS:
+            yes, no = self.codes(task)
+            if yes and yes == no:
+                problems.append(f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two different texts")
+        if len({task for task, _ in self._telling().values()}) > 1 or (self.correct is not None and len(given) > 1):
+            problems.append(f"{', '.join(given)}: found together, allowed: what tells one task in one way")
+        return problems
+
+    def _telling(self) -> dict[str, tuple[Task, str]]:
+        """What was given that tells the task, by option: the task and the text."""
+        codes = {f"--{answer}-code": (task, getattr(self, f"{answer}_code")) for answer, task in _ANSWERS.items()}
+        return {option: one for option, one in {**codes, "--correct": (WHICH_STRONGER, self.correct)}.items() if one[1] is not None}
+
+    @property
+    def task(self) -> Task | None:
+        """The task that the options tell, if they do."""
+        return next((task for task, _ in self._telling().values()), None)
+
+    def codes(self, task: Task) -> tuple[str | None, str | None]:
+        """The texts that were given for the two answers of a task."""
+        return getattr(self, f"{task.yes}_code"), getattr(self, f"{task.no}_code")
+
     def name(self, ours: str) -> str:
         """What the file calls a column of ours."""
-        return self.columns.get(ours, ours)
+        return self.columns.get(ours, self.correct if ours == "correct" and self.correct else ours)
 
     @property
     def stimuli(self) -> tuple[str, str]:
@@ -218,12 +258,7 @@ def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool 
     """
     needed = _needed(names, options)
     theirs = [options.name(ours) for ours in needed]
-    counts = [bare(options.name(ours)) for ours in ("n_equal", "n_trials") if ours in needed]
-    lines = []
-    if "response" in needed and counts:
-        response, both = bare(options.name("response")), f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
-        allowed = f"{response} alone (one row per trial) or {both} alone (one row per pair)"
-        lines.append(f"column {response}: found together with {' and '.join(counts)}, allowed: {allowed}")
+    lines = [*_answer_problems(names, needed, options, python)]
     for name in dict.fromkeys(name for name in theirs if theirs.count(name) > 1):
         roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
         lines.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
@@ -234,7 +269,7 @@ def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool 
         needed.remove("subject")
         if options.name("subject") in names:
             lines.append(f"column {bare(options.name('subject'))}: found together with --subject-from, allowed: one of them")
-    for ours in COLUMNS:
+    for ours in (*COLUMNS, "correct"):
         count = names.count(options.name(ours))
         if count == 0 and (ours in needed or ours in options.columns):
             hint = "; ".join(_ways_out(names, options, ours, python))
@@ -244,22 +279,45 @@ def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool 
     return needed, lines
 
 
+def _answer_problems(names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool) -> Iterable[str]:
+    """What is said where answers are told twice, are of two tasks, or are none."""
+    counts, response = [bare(options.name(ours)) for ours in _COUNTS if ours in needed], options.name("response")
+    if "response" in needed and counts:
+        both = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
+        allowed = f"{bare(response)} alone (one row per trial) or {both} alone (one row per pair)"
+        yield f"column {bare(response)}: found together with {' and '.join(counts)}, allowed: {allowed}"
+    elif len(counts) > 2:
+        yield f"column {counts[1]}: found together with {counts[0]}, allowed: one of them, since a study has one task"
+    if "response" in needed and response in names and looks_like(response, "correct"):
+        how = f"ReadOptions(correct={response!r})" if python else f"--correct {bare(response)}"
+        found = "found as response, though it seems to say right or wrong"
+        yield f"column {bare(response)}: {found}, allowed: {how} (which is stronger), or a column that has the answers"
+
+
 def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
     # No inference reads block and trial: twice there, or named as something else, they are left out like any other column.
     others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
     looked_at = [ours for ours in LOOKED_AT if options.name(ours) not in others and names.count(options.name(ours)) == 1]
-    there = [ours for ours in ("response", "n_equal", "n_trials") if options.name(ours) in names]
-    if "response" not in there:
-        there = ["n_equal", "n_trials"] if there else ["response"]
-    return ["subject", *options.stimuli, *there, *(["isi"] if options.name("isi") in names else []), *looked_at]
+    counts = [ours for ours in _COUNTS if options.name(ours) in names]
+    if options.correct is not None:
+        answers = ["correct"]
+    elif options.name("response") in names or not counts:
+        answers = ["response", *counts]
+    else:
+        answers = [*(ours for ours in counts if ours != "n_trials"), "n_trials"] if counts != ["n_trials"] else ["n_equal", "n_trials"]
+    isi = ["isi"] if options.name("isi") in names else []
+    return ["subject", *options.stimuli, *answers, *(ours for ours in (*isi, *looked_at) if ours not in options.ignore)]
 
 
 def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: bool) -> Iterable[str]:
     """What else is allowed in the place of a column that is missing."""
     taken = [options.name(one) for one in COLUMNS]
     theirs = next((bare(name) for name in names if name not in taken and looks_like(name, ours)), "NAME")
-    yield f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if python else f"--columns {ours}={theirs}"
+    if ours == "correct":
+        yield f"ReadOptions(correct={theirs!r})" if python else f"--correct {theirs}"
+    else:
+        yield f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if python else f"--columns {ours}={theirs}"
     amplitudes, logs = (("i1", "i2"), ("s1", "s2"))
     if ours in logs and any(options.name(other) in names for other in amplitudes):
         how = "ReadOptions(intensity=REF)" if python else "--intensity REF"
@@ -270,4 +328,8 @@ def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: boo
     if ours == "subject" and theirs == "NAME" and not python:
         yield "or --subject-from '{}.csv', where the name of the file tells it"
     if ours == "response":
-        yield f"or counts in {bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
+        yield f"or counts in {bare(options.name('n_equal'))} or {bare(options.name('n_second'))}, and {bare(options.name('n_trials'))}"
+        right = next((bare(name) for name in names if looks_like(name, "correct")), None)
+        yield from [f"or {f'correct={right!r}' if python else f'--correct {right}'}, where that says right or wrong"] if right else []
+    if ours == "n_equal":
+        yield f"or {bare(options.name('n_second'))}, where the question was which is stronger"

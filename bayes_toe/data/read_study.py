@@ -7,9 +7,9 @@ refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TypeAlias
@@ -18,13 +18,15 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.findings import refuse_reversed
 from bayes_toe.data.messages import TWICE, bare, counted, listed, quoted
-from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, subject_in
+from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
+from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, said_intervals
+from bayes_toe.data.tasks import TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.validation import (
-    MISSING_WORDS,
     bare_names,
     number,
     numbers,
@@ -40,11 +42,7 @@ COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --s
 #: True natural parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
-_EQUAL_WORDS = frozenset({"equal", "same", "1"})
-_DIFFERENT_WORDS = frozenset({"different", "0"})
-_TRUE_WORDS = frozenset({"1", "true", "yes"})
-_EQUAL, _DIFFERENT, _MISSING, _UNKNOWN = 1, 0, -1, -2
-_SWITCH = re.compile(r"([01])[.,]0*")
+_TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 
 
 def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
@@ -88,10 +86,19 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     """
     options = ReadOptions() if options is None else options
     require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
-    if isinstance(path, list | tuple):
-        return read_together(path, lambda one: read_study(one, options))
+    one_of = partial(_read, options=options)
+    study = read_together(path, one_of) if isinstance(path, list | tuple) else one_of(path)
+    second, first = (code or word for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True))
+    opposite = f"if they mean the opposite, --second-code {first} --first-code {second}"
+    counted_or_right = f"{options.name('n_second')} counts those" if "n_trials" in study.reading.read else options.correct and "right is 1"
+    refuse_reversed(study, counted_or_right or opposite)
+    return study
+
+
+def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
     rows = _rows(path, options)
-    return _trial_study(rows) if "response" in rows.columns else _count_study(rows)
+    answers = rows.columns.get("response", rows.columns.get("correct"))
+    return _count_study(rows) if answers is None else _trial_study(rows, answers)
 
 
 def example_study() -> Study:
@@ -163,6 +170,8 @@ class _Rows:
         notes = [f"{what} rows, {split}{table.form}{', decimal comma' if comma else ''}, {answers}"]
         notes += [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
         notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
+        ignored = [bare(options.name(ours)) for ours in options.ignore if options.name(ours) in table.names]
+        notes += [f"column {name} not read, as --ignore has it" for name in ignored]
         if options.intensity is not None:
             notes += [f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}" for one in self.shown[:2]]
         return notes
@@ -170,10 +179,11 @@ class _Rows:
 
 def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
-    table = read_table(path, {*map(options.name, COLUMNS), "synthetic", *options.where}, LARGEST_STUDY)
+    others = ("synthetic", "task")
+    table = read_table(path, {*map(options.name, (*COLUMNS, "correct")), *others, *options.where}, LARGEST_STUDY)
     needed, problems = columns_to_read(table.names, options, python=table.python)
     table.require(problems)
-    named = {ours: options.name(ours) for ours in needed} | ({"synthetic": "synthetic"} if "synthetic" in table.columns else {})
+    named = {ours: options.name(ours) for ours in needed} | {ours: ours for ours in others if ours in table.columns}
     columns = {ours: table.columns[theirs] for ours, theirs in named.items()}
     if "subject" in columns:
         columns["subject"] = bare_names(table, columns["subject"])
@@ -181,6 +191,8 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         kept = _asked_for(table, options.where)
         table = replace(table, rows=table.rows[kept])
         columns = {ours: column.only(kept) for ours, column in columns.items()}
+    if "task" in columns and not any(map(task_named, columns["task"].texts)):
+        del columns["task"]  # another kind of task, such as the name of a part of the experiment
     if options.subject_from is not None:
         who = None if table.python else subject_in(Path(str(path)), options.subject_from)
         if who is None:
@@ -218,13 +230,14 @@ def _stimulus(table: TextTable, column: Column, reference: float | None) -> Floa
     return np.array(logs, np.float64)[column.codes]
 
 
-def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray) -> Study:
+def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
     """The study of valid rows; answers are kept as they were given where rows are trials or have a block."""
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
     parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
-    subjects = [Subject.from_counts(name, *(values[at] for values in (*rows.keys[:2], k, n, *rows.keys[2:]))) for name, at in parts.items()]
-    trials, doubts, answers = "response" in rows.columns, list[str](), dict[str, Answers]()
+    values = (*rows.keys[:2], k, n, *rows.keys[2:])
+    subjects = [Subject.from_counts(name, *(one[at] for one in values), task=task) for name, at in parts.items()]
+    trials, doubts, answers = "n_trials" not in rows.columns, list[str](), dict[str, Answers]()
     merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
     if any(merged.values()):
         each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
@@ -238,12 +251,13 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray) -> Study:
             trial = bare(rows.columns["trial"].name)
             notes.append(f"column {trial} does not tell the order of all trials, so that of the file stands: {listed(disordered)}")
             doubts = _repeated(rows, k, n)  # no trial is there twice where the order is known
-    marks = [_word(text) in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
+    marks = [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
     if any(marks):
         said = "synthetic data: column synthetic says so in every row"
         notes.append(said if all(marks) else "column synthetic says so in some rows only: not marked synthetic")
     known, source = {column.name for column in rows.columns.values()}, rows.table.source
-    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known)
+    left = {name for name in rows.table.names for ours in rows.options.ignore if looks_like(name, ours) or name == rows.options.name(ours)}
+    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known | left)
     reading = Reading(answers, tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts))
     return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
 
@@ -251,80 +265,55 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray) -> Study:
 # --- Trials ---------------------------------------------------------------------------------------
 
 
-def _trial_study(rows: _Rows) -> Study:
-    table, options, response, subject = rows.table, rows.options, rows.columns["response"], rows.subject
-    answer = response.map(lambda text: _answer(text, options), np.int64)
-    asked = answer != _MISSING  # rows without an answer, such as instruction screens, may hold anything else
-    equal = "equal, same, 1" if options.equal_code is None else quoted(options.equal_code)
-    different = "different, 0" if options.different_code is None else quoted(options.different_code)
-    codes = "ReadOptions(equal_code=..., different_code=...)" if table.python else "--equal-code, --different-code"
-    rows.require_pairs(asked)
-    table.fault(response, answer == _UNKNOWN, f"{equal} (equal) or {different} (different), or empty; other codes by {codes}")
+def _trial_study(rows: _Rows, column: Column) -> Study:
+    table = rows.table
+    found = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
+    rows.require_pairs(found.asked | found.no_answer)  # rows without an answer, such as instruction screens, may hold anything else
     table.problems.refuse()
-    if not asked.any():
-        raise InputError(f"{table.source}: found no response in any of {len(asked)} rows, allowed: at least one answered trial")
-    said = [_as_answered(response, answer == value, word) for value, word in ((_EQUAL, "equal"), (_DIFFERENT, "different"))]
-    notes = rows.layout("trial", f"responses {' / '.join(said)}")
-    if not asked.all():
-        dropped, total = (np.bincount(at, minlength=len(subject.texts)) for at in (subject.codes[~asked], subject.codes))
-        names = ["(no subject)" if text == "" else bare(text) for text in subject.texts]
-        each = [f"{names[code]} {dropped[code]}" for code in np.flatnonzero(dropped).tolist()]
-        gone = [names[code] for code in np.flatnonzero(dropped == total).tolist() if subject.texts[code]]
-        notes.append(f"{counted(int(dropped.sum()), 'trial')} without a response dropped: {listed(each)}")
-        notes += [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else []
+    require_task(table, found.task, rows.columns.get("task"))
+    if not found.asked.any():
+        raise InputError(f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at least one answered trial")
+    notes = rows.layout("trial", found.said)
+    nothing = ~found.asked & ~found.no_answer
+    for rows_of, what in ((nothing, "without a response"), (found.no_answer, "with equal stimuli, of which no answer is right,")):
+        if rows_of.any():
+            notes.append(f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: {_listed_by_subject(rows, rows_of)}")
+    gone = [bare(text) for code, text in enumerate(rows.subject.texts) if text and not found.asked[rows.subject.codes == code].any()]
+    notes += [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else []
     # A trial is a count of one, a trial without an answer a count of none.
-    return _study(rows, notes, np.where(answer == _EQUAL, 1, 0), np.where(asked, 1, 0))
+    return _study(rows, notes, np.where(found.yes, 1, 0), np.where(found.asked, 1, 0), found.task)
 
 
-def _word(text: str) -> str:
-    """A cell without what spreadsheets do to it: case, and the decimals of 1.0 and 0.0."""
-    whole = _SWITCH.fullmatch(text)
-    return text.lower() if whole is None else whole[1]
-
-
-def _answer(text: str, options: ReadOptions) -> int:
-    """The answer that a cell stands for."""
-    codes = {options.equal_code: _EQUAL, options.different_code: _DIFFERENT}
-    if text in codes:
-        return codes[text]
-    word = _word(text)
-    if word in MISSING_WORDS:
-        return _MISSING
-    # Where '0' was declared to mean equal, '0.0' must not count as different by default.
-    if any(word == _word(code) for code in codes if code is not None):
-        return _UNKNOWN
-    if word in _EQUAL_WORDS and options.equal_code is None:
-        return _EQUAL
-    return _DIFFERENT if word in _DIFFERENT_WORDS and options.different_code is None else _UNKNOWN
-
-
-def _as_answered(response: Column, chosen: BoolArray, word: str) -> str:
-    """Which texts were read as an answer, and how often it was given."""
-    texts = [response.texts[code] for code in np.unique(response.codes[chosen]).tolist()]
-    meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
-    return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
+def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:
+    """How many of these rows are whose."""
+    counts = np.bincount(rows.subject.codes[chosen], minlength=len(rows.subject.texts))
+    names = ["(no subject)" if text == "" else bare(text) for text in rows.subject.texts]
+    return listed([f"{names[code]} {counts[code]}" for code in np.flatnonzero(counts).tolist()])
 
 
 # --- Counts ---------------------------------------------------------------------------------------
 
 
 def _count_study(rows: _Rows) -> Study:
-    table, subject, equal, trials = rows.table, rows.subject, rows.columns["n_equal"], rows.columns["n_trials"]
-    k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (equal, trials))
+    table, subject, trials = rows.table, rows.subject, rows.columns["n_trials"]
+    task = next(one for one in TASKS if one.count in rows.columns)
+    given = rows.columns[task.count]
+    k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (given, trials))
     rows.require_pairs(np.ones(len(n), np.bool_))
-    for column, count in ((equal, k), (trials, n)):
+    for column, count in ((given, k), (trials, n)):
         table.fault(column, count < 0, "a whole number from 0 to 2**53, without thousands separators")
-    table.fault(equal, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
+    table.fault(given, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
     first = np.unique(subject.codes, return_index=True)[1]
     empty = np.bincount(subject.codes, n != 0, len(subject.texts)) == 0
     for code in (code for code in np.flatnonzero(empty).tolist() if subject.texts[code]):
         found = f"found 0 in all rows of subject {quoted(subject.texts[code])}, allowed: at least 1 trial"
         table.problems.add([(row := int(table.rows[first[code]]), f"row {row}, column {bare(trials.name)}: {found}")])
     table.problems.refuse()
-    notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered 'equal'")
+    require_task(table, task, rows.columns.get("task"))
+    notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
     if (n == 0).any():
         notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
-    return _study(rows, notes, k, n)
+    return _study(rows, notes, k, n, task)
 
 
 # --- Answers in their order -----------------------------------------------------------------------
@@ -332,7 +321,7 @@ def _count_study(rows: _Rows) -> Study:
 
 def _answers(rows: _Rows, parts: Mapping[str, IndexArray], k: IntArray, n: IntArray) -> tuple[dict[str, Answers], list[str]]:
     """What each subject answered, in order, and for whom column trial does not tell the order."""
-    block, trials, keys = rows.columns.get("block"), "response" in rows.columns, np.column_stack(rows.keys)
+    block, trials, keys = rows.columns.get("block"), "n_trials" not in rows.columns, np.column_stack(rows.keys)
     trial = numbers(rows.table, rows.columns["trial"]) if trials and "trial" in rows.columns else None
     names, rank = tuple[str, ...](), np.zeros(len(n), np.int64)
     if block is not None:  # in their order by number where all are numbers, else by appearance

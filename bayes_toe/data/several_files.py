@@ -50,6 +50,10 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
 
 
 def _together(studies: Sequence[Study]) -> Study:
+    asked = {study.task.name: study.source for study in studies}
+    if len(asked) > 1:
+        (one, first), (other, second) = asked.items()
+        raise InputError(f"{second}: asked {other}, and {first} {one}; allowed: files of one task")
     timed = {bool(study.intervals): study.source for study in studies}
     if len(timed) > 1:
         raise InputError(f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none")

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -29,9 +34,39 @@ class Task:
         """The column of files that has how often the first answer was given."""
         return f"n_{self.yes}"
 
+    def toward_yes(self, difference: FloatArray) -> FloatArray:
+        """How much s2 - s1 (natural-log intensity) speaks for the answer that is counted: the larger, the more it is given."""
+        return -np.abs(difference) if self == SAME_DIFFERENT else np.asarray(difference)
+
+    def right(self, difference: FloatArray) -> FloatArray:
+        """1 where the answer that is counted is right, -1 where the other one is, 0 where neither is, of s2 - s1.
+
+        Examples
+        --------
+        >>> SAME_DIFFERENT.right(np.array([-1, 0, 1])).tolist(), WHICH_STRONGER.right(np.array([-1, 0, 1])).tolist()
+        ([-1, 1, -1], [-1, 0, 1])
+        """
+        return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
+
 
 #: 'Were they the same or different?': the paper's task.
 SAME_DIFFERENT = Task("same/different", "equal", "different", "q0")
 #: 'Which was stronger (longer, louder, heavier)?', also called 2AFC and 2IFC.
 WHICH_STRONGER = Task("which is stronger", "second", "first", "lapse_rate")
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
+_CALLED = {
+    SAME_DIFFERENT: {"samedifferent", "equaldifferent"},
+    WHICH_STRONGER: {"whichisstronger", "2afc", "2ifc", "secondfirst", "firstsecond"},
+}
+
+
+def task_named(text: str) -> Task | None:
+    """The task that somebody calls so; None where none is.
+
+    Examples
+    --------
+    >>> task_named("2AFC") == WHICH_STRONGER, task_named("same / different") == SAME_DIFFERENT, task_named("comparison")
+    (True, True, None)
+    """
+    plain = re.sub("[^a-z0-9]", "", text.lower())
+    return next((task for task, names in _CALLED.items() if plain in names), None)

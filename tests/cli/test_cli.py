@@ -299,7 +299,7 @@ def test_simulate_then_check_then_quiet(tmp_path):
 
 
 def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
-    rows = ["subject,block,trial,s1,s2,response", *(f"[i]x,1,{i},{i % 2},{i % 3},{i % 2}" for i in range(12))]
+    rows = ["subject,block,trial,s1,s2,response", *(f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12))]
     (tmp_path / "s.csv").write_text("\n".join([*rows, *rows[1:]]) + "\n")
     said = "warning s.csv: 12 rows repeat block and trial of another row with the same stimuli and answer, first row 14,"
     for command in (["check"], ["asymmetry"], ["fit", "--replicates", 2], ["evidence", "--workers", 1]):
@@ -312,7 +312,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path):
     for block in range(1, 6):
         for s1, s2 in list(itertools.product((0.0, 0.2, 0.5), repeat=2)) * 12:
             equal = (rng.random() < 0.9 * np.exp(-(((s2 - s1 - 0.05) / 0.2) ** 2))) ^ (block == 2)
-            rows.append(f"[i]x,{s1},{s2},{int(equal)},<{block}>,1,0.5")
+            rows.append(f"[i]x,{s1},{s2},{'equal' if equal else 'different'},<{block}>,1,0.5")
     (tmp_path / "s.csv").write_text("\n".join(rows) + "\n")
     lines = good("check", "s.csv", "--columns", "block=[b]Run", cwd=tmp_path).splitlines()
     beginning = "warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = "

@@ -115,7 +115,7 @@ MEASURED = {
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_real_subjects_are_as_measured(name, real_data):
-    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv")
+    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
     said, _ = verdict(study[name], DEFAULT, 1)
     *orders, word = MEASURED[name]
     np.testing.assert_allclose(said.p_orders, orders, atol=0.02)

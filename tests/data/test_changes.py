@@ -11,12 +11,17 @@ from bayes_toe.data.options import changed
 from bayes_toe.data.whole_files import under_way
 from bayes_toe.inference.belonging import require_belonging
 
+
+def words(*equal):
+    return ["equal" if one else "different" for one in equal]
+
+
 FRAME = pd.DataFrame(
     {
         "subject": ["a"] * 6 + ["b:1"] * 2,
         "s1": [0.0, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.3],
         "s2": [0.3, 0.3, 0.3, 0.0, 0.0, 0.0, 0.3, 0.0],
-        "response": [1, 0, 1, 1, 1, 1, 1, 0],
+        "response": words(1, 0, 1, 1, 1, 1, 1, 0),
         "block": [1, 1, 2, 2, 3, 3, 1, 2],
         "trial": [1, 2, 3, 4, 5, 6, 1, 2],
     }
@@ -38,7 +43,7 @@ def same(one, other):
 
 def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     turned = study.turn("a", [2, "3"])
-    assert same(turned, bt.read_study(FRAME.assign(response=[1, 0, 0, 0, 0, 0, 1, 0])))
+    assert same(turned, bt.read_study(FRAME.assign(response=words(1, 0, 0, 0, 0, 0, 1, 0))))
     assert turned.reading.answers["a"].n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
     assert turned.changes == ("--turn a:2,3",)

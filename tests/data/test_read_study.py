@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import tempfile
 from pathlib import Path
 
@@ -33,6 +34,11 @@ def read(data: str | bytes, **options: object) -> Study:
         return read_study(path, ReadOptions(**options))  # type: ignore[arg-type]
 
 
+def words(rows: str) -> str:
+    """Rows whose fourth cell is 1 or 0, with words in its place."""
+    return re.sub(r"^((?:[^,]*,){3})([01])(?=,|$)", lambda row: row[1] + ("different", "equal")[int(row[2])], rows, flags=re.MULTILINE)
+
+
 def refused(data: str | bytes, **options: object) -> list[str]:
     with pytest.raises(InputError) as caught:
         read(data, **options)
@@ -57,26 +63,29 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
     ("data", "options", "expected"),
     [
         # Grouped by subject and ordered pair; subjects in order of first appearance, also in rows without an answer.
-        (TRIALS + "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,0\n", {}, {"b": [(0.1, 0.3, 1, 2)], "a": [(0.0, 0.0, 0, 1)]}),
+        (TRIALS + "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different\n", {}, {"b": [(0.1, 0.3, 1, 2)], "a": [(0.0, 0.0, 0, 1)]}),
         (TRIALS + "b,0,0,\na,0,0,equal\nb,0,0,equal\n", {}, {"b": [(0.0, 0.0, 1, 1)], **ONE}),
         (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n", {}, {"a": [(0.0, 0.3, 3, 15)]}),
         (f"{COUNTS}a,0,0,9007199254740992,9007199254740992\n", {}, {"a": [(0.0, 0.0, 2**53, 2**53)]}),
-        (f"{TRIALS}a,-0.0,0,1\na,0,-0,0\n", {}, {"a": [(0.0, 0.0, 1, 2)]}),
-        *((f"{TRIALS}a,{text},-{text.lstrip('+')},1\n", {}, {"a": [(0.25, -0.25, 1, 1)]}) for text in ("+0.25", ".25", "25E-2", "00.250")),
+        (f"{TRIALS}a,-0.0,0,same\na,0,-0,different\n", {}, {"a": [(0.0, 0.0, 1, 2)]}),
+        *(
+            (f"{TRIALS}a,{text},-{text.lstrip('+')},same\n", {}, {"a": [(0.25, -0.25, 1, 1)]})
+            for text in ("+0.25", ".25", "25E-2", "00.250")
+        ),
         *((f"{COUNTS}a,0,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 5)]}) for text in ("5", "5.0", "5.", "+5", "005", "5.00")),
-        *((f"{TRIALS}a,0,0,{text}\n", {}, ONE) for text in ("equal", "EQUAL", " Same ", "1", "1.0", "1.")),
-        *((f"{TRIALS}a,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 1)]}) for text in ("different", "Different", "0", "0.0", "0.00")),
+        *((f"{TRIALS}a,0,0,{text}\n", {}, ONE) for text in ("equal", "EQUAL", " Same ")),
+        *((f"{TRIALS}a,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 1)]}) for text in ("different", "Different")),
         # Cells and headers are stripped; blank rows and other columns, also repeated ones, are ignored.
         (' subject , s1,"s2 ",response \n a , 0 ,\t0.5, "equal "\n', {}, {"a": [(0.0, 0.5, 1, 1)]}),
         ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', {}, ONE),
         ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", {}, ONE),
-        ("subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\n", {}, {"a": [(0.0, 0.0, 1, 2)]}),
-        ("block,s1,s2,response\na,0,0,1\n", {"columns": {"subject": "block"}}, ONE),
+        ("subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n", {"equal_code": "1"}, {"a": [(0.0, 0.0, 2, 3)]}),
+        ("block,s1,s2,response\na,0,0,equal\n", {"columns": {"subject": "block"}}, ONE),
         # Codes are exact; one leaves the default words of the other side; one is never also read as its opposite.
         (f"{TRIALS}a,0,0,f\na,0,0, J \n", {"equal_code": "f", "different_code": "J"}, {"a": [(0.0, 0.0, 1, 2)]}),
         (f"{TRIALS}a,0,0,0\na,0,0,1\n", {"equal_code": "0", "different_code": "1"}, {"a": [(0.0, 0.0, 1, 2)]}),
-        (f"{TRIALS}a,0,0,z\na,0,0,0.0\na,0,0,Different\n", {"equal_code": "z"}, {"a": [(0.0, 0.0, 1, 3)]}),
-        (f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,0\n", {"equal_code": "None"}, {"a": [(0.0, 0.0, 1, 2)]}),
+        (f"{TRIALS}a,0,0,z\na,0,0,different\na,0,0,Different\n", {"equal_code": "z"}, {"a": [(0.0, 0.0, 1, 3)]}),
+        (f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n", {"equal_code": "None"}, {"a": [(0.0, 0.0, 1, 2)]}),
         # Stimuli in both units are chosen by the option; columns may be swapped; the reference itself is exactly 0.
         ("subject,s1,s2,i1,i2,response\na,0,0,7,8,equal\n", {}, ONE),
         ("subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n", {"intensity": 0.087}, ONE),
@@ -93,7 +102,11 @@ def test_what_is_read(data: str, options: dict[str, object], expected: dict[str,
 @pytest.mark.parametrize(
     ("data", "options", "notes"),
     [
-        (TRIALS + "a,0,0,equal\na,0,0,0\n", {}, ["trial rows, comma-separated, UTF-8, responses 'equal' (1) / '0' as different (1)"]),
+        (
+            TRIALS + "a,0,0,1.0\na,0,0,0\n",
+            {"equal_code": "1"},
+            ["trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1)"],
+        ),
         (
             COUNTS + "a,0,0.3,1,5\nb,0,0,3,3\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n",
             {},
@@ -122,10 +135,10 @@ def test_what_is_read(data: str, options: dict[str, object], expected: dict[str,
             ],
         ),
         (
-            "subject;s1;s2;isi;response;task\na;0,5;0;0,5;1;x\na;0,5;0;2;1;x\nb;x;;;;y\n",
+            "subject;s1;s2;isi;response;task\na;0,5;0;0,5;same;x\na;0,5;0;2;same;x\nb;x;;;;y\n",
             {"where": {"task": "x"}},
             [
-                "trial rows, semicolon-separated, UTF-8, decimal comma, responses '1' as equal (2) / 'different' (0)",
+                "trial rows, semicolon-separated, UTF-8, decimal comma, responses 'same' as equal (2) / 'different' (0)",
                 *("only rows with x in column task", "2 intervals in column isi: 0.5, 2 s"),
             ],
         ),
@@ -156,7 +169,7 @@ def test_amplitudes_become_log_intensities_and_do_not_overflow() -> None:
     study = read(AMPLITUDES + "a,0.087,0.174,equal\na,0.0435,1e-3,different\n", intensity=0.087)
     assert study["a"].s1.tolist() == pytest.approx([math.log(0.5), 0.0], abs=1e-15)
     assert study["a"].s2.tolist() == pytest.approx([math.log(1e-3 / 0.087), math.log(2.0)], rel=1e-14)
-    extreme = read(AMPLITUDES + "a,1e308,1e-308,1\n", intensity=1e-300)
+    extreme = read(AMPLITUDES + "a,1e308,1e-308,same\n", intensity=1e-300)
     assert (extreme["a"].s1[0], extreme["a"].s2[0]) == pytest.approx((608 * math.log(10), -8 * math.log(10)))
 
 
@@ -173,35 +186,36 @@ def test_synthetic_column(marks: tuple[str, str], synthetic: bool) -> None:
 
 
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts() -> None:
-    study = read(ORDERED + "a,0,1,equal,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n")
+    study = read(ORDERED + words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"))
     assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
     answers = study.reading.answers["a"]
     assert answers.blocks == ("10", "9"), "one block is no number: in order of appearance"
     assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0]]
     assert (answers.n_yes.tolist(), answers.block.tolist(), answers.trials) == ([1, 1, 0], [0, 0, 1], True)
     assert study.reading.ignored == ()
-    numbered = read(ORDERED + "a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n").reading.answers["a"]
+    numbered = read(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n")).reading.answers["a"]
     assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
-    running = read(ORDERED + "a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n").reading.answers["a"]
+    running = read(ORDERED + words("a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n")).reading.answers["a"]
     assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
 
 
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted() -> None:
-    study = read(ORDERED + "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n")
+    study = read(ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"))
     assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
     assert study.reading.answers["a"].n_yes.tolist() == [1, 0]
 
 
 def test_trials_that_are_there_twice_are_told() -> None:
-    rows = "a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n"
-    (same,) = read(ORDERED + rows + "b,0,1,NA,1,1\n" + "a,0,0,0,1,2\nb,0,0,0,1,1\n").reading.doubts
+    rows = words("a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
+    (same,) = read(ORDERED + rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")).reading.doubts
     assert "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 (" in same
-    (other,) = read(ORDERED + rows + "b,0,0,1,1,1\n").reading.doubts
+    (other,) = read(ORDERED + rows + words("b,0,0,1,1,1\n")).reading.doubts
     assert "1 row repeats block and trial of another row, none with the same stimuli and answer, first row 5" in other
     assert "unless these are several sessions" in other
-    unblocked = "subject,s1,s2,response,trial\na,0,1,1,1\na,0,1,1,1\n"
+    unblocked = "subject,s1,s2,response,trial\n" + words("a,0,1,1,1\na,0,1,1,1\n")
     assert "1 row repeats trial of another row with the same" in read(unblocked).reading.doubts[0]
-    for fine in (ORDERED + rows, ORDERED + rows + "a,0,0,0,1,x\na,0,0,0,1,x\n", unblocked + "a,0,0,1,1\n", TRIALS + "a,0,1,1\na,0,1,1\n"):
+    several = words("a,0,0,0,1,x\na,0,0,0,1,x\n"), words("a,0,0,1,1\n"), words("a,0,1,1\na,0,1,1\n")
+    for fine in (ORDERED + rows, ORDERED + rows + several[0], unblocked + several[1], TRIALS + several[2]):
         assert read(fine).reading.doubts == (), "in another block, without a number, or without blocks they may be other trials"
 
 
@@ -214,10 +228,10 @@ def test_counts_have_answers_where_they_have_blocks() -> None:
 
 
 def test_columns_that_nobody_reads_are_told_by_name() -> None:
-    study = read("rt,subject,s1,s2,i1,,response,rt,Block\n1,a,0,1,5,,1,2,3\n")
+    study = read("rt,subject,s1,s2,i1,,response,rt,Block\n1,a,0,1,5,,same,2,3\n")
     assert study.reading.ignored == ("rt", "i1", "Block")
     assert study.reading.read == ("subject", "s1", "s2", "response")
-    twice = read("subject,s1,s2,response,block,block\na,0,1,1,1,2\n")
+    twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
     assert twice.reading.ignored == ("block",), "which of two is meant cannot be told, and no result depends on it"
 
 
@@ -225,8 +239,13 @@ def test_columns_that_nobody_reads_are_told_by_name() -> None:
 
 
 def test_a_file_that_is_a_copy_of_another_is_told(tmp_path: Path) -> None:
-    rows = "".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20))
-    texts = {"1.csv": TRIALS + rows, "2.csv": TRIALS + rows.replace("a", "b"), "3.csv": TRIALS + rows, "4.csv": TRIALS + rows + "a,0,0,1\n"}
+    rows = words("".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20)))
+    texts = {
+        "1.csv": TRIALS + rows,
+        "2.csv": TRIALS + rows.replace("a,", "b,"),
+        "3.csv": TRIALS + rows,
+        "4.csv": TRIALS + rows + "a,0,0,same\n",
+    }
     paths = [tmp_path / name for name in texts]
     for path, text in zip(paths, texts.values(), strict=True):
         path.write_text(text, encoding="utf-8")
@@ -284,7 +303,7 @@ def test_parse_columns_refuses(text: str, found: str) -> None:
         parse_columns(text)
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
-    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_trials, isi, block, trial")
+    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, block, trial")
 
 
 # --- Dialects -----------------------------------------------------------------------------------------
@@ -296,7 +315,7 @@ def test_parse_columns_refuses(text: str, found: str) -> None:
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
 @pytest.mark.parametrize(("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab")])
 def test_dialects(codec: str, label: str, end: str, delimiter: str, name: str) -> None:
-    lines = ['"subject","a|b","s1","s2","response"', "Zoë,0,0.5,-0.25,equal", "Ω,0,0,0,0", ""]
+    lines = ['"subject","a|b","s1","s2","response"', "Zoë,0,0.5,-0.25,equal", "Ω,0,0,0,different", ""]
     mark = b"\xfe\xff" if codec == "utf-16-be" else b""
     study = read(mark + end.join(lines).replace(",", delimiter).replace("|", ",").encode(codec))
     assert content(study) == {"Zoë": [(0.5, -0.25, 1, 1)], "Ω": [(0.0, 0.0, 0, 1)]}
@@ -315,7 +334,7 @@ def test_decimal_commas(delimiter: str) -> None:
 
 NUMBER = "a finite number"
 WHOLE = "a whole number from 0 to 2**53, without thousands separators"
-ANSWERS = "equal, same, 1 (equal) or different, 0 (different), or empty; other codes by --equal-code, --different-code"
+ANSWERS = "equal, same (equal) or different (different), or empty; other codes by --equal-code, --different-code"
 QUOTES = "allowed: quotes around whole cells, doubled inside"
 TEXT = "allowed: text in UTF-8, or in UTF-16 that starts with its byte-order mark"
 EMPTY = "found an empty file, allowed: a header and at least one row"
@@ -339,14 +358,18 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
             *(missing(name, "'id', 'x', 'response'", f"--columns {name}=NAME") for name in ("s1", "s2")),
         ],
     ),
-    ("Subject,s1,s2,response\na,0,1,1\n", {}, [missing("subject", "'Subject', 's1', 's2', 'response'", "--columns subject=Subject")]),
+    ("Subject,s1,s2,response\na,0,1,same\n", {}, [missing("subject", "'Subject', 's1', 's2', 'response'", "--columns subject=Subject")]),
     (
-        "subject,s1,s2,Answer\na,0,1,1\n",
+        "subject,s1,s2,Answer\na,0,1,same\n",
         {},
-        [missing("response", HEAD + ", 'Answer'", "--columns response=Answer; or counts in n_equal and n_trials")],
+        [missing("response", HEAD + ", 'Answer'", "--columns response=Answer; or counts in n_equal or n_second, and n_trials")],
     ),
     ("subject,s1,s2,n_equal\na,0,1,5\n", {}, [missing("n_trials", HEAD + ", 'n_equal'", "--columns n_trials=NAME")]),
-    ("subject,s1,s2,n_trials\na,0,1,5\n", {}, [missing("n_equal", HEAD + ", 'n_trials'", "--columns n_yes=NAME")]),
+    (
+        "subject,s1,s2,n_trials\na,0,1,5\n",
+        {},
+        [missing("n_equal", HEAD + ", 'n_trials'", "--columns n_equal=NAME; or n_second, where the question was which is stronger")],
+    ),
     (
         "subject,i1,i2,response\na,1,2,equal\n",
         {},
@@ -410,19 +433,23 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         for text in ("abc", "nan", "-inf", "1e999", "1_0", "0x1", "", "1 2", "٣", "\u22121")
     ),
     *(
-        (f"subject;s1;s2;response\na;{text};0;1\n", {}, [f"row 2, column s1: found {text!r}, allowed: {NUMBER}{unclear}"])
+        (f"subject;s1;s2;response\na;{text};0;same\n", {}, [f"row 2, column s1: found {text!r}, allowed: {NUMBER}{unclear}"])
         for text, unclear in (
             *((text, ", without thousands separators") for text in ("1.234,5", "1,234.5", "1,2,3", "1.2.3")),
             *((text, "") for text in ("1 000", "1'000")),
         )
     ),
-    (f'{TRIALS}a,"0,087",0,1\n', {}, [f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab between cells"]),
+    (
+        f'{TRIALS}a,"0,087",0,same\n',
+        {},
+        [f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab between cells"],
+    ),
     *(
-        (f"{AMPLITUDES}a,1,{text},1\n", {"intensity": 2.0}, [f"row 2, column i2: found {text!r}, allowed: a positive finite number"])
+        (f"{AMPLITUDES}a,1,{text},same\n", {"intensity": 2.0}, [f"row 2, column i2: found {text!r}, allowed: a positive finite number"])
         for text in ("0", "-0.1", "0.0", "1e-999", "nan", "inf", "x", "")
     ),
     (
-        "subject,s1,s2,isi,response\na,0,0,0,1\n",
+        "subject,s1,s2,isi,response\na,0,0,0,same\n",
         {},
         ["row 2, column isi: found '0', allowed: a positive finite number of seconds, in every row or no such column"],
     ),
@@ -456,13 +483,13 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         for text in ("F", "j", "equal", "1", "0")
     ),
     (
-        f"{TRIALS}a,0,0,0\na,0,0,0.0\n",
-        {"equal_code": "0"},
-        [f"row 3, column response: found '0.0', allowed: '0' (equal) or {ANSWERS.split(' or ', 1)[1]}"],
+        f"{TRIALS}a,0,0,f\na,0,0,F\n",
+        {"equal_code": "f"},
+        [f"row 3, column response: found 'F', allowed: 'f' (equal) or {ANSWERS.split(' or ', 1)[1]}"],
     ),
     (f"{TRIALS}a,0,0,NA\nb,0,0,\n", {}, ["found no response in any of 2 rows, allowed: at least one answered trial"]),
     (
-        "who,s1,first,s2,response\na,9,x,1,1\n",
+        "who,s1,first,s2,response\na,9,x,1,same\n",
         {"columns": {"subject": "who", "s1": "first"}},
         [f"row 2, column first: found 'x', allowed: {NUMBER}"],
     ),
@@ -493,8 +520,8 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
         [
             f"row 2, column s1: found 'x', allowed: {NUMBER}",
             "row 3, column subject: found '', allowed: a text that is not empty",
-            f"row 4, column s2: found 'y', allowed: {NUMBER}",
             f"row 4, column response: found 'maybe', allowed: {ANSWERS}",
+            f"row 4, column s2: found 'y', allowed: {NUMBER}",
             "row 5: found 2 cells, allowed: 4 cells as in the header",
         ],
     ),

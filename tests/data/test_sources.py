@@ -132,18 +132,18 @@ def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
             "synthetic": [True] * 3,
         }
     )
-    study = bt.read_study(as_parquet(frame, tmp_path), bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}))
+    study = bt.read_study(as_parquet(frame, tmp_path), bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}, equal_code="1"))
     assert study.synthetic
     assert [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist()) for one in study] == [
         ("b", [0.1], [0.3], [1]),
         ("a", [0.2], [0.25], [0]),
     ]
     floats = pd.DataFrame({"subject": [1008.0, 1008.0, np.nan], "s1": [0, 0, 0], "s2": [0, 1, 0], "response": [1.0, 0.0, np.nan]})
-    study = bt.read_study(floats)
+    study = bt.read_study(floats, bt.ReadOptions(equal_code="1"))
     assert study.names == ("1008",), "whole numbers keep their digits whatever pandas made of them"
     assert study[1008] is study["1008"] is study[np.int64(1008)]
     answers = pd.DataFrame({"subject": pd.Categorical(["x"] * 2), "s1": 0, "s2": [0, 1], "response": pd.array([True, False], "boolean")})
-    assert bt.read_study(answers)["x"].n_yes.tolist() == [1, 0]
+    assert bt.read_study(answers, bt.ReadOptions(equal_code="1"))["x"].n_yes.tolist() == [1, 0]
 
 
 @pytest.mark.parametrize("isi", [None, [0.5, 2.0]])
@@ -189,7 +189,7 @@ def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
 def test_a_damaged_matlab_file_is_one_line(tmp_path):
     columns = {"subject": "M1", "s1": np.array([0.0, 0.3, 0.0]), "s2": np.array([0.3, 0.0, 0.0]), "response": np.array([1, 0, 1])}
     savemat(tmp_path / "trials.mat", columns)
-    assert bt.read_study(tmp_path / "trials.mat")["M1"].n_yes.tolist() == [1, 1, 0]
+    assert bt.read_study(tmp_path / "trials.mat", bt.ReadOptions(equal_code="1"))["M1"].n_yes.tolist() == [1, 1, 0]
     (tmp_path / "trials.mat").write_bytes((tmp_path / "trials.mat").read_bytes()[:200])
     (problem,) = problems(tmp_path / "trials.mat")
     assert problem.startswith("trials.mat: found a damaged MATLAB file (")

@@ -17,14 +17,14 @@ def table():
     return pd.read_csv(TABLE, keep_default_na=False, na_values=[""])
 
 
-def held(folder, table, study, subjects, commands):
+def held(folder, table, study, subjects, commands, reading=()):
     """The commands on some subjects of a study, against the table."""
     lines = study.read_text(encoding="utf-8").splitlines(keepends=True)
     name = {"example_study.csv": "bundled", "dots.csv": "dots", "trials.csv": "vibro"}[study.name]
     head = next(i for i, line in enumerate(lines) if line.startswith("subject,"))
     chosen = folder / study.name
     chosen.write_text("".join([lines[head], *(line for line in lines[head:] if line.split(",")[0] in subjects)]), encoding="utf-8")
-    frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands)
+    frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands, reading)
     numbers, outside = frozen.check(folder / "made", table)
     assert numbers >= 60 * len(subjects)
     assert not frozen.too_far(numbers, outside), outside.to_string()
@@ -39,7 +39,7 @@ def test_listeners_to_morse_signals(tmp_path, table, real_data):
 
 
 def test_a_feeler_of_vibrations(tmp_path, table, real_data):
-    held(tmp_path, table, real_data / "vibrotactile_rate" / "trials.csv", ("1008",), ("run", "asymmetry"))
+    held(tmp_path, table, real_data / "vibrotactile_rate" / "trials.csv", ("1008",), ("run", "asymmetry"), ("--equal-code", "1"))
 
 
 def test_the_check_can_fail(table):

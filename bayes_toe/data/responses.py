@@ -1,0 +1,147 @@
+"""What a column of answers says: words tell the task, numbers never do; right and wrong become answers by the sign of s2 - s1."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
+from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.validation import MISSING_WORDS
+from bayes_toe.errors import InputError
+
+_YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
+#: The words of each task's two answers, in any case.
+_WORDS = {SAME_DIFFERENT: (("equal", "same"), ("different",)), WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st"))}
+_RIGHT, _WRONG = ("1", "true", "yes", "correct", "right", "hit"), ("0", "false", "no", "incorrect", "wrong", "error", "miss")
+#: The number that is the other answer where one number was said to be an answer.
+_OTHER_NUMBER = {"1": "0", "0": "1", "2": "1"}
+_DIGIT = re.compile(r"(\d)[.,]0*")
+
+
+@dataclass(frozen=True)
+class Responses:
+    """The answers of trials.
+
+    `yes`, shape (rows,), says where the answer that the task counts was given, `asked` where there is an answer, and `no_answer` where
+    stimuli were equal, so that a right or wrong answer is none of the task's; `said` is how the texts were read.
+    """
+
+    task: Task
+    yes: BoolArray
+    asked: BoolArray
+    no_answer: BoolArray
+    said: str
+
+
+def responses(table: TextTable, column: Column, options: ReadOptions, difference: FloatArray) -> Responses:
+    """The answers in a column, of trials with these differences s2 - s1; what cannot be read is noted in the table.
+
+    Where no word is known, one line says so of the column, and another task than the one of the result may have been meant.
+    """
+    right, untold = options.correct is not None, "" if options.task else _untold(table, column)
+    task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
+    answer = column.map(lambda text: _right(text) if right else _answer(text, task, options), np.int64)
+    if untold:
+        table.problems.add([(0, f"column {bare(column.name)}: {untold}")])
+    else:
+        table.fault(column, answer == _UNKNOWN, _allowed(task, options, table.python))
+    names = ("right", "wrong") if right else (task.yes, task.no)
+    said = f"responses {' / '.join(_as_answered(column, answer == value, word) for value, word in zip((_YES, _NO), names, strict=True))}"
+    yes, asked, none = answer == _YES, answer != _MISSING, np.zeros(len(answer), np.bool_)
+    if right:
+        said += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
+        none = asked & (task.right(difference) == 0)
+        yes = yes == (task.right(difference) > 0)
+    return Responses(task, yes & asked & ~none, asked & ~none, none, said)
+
+
+def require_task(table: TextTable, task: Task, column: Column | None) -> None:
+    """Refuse a column `task` that tells another task, or two; what tells none, such as the name of an experiment, is not looked at.
+
+    Raises
+    ------
+    InputError
+    """
+    told = {} if column is None else {named: text for text in column.texts if (named := task_named(text)) is not None}
+    if column is None or not told.keys() - {task}:
+        return
+    found = f"{table.source}: column {bare(column.name)}: found {' and '.join(quoted(text) for text in told.values())}"
+    some = f"ReadOptions(where={{{column.name!r}: ...}})" if table.python else f"--where {bare(column.name)}=TEXT"
+    allowed = f"one task, which {some} chooses" if len(told) > 1 else f"{task.name!r}, which the answers are of"
+    raise InputError(f"{found}, allowed: {allowed}")
+
+
+def _words_of(task: Task, column: Column) -> list[str]:
+    """The texts of a column that are words of a task."""
+    return [text for text in column.texts if text.lower() in {*_WORDS[task][0], *_WORDS[task][1]}]
+
+
+def _untold(table: TextTable, column: Column) -> str:
+    """What is said of a column whose words tell no task, or two; nothing where they tell one, or where there is no answer."""
+    texts, told = [text for text in column.texts if text.lower() not in MISSING_WORDS], [_words_of(task, column) for task in TASKS]
+    if all(told):
+        both = " and ".join(quoted(words[0]) for words in told)
+        return f"found {both}, words of two tasks, allowed: one task, such as the rows that --where COLUMN=TEXT chooses"
+    if any(told) or not texts:
+        return ""
+    plain = {_plain(text).lower() for text in texts}
+    codes = ("1", max(plain)) if plain <= {"0", "1", "2"} else ("TEXT", "TEXT")
+    name = "ReadOptions({}_code={!r})" if table.python else "--{}-code {}"
+    ways = [f"{name.format(task.yes, code)} ({task.name})" for task, code in zip(TASKS, codes, strict=True)]
+    if plain <= {*_RIGHT, *_WRONG}:
+        ways.append(f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)")
+    words = " or ".join(f"{task.yes}/{task.no}" for task in TASKS)
+    return f"found {listed([*map(quoted, texts)], 4)}, which do not tell the task, allowed: {words}, or {', '.join(ways)}"
+
+
+def _plain(text: str) -> str:
+    """A cell without what spreadsheets do to it: the decimals of 1.0 and 0,0."""
+    whole = _DIGIT.fullmatch(text)
+    return text if whole is None else whole[1]
+
+
+def _answer(text: str, task: Task, options: ReadOptions) -> int:
+    """The answer that a cell stands for."""
+    plain, codes = _plain(text), [None if code is None else _plain(code) for code in options.codes(task)]
+    for code, answer in zip(codes, (_YES, _NO), strict=True):
+        if plain == code:
+            return answer
+    word = plain.lower()
+    if word in MISSING_WORDS:
+        return _MISSING
+    if any(code is not None and word == code.lower() for code in codes):
+        return _UNKNOWN  # where 'Different' was declared to mean equal, 'different' must not count as different by default
+    for code, other, words, answer in zip(codes, codes[::-1], _WORDS[task], (_YES, _NO), strict=True):
+        if code is None and (word in words or (other is not None and word == _OTHER_NUMBER.get(other))):
+            return answer
+    return _UNKNOWN
+
+
+def _right(text: str) -> int:
+    """Whether a cell says right or wrong."""
+    word = _plain(text).lower()
+    return _YES if word in _RIGHT else _NO if word in _WRONG else _MISSING if word in MISSING_WORDS else _UNKNOWN
+
+
+def _allowed(task: Task, options: ReadOptions, python: bool) -> str:
+    """What else may stand where no answer was found."""
+    if options.correct is not None:
+        return f"{', '.join(_RIGHT)} (right) or {', '.join(_WRONG)} (wrong), or empty"
+    names = (task.yes, task.no)
+    shown = zip(options.codes(task), _WORDS[task], names, strict=True)
+    texts = [f"{', '.join(words) if code is None else quoted(code)} ({name})" for code, words, name in shown]
+    codes = f"ReadOptions({', '.join(f'{one}_code=...' for one in names)})" if python else ", ".join(f"--{one}-code" for one in names)
+    return f"{' or '.join(texts)}, or empty; other codes by {codes}"
+
+
+def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
+    """Which texts were read as an answer, and how often it was given."""
+    texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
+    meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
+    return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
