@@ -2,7 +2,7 @@
 
 Given the subjects' parameters eta and their scatter, means and effects are a linear regression with a normal prior, so their density is a
 normal one, exactly, of one of them or of several together; the posterior density is its average over draws, which holds far from where any
-draw is. (Of Student's scatter: given also a precision for each subject, which is drawn.) Given next to no scatter it is a spike, so each is
+draw is. (Of Student's scatter: given also a precision for each subject, which is drawn.) Given next to no scatter it is a spike, which is
 widened a little. Far out, few draws carry the average: its error says so, and where it is too large only a bound is given.
 
 Source: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA 85, 398-409 (the average of densities).
@@ -29,7 +29,7 @@ MOST_ERROR = 0.3
 _MOST_K = 0.7
 #: Group parameters whose mean is 0, on their scale, where there is no order effect on average, and what that effect is called.
 ORDER_EFFECTS = {"gain": "pull", "offset": "constant error"}
-_KERNEL = 0.05  # posterior sds: densities given draws with next to no scatter are narrower, and a few would carry the average
+_KERNEL = 0.1  # posterior sds: no density given a draw is narrower, lest a few with next to no scatter carry the average
 _UNSEEN = 3.0  # over effective draws: the most probable that something can be of which there was none, at 95 %
 
 
@@ -74,7 +74,8 @@ def savage_dickey(found: Population) -> Ratios:
 
     def at_zero(places: Sequence[int]) -> Ratio:
         own, far, sds = covariance[..., places, :][..., places], zero[places] - centre[..., places], prior_sd[places]
-        own = own + np.diag(kernel[places])
+        variances = np.diagonal(own, axis1=-2, axis2=-1)
+        own = own + np.maximum(kernel[places] - variances, 0.0)[..., None] * np.eye(len(places))
         squares = np.einsum("...i,...ij,...j->...", far, np.linalg.inv(own), far)
         highest = np.log(sds).sum() - 0.5 * np.linalg.slogdet(own)[1] + 0.5 * np.square(zero[places] / sds).sum()
         keys = [("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place) for place in places]
