@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from numbers import Integral
 from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
@@ -167,7 +168,10 @@ def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
     """A Python that begins meanwhile would die of what a terminal says to all, with many lines, and joblib warn of it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS]) if hasattr(signal, "pthread_sigmask") else None
+    before = None
+    if hasattr(signal, "pthread_sigmask"):
+        resource_tracker.ensure_running()  # joblib would begin it next, and Python 3.11 and 3.12 hear interrupts again once it has begun
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS])
     try:
         yield
     finally:
