@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import few_pairs
 from reference.hard_cases import hard_cases
 from scipy.integrate import quad
 
@@ -151,12 +152,13 @@ def test_the_file_is_what_pandas_writes(analysis, tmp_path, spreadsheet_safe):
 
 
 def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis):
-    alone = bt.evidence(analysis.study, seed=analysis.settings.seed, prior="paper", workers=1)
-    pd.testing.assert_frame_equal(alone.frame(), analysis.evidence.frame())
-    for one, other in zip(alone, analysis.evidence, strict=True):
-        assert one.fit.p_overall == pytest.approx(other.fit.p_overall, abs=0.08)
-        assert one.fit.deviance == pytest.approx(other.fit.deviance, abs=0.2)
-        assert analysis.draws.fit(one.subject).p_deviance == other.fit.p_deviance
+    alone = bt.evidence(analysis.study.select(["B"]), seed=analysis.settings.seed, prior="paper", workers=1)
+    frame = analysis.evidence.frame()
+    pd.testing.assert_frame_equal(alone.frame(), frame[frame["subject"] == "B"].reset_index(drop=True))
+    one, other = alone["B"].fit, analysis.evidence["B"].fit
+    assert one.p_overall == pytest.approx(other.p_overall, abs=0.08)
+    assert one.deviance == pytest.approx(other.deviance, abs=0.2)
+    assert analysis.draws.fit("B").p_deviance == other.p_deviance
 
 
 def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
@@ -165,8 +167,8 @@ def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
     assert row.log_evidence_h1 == infer(posterior_of(subject), 5, Wanted(evidence_draws=2000)).evidence.value
 
 
-def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(small_study, monkeypatch):
-    subject = small_study["A"]
+def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(monkeypatch):
+    subject = few_pairs("A")["A"]
     whole, _ = verdict(subject, DEFAULT, 1)
     monkeypatch.setattr(FittedProposal, "trusted", property(lambda self: self.proposal.posterior.model.name != whole.best_model))
     row = bt.evidence(bt.Study([subject]), seed=1, workers=1)["A"]

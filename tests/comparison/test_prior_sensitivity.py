@@ -63,10 +63,10 @@ def z_scores(rows, subject_of):
 
 
 def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
-    rows = [row for row in distinct(table) if row.method == REWEIGHTED and row.factor not in (0.5, 2.0)]
-    assert len(rows) >= 15
+    rows = [row for row in distinct(table) if row.method == REWEIGHTED and row.factor not in (0.5, 2.0)][::2]
+    assert len(rows) >= 8
     z = z_scores(rows, lambda name: small_study[name])
-    # about 25 rows share three sets of draws; 4.5 standard errors: a false alarm in about 3,000 such tests
+    # about 12 rows share three sets of draws; 4.5 standard errors: a false alarm in about 6,000 such tests
     assert np.abs(z).max() < 4.5
     assert np.sqrt(np.mean(z**2)) < 1.8
 
@@ -74,7 +74,7 @@ def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
 def test_hard_cases_agree_with_fresh_fits(hard):
     rows = [row for row in distinct(hard) if row.log_bayes_factor is not None]
     assert len(rows) >= 0.9 * len(distinct(hard))
-    rows = [row for row in rows if row.prior != bt.Prior()]
+    rows = [row for row in rows if row.prior != bt.Prior()][::4]  # of every case, at both ends
     z = z_scores(rows, lambda name: CASES[name])
     worst = rows[int(np.abs(z).argmax())]
     assert np.abs(z).max() < 5.0, (worst.subject, worst.varied, worst.value, worst.method, z)
@@ -97,9 +97,8 @@ def test_medians_are_those_of_draws_under_that_prior(table, small_study):
             assert np.allclose(shares, [0.05, 0.5, 0.95], atol=0.05), (name, varied, parameter, shares)
 
 
-def test_the_middle_row_is_the_evidence_table(table, small_study):
-    evidence = bt.evidence(small_study, seed=5, prior="paper", workers=1)
-    for row in evidence:
+def test_the_middle_row_is_the_evidence_table(table, analysis):
+    for row in analysis.evidence:
         for varied in table.varied:
             middle = next(found for found in table.of(row.subject, varied) if getattr(found.prior, varied) == getattr(bt.Prior(), varied))
             assert middle.log_bayes_factor == pytest.approx(row.log_bayes_factor, abs=2.0 * row.log_evidence_h1_se)
@@ -129,7 +128,7 @@ def exact_all_equal(prior, s, n):
 
 def test_evidence_of_a_case_that_is_known_by_hand():
     subject = bt.Subject("S", [0.4], [0.4], [6], [6])
-    table = bt.sensitivity(bt.Study([subject]), prior=bt.Prior(0.5, 2.0, 0.3), steps=5, seed=4, workers=1)
+    table = bt.sensitivity(bt.Study([subject]), prior=bt.Prior(0.5, 2.0, 0.3), steps=3, seed=4, workers=1)
     exact = np.array([exact_all_equal(row.prior, 0.4, 6) - frequency_evidence(subject) for row in table])
     found = np.array([row.log_bayes_factor for row in table])
     error = np.array([row.se for row in table])
