@@ -47,18 +47,6 @@ def members(session):
     return found
 
 
-def kill_workers(running, times):
-    """Kill all workers of a command that many times, as soon as there are two: the first jobs are under way, then the first one alone."""
-    killed = set()
-    for _ in range(times):
-        until(lambda: len(set(workers(running.pid)) - killed) > 1, running)
-        for pid in set(workers(running.pid)) - killed:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-            killed.add(pid)
-    assert len(killed) == 2 * times
-
-
 def die(main, marks, deaths):
     """A job that kills the worker that is at it, as often as told; no job that kills is ever tried in the main process."""
     assert os.getpid() != main

@@ -22,7 +22,7 @@ from bayes_toe.data.messages import shown
 from bayes_toe.data.whole_files import finished, said_kept
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_PATIENCE = 3.0  # seconds for tidying up after a signal
+PATIENCE = 10.0  # seconds for tidying up after a signal
 _LOST = 2  # exit code where standard output is not complete
 
 
@@ -113,7 +113,7 @@ def listen() -> list[signal.Signals]:
 
     def stop(number: int, _: FrameType | None) -> None:
         _ignore(heard)  # a second one must not interrupt the tidying up
-        end = Timer(_PATIENCE, _end, (number,))
+        end = Timer(PATIENCE, _end, (number,))
         end.daemon = True
         end.start()
         raise Stopped(number)

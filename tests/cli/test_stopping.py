@@ -10,8 +10,9 @@ from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, whole_file,
 
 DEAF = """
 import time
-from bayes_toe.cli.stopping import listen
-listen()
+from bayes_toe.cli import stopping
+stopping.PATIENCE = 0.5
+stopping.listen()
 while True:
     try:
         print("ready", flush=True)

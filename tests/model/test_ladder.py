@@ -59,7 +59,7 @@ def evidence_of(subject, model, seed=1, prior=None):
 def test_prior_density_and_prior_draws_belong_together(name, prior):
     # E[g / p] over draws from p is 1 for any density g inside the support: a normal one, narrower than the draws.
     target = posterior_of(STUDY["S01"], prior, model=BY_NAME[name])
-    x = target.sample_prior(np.random.default_rng(5), 400_000)
+    x = target.sample_prior(np.random.default_rng(5), 200_000)
     centre, spread = np.median(x, axis=0), 0.5 * (np.quantile(x, 0.75, axis=0) - np.quantile(x, 0.25, axis=0))
     log_g = norm.logpdf(x, centre, 0.5 * spread).sum(axis=1)
     ratio = np.exp(log_g - target.log_prior(x))
@@ -149,7 +149,7 @@ def _marginal_density_at(fitted, coordinate, at, grid):
     target, rng = fitted.proposal.posterior, np.random.default_rng(4)
     j = target.coordinates.index(coordinate)
     weights = np.exp(fitted.draws.log_weights - logsumexp(fitted.draws.log_weights))
-    x = fitted.draws.x[rng.choice(len(weights), 1500, p=weights)]
+    x = fitted.draws.x[rng.choice(len(weights), 700, p=weights)]
     logs = []
     for points in x:
         line = np.repeat(points[None], len(grid) + 1, axis=0)
@@ -285,7 +285,7 @@ def test_weak_data_against_the_prior_average(case):
         if value is None:
             continue  # withheld
         target = fitted.proposal.posterior
-        likelihood = target.log_likelihood(target.sample_prior(np.random.default_rng(9), 200_000))
+        likelihood = target.log_likelihood(target.sample_prior(np.random.default_rng(9), 100_000))
         average = logsumexp(likelihood) - np.log(len(likelihood))
         effective = np.exp(2 * logsumexp(likelihood) - logsumexp(2 * likelihood))
         if effective < 200:
@@ -301,8 +301,14 @@ def test_hard_cases_agree_with_themselves_or_are_withheld(case):
             assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1])), model.name
 
 
-@pytest.mark.parametrize("text", ["update + sloped + both ways", "free weighting + sloped + exponent"])
-@pytest.mark.parametrize("case", ["all different", "reversed answers"])
+@pytest.mark.parametrize(
+    ("case", "text"),
+    [
+        ("reversed answers", "update + sloped + both ways"),
+        ("all different", "free weighting + sloped + exponent"),
+        ("reversed answers", "free weighting + sloped + exponent"),
+    ],
+)
 def test_compositions_in_hard_cases_agree_with_themselves_or_are_withheld(case, text):
     # With slopes of 0.1 and -0.6 alone to start from, a maximum of the second was missed: 28 standard errors apart.
     one, two = (evidence_of(CASES[case], model_named(text), seed=seed) for seed in (1, 2))

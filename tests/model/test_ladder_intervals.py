@@ -197,10 +197,6 @@ def test_command(timed_csv, tmp_path):
     assert frame.groupby("model")["log_evidence"].sum().idxmax() == "predictive update"
 
 
-def test_h1_is_that_of_the_evidence_table_and_one_interval_has_no_notes(timed_csv):
-    study = bt.read_study(timed_csv)
-    few = ["symmetric", "predictive update"]
-    table, evidence = bt.compare(study, few, seed=4, workers=1), bt.evidence(study, seed=4, workers=1)
-    for subject in study:
-        assert table[subject.name, "predictive update"].log_evidence == evidence[subject.name].log_evidence_h1  # same seed: same digits
-    assert not any(row.notes for row in bt.compare(study.at_isi(1.0), few, seed=4, workers=1))
+def test_one_interval_has_no_notes(timed_csv):
+    study = bt.read_study(timed_csv).at_isi(1.0)
+    assert not any(row.notes for row in bt.compare(study, ["symmetric", "predictive update"], seed=4, workers=1))

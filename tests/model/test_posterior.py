@@ -12,7 +12,7 @@ from scipy.special import logit
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
-from bayes_toe.model.ladder import MODELS, posterior_of
+from bayes_toe.model.ladder import MODELS, model_named, posterior_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian, one_sided
@@ -88,7 +88,11 @@ OTHERS = {"offset_sd": 1.0, "noise_slope_sd": 1.0, "peak_slope_sd": 0.7, "refere
 PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, **OTHERS)
 OF_WIDTH = Prior(mu1_mean=0.4, mu1_sd=2.0, width_median=0.3, width_sd=0.8, q0_a=4.0, **OTHERS)
 FLAT = Prior(0.4, 1e30, 0.7, **OTHERS)
-INTERVALS = pytest.mark.parametrize("isi", [None, [0.25, 1.0, 2.0, 0.5, 8.0]], ids=["one interval", "intervals"])
+KNOW_INTERVALS = [name for name in RUNGS + COMPOSED if model_named(name).knows_intervals]
+#: Every model at one interval, and at several those to whom these say something: the others pool the answers.
+OF_ALL = pytest.mark.parametrize(
+    ("name", "isi"), [*((name, None) for name in RUNGS + COMPOSED), *((name, [0.25, 1.0, 2.0, 0.5, 8.0]) for name in KNOW_INTERVALS)]
+)
 
 
 def subject(name, isi, scale=1.0):
@@ -98,8 +102,7 @@ def subject(name, isi, scale=1.0):
     return Subject("S", s1, s2, *((scale * np.array(part)).astype(int) for part in ([45, 20, 15, 30, 2], [50, 50, 50, 40, 50])), isi)
 
 
-@INTERVALS
-@pytest.mark.parametrize("name", RUNGS + COMPOSED)
+@OF_ALL
 @settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_every_rung(name, isi, data):
@@ -126,8 +129,7 @@ MIDDLE = {"peak_slope": 0.6, "offset": 0.31, "log_width": -0.4, "logit_q0": 2.0,
 MIDDLE |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
 
 
-@INTERVALS
-@pytest.mark.parametrize("name", RUNGS + COMPOSED)
+@OF_ALL
 def test_far_out(name, isi):
     target = posterior_of(subject(name, isi, scale=1000.0), FLAT, model=name)
     for key, values in {**FAR, "log_width": [-5.0, 3.0]}.items():
@@ -135,7 +137,7 @@ def test_far_out(name, isi):
             x = [value if other == key else MIDDLE[other] for other in target.coordinates]
             if key == "logit_pull" and value < -30:
                 x[0] = 1e-20  # mu1 within reach
-            assert_agrees(target, x, digits=300)
+            assert_agrees(target, x, digits=150)
 
 
 @pytest.mark.parametrize("name", ["predictive update", "constant error + sloped + both ways + exponent", "update + sloped + both ways"])
