@@ -33,7 +33,8 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
     say_study(task.console, read)
     say_prior(task.console, prior.describe_orders(read.task))
-    rows = [{**row, "fraction_equal": f"{row['fraction_equal']:.3f}"} for row in map(described, read)]
+    share = f"fraction_{read.task.yes}"
+    rows = [{**row, share: f"{row[share]:.3f}"} for row in map(described, read)]
     say_table(task.console, "subjects", rows)
     findings = bt.check(read, prior)
     warnings = [finding for finding in findings if finding.code not in NOTES]

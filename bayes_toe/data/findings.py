@@ -72,8 +72,8 @@ class Finding:
         (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike" or "columns_ignored"; from a look at
         the design (:mod:`bayes_toe.experiments.checks`) "few_pairs", "rounding", "all_equal", "all_different", "only_equal_pairs",
         "no_equal_pairs", "one_first_stimulus", "one_order", "one_interval", "design_rank", "repeated_trials", "prior_scale",
-        "long_intervals", "names_differ_in_case", "names_look_alike" (but for invisible characters, or how characters are composed) or
-        "names_are_formulas" (to a spreadsheet).
+        "all_alike", "no_easy_pairs", "only_easy_pairs", "long_intervals", "names_differ_in_case", "names_look_alike" (but for invisible
+        characters, or how characters are composed) or "names_are_formulas" (to a spreadsheet).
     message : str
         One sentence that says what to conclude.
     option : str

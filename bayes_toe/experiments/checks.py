@@ -1,8 +1,8 @@
 """What a study can and cannot tell, known from its pairs and counts before any sampling.
 
-The model is q = q0 2^(-z^2), z = ((s2 - s1) - c + p (s1 - sbar)) / w with offset c, pull p, width w and peak q0. A
-parameter that drops out of z, or that only enters together with another one, is not identified: its posterior exists
-because the prior is proper, and reflects that prior.
+The model has z = ((s2 - s1) - c + p (s1 - sbar)) / w with offset c, pull p and width w; P(equal) is q0 2^(-z^2) with the peak q0, and
+P(second) the normal distribution of z, but for lapses. A parameter that drops out of z, or that only enters together with
+another one, is not identified: its posterior exists because the prior is proper, and reflects that prior.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 from bayes_toe.model.prior import Prior
@@ -30,6 +31,8 @@ _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(map(chr, _SELECTORS))
 _NEAR, _SELDOM = 10.0, 0.1  # a prior of another unit has sigma_p within this factor of the stimuli's step less often
 _ROUNDED = 1e-6  # of the range of the stimuli: no observer tells them apart, and stimuli in single precision are as near
+#: Shares of right answers: two just noticeable differences (75 % points) give 91 % without lapses; few lapse in more than 5 %.
+_EASY, _CERTAIN = 0.9, 0.95
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
@@ -131,7 +134,7 @@ def describe(study: Study) -> pd.DataFrame:
         subject; n_pairs, distinct ordered pairs (with a column isi, pairs at an interval); n_intervals, only with such a column; n_trials;
         n_both_orders and n_one_order, pairs of different stimuli (order aside) that were presented in both orders and in one;
         n_equal_pairs, pairs of equal stimuli;
-        fraction_equal, share of trials answered 'equal', in 0..1.
+        fraction_equal or fraction_second, share of trials with that answer, in 0..1.
 
     Examples
     --------
@@ -156,7 +159,7 @@ def described(subject: Subject) -> dict[str, str | int | float]:
         "n_both_orders": (subject.n_pairs - equal - one) // 2,
         "n_one_order": one,
         "n_equal_pairs": equal,
-        "fraction_equal": subject.fraction_yes,
+        f"fraction_{subject.task.yes}": subject.fraction_yes,
     }
 
 
@@ -177,7 +180,12 @@ def _of_subject(subject: Subject, designs: dict[bytes, list[list[tuple[str, str]
     pairs = (subject.s1, subject.s2, subject.n_trials, *(() if subject.isi is None else (subject.isi,)))
     design = b"".join(values.tobytes() for values in pairs)
     if design not in designs:
-        rules = (_few_pairs, _rounding), (_equal_pairs, _first_stimuli, _orders, _intervals, _design)
+        own = (
+            (_equal_pairs, _first_stimuli, _orders, _intervals, _design)
+            if subject.task == SAME_DIFFERENT
+            else (_equal_pairs, _orders, _intervals)
+        )
+        rules = (_few_pairs, _rounding), own
         designs[design] = [[said for rule in some for said in rule(subject)] for some in rules]
     first, rest = designs[design]
     return tuple(Finding(subject.name, code, message) for code, message in (*first, *_answers(subject), *rest))
@@ -219,6 +227,9 @@ def _rounding(subject: Subject) -> _Rule:
 
 
 def _answers(subject: Subject) -> _Rule:
+    if subject.task != SAME_DIFFERENT:
+        yield from _right_answers(subject)
+        return
     if (subject.n_yes == subject.n_trials).all():
         yield (
             "all_equal",
@@ -233,16 +244,43 @@ def _answers(subject: Subject) -> _Rule:
         )
 
 
+def _right_answers(subject: Subject) -> _Rule:
+    """Answers to 'which is stronger?' that are all alike, hardly ever surely right, or hardly ever wrong."""
+    if subject.n_yes.sum() in (0, subject.total_trials):
+        only = subject.task.yes if subject.n_yes.any() else subject.task.no
+        yield (
+            "all_alike",
+            f"Every trial was answered {only!r}: a constant error beyond all stimuli explains that at any width, so the posterior of both "
+            "will reflect the prior.",
+        )
+        return
+    difference = np.round(subject.s2 - subject.s1, 9)
+    right = np.where(difference > 0, subject.n_yes, subject.n_trials - subject.n_yes)
+    sizes, place = np.unique(np.abs(difference), return_inverse=True)
+    shares = np.bincount(place.ravel(), right) / np.bincount(place.ravel(), subject.n_trials)  # over both orders, whatever is preferred
+    shares = shares[sizes > 0]
+    if len(shares) and shares.max() < _EASY:
+        yield (
+            "no_easy_pairs",
+            f"No pair was easy: no difference s2 - s1 was answered rightly in {_EASY:.0%} or more (two just noticeable differences are), "
+            "so lapses and a large width are hardly told apart, and the lapse rate will reflect the prior.",
+        )
+    if len(shares) and shares.min() > _CERTAIN:
+        yield (
+            "only_easy_pairs",
+            f"Every pair was easy: all differences s2 - s1 were answered rightly in more than {_CERTAIN:.0%}, so the data give the width "
+            "no lower bound, and its posterior will reflect the prior there.",
+        )
+
+
 def _equal_pairs(subject: Subject) -> _Rule:
     equal = subject.s1 == subject.s2
     if equal.all():
-        yield (
-            "only_equal_pairs",
-            "Only pairs of equal stimuli were presented: offset, pull and width enter as |offset - pull (s1 - mean s1)|"
-            " / width alone, so neither their scale nor the sign of the offset at a small pull can be told, and their "
-            "posterior will reflect the prior.",
-        )
-    elif not equal.any():
+        same = "|offset - pull (s1 - mean s1)| / width alone, so neither their scale nor the sign of the offset at a small pull can be told"
+        enters = same if subject.task == SAME_DIFFERENT else "(offset - pull (s1 - mean s1)) / width alone, so their scale cannot be told"
+        only = "Only pairs of equal stimuli were presented: offset, pull and width enter as"
+        yield "only_equal_pairs", f"{only} {enters}, and their posterior will reflect the prior."
+    elif not equal.any() and subject.task == SAME_DIFFERENT:
         yield (
             "no_equal_pairs",
             "No pair of equal stimuli was presented: the peak q0 and the offset rest on the assumed shape of the curve "

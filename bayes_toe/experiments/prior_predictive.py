@@ -22,7 +22,7 @@ _BINS = 12  # of each order then
 
 @dataclass(frozen=True, eq=False)
 class PriorPrediction:
-    """P(equal) of observers drawn from the prior, and the subjects' answers, by groups of pairs from the most negative s2 - s1 upward.
+    """P(equal), or P(second), of observers drawn from the prior, and the subjects' answers, by groups of pairs in the order of s2 - s1.
 
     A group is a pair (at its interval) or, in designs of more than 40, the pairs of one order with similar distances, of which `equal` is
     the mean, weighted by trials.
@@ -38,7 +38,7 @@ class PriorPrediction:
     group : array of int, shape (pairs,)
         The group of each pair.
     equal : array, shape (draws, groups)
-        P(equal) of each observer drawn from the prior.
+        Probability of the answer that the task counts, of each observer drawn from the prior.
     n_yes, n_trials : array of int, shape (subjects, groups)
     """
 
@@ -106,7 +106,8 @@ def prior_predictive(
     numbers = prior_for(study, prior)
     columns = [np.concatenate([np.asarray(getattr(subject, key)) for subject in study]) for key in _keys(study)]
     places, index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)
-    pairs = Subject.from_counts("pairs", *columns[:2], *(_joined(study, key) for key in ("n_yes", "n_trials")), *columns[2:])
+    counts_of = (_joined(study, key) for key in ("n_yes", "n_trials"))
+    pairs = Subject.from_counts("pairs", *columns[:2], *counts_of, *columns[2:], task=study.task)
     group = _groups(places)
     target = posterior_of(pairs, numbers, model=model)
     x = target.sample_prior(generator(seed, "prior predictive", target.model.name), draws)

@@ -12,6 +12,7 @@ import bayes_toe as bt
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.experiments.answers_check import check_answers
+from bayes_toe.experiments.checks import describe
 
 TRIALS, RIGHT, TASK = "subject,s1,s2,response", "subject,s1,s2,acc", "subject,s1,s2,response,task"
 COUNTS = "subject,s1,s2,n_second,n_trials"
@@ -168,6 +169,28 @@ def test_answers_to_the_other_question_are_doubted_in_every_verdict():
 def test_designs_that_cannot_tell_a_pull_are_doubted(pairs, said):
     found = [one for one in data_findings(bt.Study([answering("a", rising, 40, pairs)])) if one.kind == "pull cannot be told"]
     assert [one.message.startswith(said) for one in found] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("pairs", "p", "expected"),
+    [
+        (GRID, rising, set()),
+        (GRID, lambda d: 0 * d + 1.0, {"all_alike"}),
+        (GRID, lambda d: 0 * d, {"all_alike"}),
+        ([(a, a) for a in (-0.4, -0.2, 0.2, 0.4)], lambda d: 0 * d + 0.5, {"only_equal_pairs", "pull_not_told"}),
+        ([pair for pair in GRID if abs(pair[0] - pair[1]) < 0.3], rising, {"no_easy_pairs"}),
+        ([pair for pair in GRID if abs(pair[0] - pair[1]) > 0.5], lambda d: ndtr(d / 0.1), {"only_easy_pairs"}),
+        ([(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)], rising, {"one_order", "pull_not_told"}),
+        ([(s + 30, t + 30) for s, t in GRID], rising, {"raw_stimuli"}),
+    ],
+    ids=["fine", "second", "first", "equal pairs", "hard", "easy", "standard", "raw"],
+)
+def test_what_a_study_of_which_is_stronger_cannot_tell(pairs, p, expected):
+    study = bt.Study([answering("a", p, 40, pairs)])
+    found = {one.code: one.message for one in bt.check(study)}
+    assert {*found} - {"independent_answers"} == expected
+    assert all(message.endswith((".", "?")) and "\n" not in message for message in found.values())
+    assert describe(study)["fraction_second"][0] == study["a"].fraction_yes
 
 
 def test_swapped_blocks_and_drift_are_found_in_either_task(tmp_path):
