@@ -20,7 +20,7 @@ from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
-from bayes_toe.comparison.prior_sensitivity import SENSITIVITY_COLUMNS, SensitivityRow
+from bayes_toe.comparison.prior_sensitivity import SensitivityRow, sensitivity_columns
 from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
@@ -212,7 +212,7 @@ FILES = (
         },
     ),
     File(
-        "sensitivity.csv", "`sensitivity`", "subject and value of the prior", SENSITIVITY_COLUMNS, [SensitivityRow],
+        "sensitivity.csv", "`sensitivity`", "subject and value of the prior", sensitivity_columns(), [SensitivityRow],
         {f"{name}_{key}": f"{key[1:].lstrip('0')} % quantile of {name} under that prior." for name in _SHOWN for key in ("q05", "q50", "q95")}
         | {"method": COMMON["method"], "log_bayes_factor": COMMON["log_bayes_factor"] + " Empty where k-hat is too large."},
     ),

@@ -2,7 +2,8 @@
 
 A comparison is a pair of different stimuli that was presented in both orders: r the weaker, c the stronger. The asymmetry is positive
 where 'equal' is the likelier answer with the stronger stimulus first; the subject is then more accurate with the weaker one first, as the
-model predicts for a prior mean below the stimuli.
+model predicts for a prior mean below the stimuli. Of 'which is stronger?' q is the probability of the wrong answer, as 'equal' is one, so
+that the sign means the same.
 
 Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented first, in which case the blue curve
 lies below the red one') follows the swapped colours of Fig. 3's caption. With red = weaker first, as in the text and Fig. 1C, the red curve
@@ -30,11 +31,12 @@ from scipy.stats import boschloo_exact, hypergeom
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.classical.covariates import CovariateTable, covariate_tests
-from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
+from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate, wrong_answers
 from bayes_toe.data.covariates import Covariates, covariates_of
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 
 #: Level at which an asymmetry is called significant.
@@ -51,7 +53,7 @@ class Comparison:
     s_weak, s_strong : float
         Natural-log intensities r < c.
     n_equal_weak_first, n_trials_weak_first : int
-        Answers to (r, c): the weaker stimulus first, the paper's red.
+        Answers to (r, c): the weaker stimulus first, the paper's red. Of 'which is stronger?' the wrong ones, here and below; files say so.
     n_equal_strong_first, n_trials_strong_first : int
         Answers to (c, r): the stronger stimulus first, the paper's blue.
     q_weak_first : float
@@ -167,6 +169,8 @@ class Population:
 class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     """Asymmetries of every subject of a study, in the study's order."""
 
+    task: Task = SAME_DIFFERENT
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What the design does not show: pairs presented in one order only."""
@@ -180,9 +184,10 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         return tuple(found)
 
     def frame(self) -> pd.DataFrame:
-        """One row per subject and comparison, with the columns of asymmetry.csv."""
+        """One row per subject and comparison, with the columns of asymmetry.csv, n_wrong for n_equal of 'which is stronger?'."""
         rows = [[*(getattr(one, key) for key in ASYMMETRY_COLUMNS[:-1]), row.accuracy] for row in self.rows for one in row.comparisons]
-        return pd.DataFrame(rows, columns=list(ASYMMETRY_COLUMNS))
+        counted = "n_equal" if self.task == SAME_DIFFERENT else "n_wrong"
+        return pd.DataFrame(rows, columns=[key.replace("n_equal", counted) for key in ASYMMETRY_COLUMNS])
 
     def subjects(self) -> pd.DataFrame:
         """One row per subject: accuracy, mean and mean absolute asymmetry, and the comparison where it is largest."""
@@ -241,7 +246,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     """
     require_study(study)
     refuse_intervals(study, "asymmetry")
-    table = AsymmetryTable(subject_asymmetries(study.subjects))
+    table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     if not any(row.comparisons for row in table):
         raise InputError(
             f"{study.source}: no pair of different stimuli was presented in both orders to one subject, so its asymmetry cannot be "
@@ -258,10 +263,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
     """Those of many subjects, all comparisons in one call of the tests."""
     orders = [_orders(subject) for subject in subjects]
-    weak, strong = (
-        np.concatenate([(one.n_yes[at[:, i]], one.n_trials[at[:, i]]) for one, (at, _) in zip(subjects, orders, strict=True)], axis=1)
-        for i in (0, 1)
-    )
+    counts = [np.stack([wrong_answers(one), one.n_trials]) for one in subjects]
+    weak, strong = (np.concatenate([one[:, at[:, i]] for one, (at, _) in zip(counts, orders, strict=True)], axis=1) for i in (0, 1))
     tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
     q, error = ((of(*weak), of(*strong)) for of in (laplace_estimate, laplace_error))
     estimates = [q[0], error[0], q[1], error[1], q[1] - q[0], np.hypot(*error)]

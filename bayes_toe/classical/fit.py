@@ -22,6 +22,7 @@ from bayes_toe.classical.maximum_likelihood import EDGES, Fits, fit_counts, fit_
 from bayes_toe.classical.penalised_likelihood import Counts, Design, replicate_starts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import LOG_2PI
@@ -344,6 +345,8 @@ def fit(
         raise InputError(f"replicates={replicates} must be at least 1")
     require_study(study)
     refuse_intervals(study, "maximum-likelihood fit")
+    if study.task != SAME_DIFFERENT:
+        raise InputError(f"maximum-likelihood fit: found the task '{study.task.name}', allowed: '{SAME_DIFFERENT.name}'; use `sample`")
     root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])

@@ -21,9 +21,9 @@ from bayes_toe.comparison.reweighting import Weighted, reweighted, under
 from bayes_toe.comparison.words import STRONG, conclusion
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
-from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.posterior import Posterior
@@ -37,14 +37,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-SUMMARISED = ("mu1", "sigma_p", "sigma_l", "q0", "gain")
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 
-SENSITIVITY_COLUMNS = (
-    *("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method"),
-    *(f"{name}_{key}" for name in SUMMARISED for key in QUANTILES),
-    "prior",
-)
+
+def summarised(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
+    """Of which quantities the quantiles are told."""
+    return ("mu1", "sigma_p", "sigma_l", task.lapses, "gain")
+
+
+def sensitivity_columns(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
+    """Columns of sensitivity.csv."""
+    numbers = ("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method")
+    return (*numbers, *(f"{name}_{key}" for name in summarised(task) for key in QUANTILES), "prior")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,8 @@ class SensitivityRow:
     method : str
         "reweighted" or "resampled".
     quantiles : array, shape (5, 3)
-        Of mu1, sigma_p, sigma_l (natural-log intensity), q0 and gain at 5, 50 and 95 %; NaN where there is no log Bayes factor.
+        Of mu1, sigma_p, sigma_l (natural-log intensity), q0 or lapse_rate, and gain at 5, 50 and 95 %; NaN where there is no log Bayes
+        factor.
     """
 
     subject: str
@@ -89,6 +94,7 @@ class SensitivityTable(Table[SensitivityRow]):
 
     prior: Prior
     seed: int
+    task: Task = SAME_DIFFERENT
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,7 +149,7 @@ class SensitivityTable(Table[SensitivityRow]):
         """The table with the columns of sensitivity.csv; natural logs and natural-log intensity, empty where a value does not exist."""
         import pandas as pd
 
-        return pd.DataFrame([_cells(row) for row in self.rows], columns=list(SENSITIVITY_COLUMNS))
+        return pd.DataFrame([_cells(row, self.task) for row in self.rows], columns=list(sensitivity_columns(self.task)))
 
 
 def sensitivity(
@@ -190,7 +196,7 @@ def sensitivity(
     powers = tuple(np.linspace(-1.0, 1.0, steps).tolist())
     jobs = [partial(_one_subject, subject, middle, powers, reach, root) for subject in study]
     found = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return SensitivityTable(tuple(row for rows in found for row in rows), middle, root)
+    return SensitivityTable(tuple(row for rows in found for row in rows), middle, root, study.task)
 
 
 def require_range(reach: float, steps: int) -> None:
@@ -234,7 +240,7 @@ def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior
 def _row(wanted: Posterior, varied: str, factor: float | None, found: Weighted) -> SensitivityRow:
     name, prior = wanted.subject.name, wanted.prior
     if not found.trusted:
-        nothing = np.full((len(SUMMARISED), len(QUANTILES)), np.nan)
+        nothing = np.full((len(summarised()), len(QUANTILES)), np.nan)
         return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
     n = len(found.x)
     error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
@@ -246,8 +252,8 @@ def _quantiles(found: Weighted, posterior: Posterior) -> FloatArray:
     """Weighted quantiles, shape (5, 3)."""
     some = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[some] - found.log_weights.max())
-    values = quantities(posterior.natural(found.x[some]), posterior.sbar)
-    return np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in SUMMARISED])
+    values, names = posterior.quantities(found.x[some]), summarised(posterior.subject.task)
+    return np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in names])
 
 
 def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike) -> FloatArray:
@@ -267,9 +273,9 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: n
 # --- words --------------------------------------------------------------------------------------------------------------------------
 
 
-def _cells(row: SensitivityRow) -> list[object]:
+def _cells(row: SensitivityRow, task: Task) -> list[object]:
     numbers = (row.factor, row.value, row.log_bayes_factor, row.se, row.pareto_k, row.method)
-    return [row.subject, row.varied, *numbers, *row.quantiles.ravel().tolist(), row.prior.describe()]
+    return [row.subject, row.varied, *numbers, *row.quantiles.ravel().tolist(), row.prior.describe(task)]
 
 
 def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> float | None:

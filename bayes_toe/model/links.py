@@ -37,11 +37,6 @@ class Slopes(NamedTuple):
     own: tuple[FloatArray, ...]
 
 
-def one(logit_peak: FloatArray, *_: FloatArray) -> FloatArray:
-    """Where 2^(-abs(z)^nu) is one half, whatever nu is."""
-    return np.ones_like(logit_peak)
-
-
 @dataclass(frozen=True)
 class Link:
     """A rule of answering.
@@ -54,14 +49,14 @@ class Link:
         z and the own coordinates, which broadcast to (points, pairs) -> log P of the answer that is counted, and of the other one.
     slopes : callable
         z, both log probabilities and the own coordinates -> :class:`Slopes` of both.
-    half : callable
-        The own coordinates -> the just noticeable z: where P(equal) is half its peak, or P(second) 75 %.
+    noticeable : float, or callable
+        The just noticeable z, where P(equal) is half its peak, or P(second) 75 %; from the own coordinates where it depends on them.
     """
 
     coordinates: tuple[str, ...]
     log_answers: Callable[..., Answers]
     slopes: Callable[..., tuple[Slopes, Slopes]]
-    half: Callable[..., FloatArray] = one
+    noticeable: float | Callable[..., FloatArray] = 1.0
 
 
 # --- The paper's: a bell ------------------------------------------------------------------------------
@@ -355,5 +350,5 @@ def differencing_half(logit_peak: FloatArray) -> FloatArray:
 #: Signal detection: 'equal' where a noisy difference lies within a criterion.
 DIFFERENCING = Link(("logit_q0",), differencing_answers, differencing_slopes, differencing_half)
 #: Which is stronger: a normal curve, and a logistic one.
-PROBIT = Link((), probit_answers, probit_slopes, lambda: np.asarray(ndtri(0.75)))
-LOGISTIC = Link((), logistic_answers, logistic_slopes, lambda: np.asarray(np.log(3.0) / _STEEP))
+PROBIT = Link((), probit_answers, probit_slopes, float(ndtri(0.75)))
+LOGISTIC = Link((), logistic_answers, logistic_slopes, float(np.log(3.0) / _STEEP))

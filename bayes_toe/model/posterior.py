@@ -401,19 +401,27 @@ class Posterior:
         'Equal' is there half as often as at its peak, or 'second' has 75 %.
         """
         link = self.model.link_without_lapses
-        return np.broadcast_to(link.half(*(part[:, 0] for part in self._own(x, link))), len(x))
+        if isinstance(link.noticeable, float):
+            return np.full(len(x), link.noticeable)
+        return link.noticeable(*(part[:, 0] for part in self._own(x, link)))
 
     # --- What readers ask for -------------------------------------------------------------------------
 
     @property
     def names(self) -> Names:
         """What the quantities are called."""
-        first, *others = (block.names for block in self.model.free)
-        return sum(others, start=first)
+        published = ("pse_shift", "jnd") if self._offset_place is not None else ("jnd",)
+        return sum((block.names for block in self.model.free), start=Names((), (), published, published))
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity, each with the shape of x without its last axis."""
-        return {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.prior, self.sbar).items()}
+        """Every named quantity, each with the shape of x without its last axis.
+
+        The shift of the point of subjective equality, at the mean first stimulus, is the offset; the just noticeable difference is the
+        distance of the stimuli at which 'equal' is half as frequent as at its peak, or P(second) 75 %, leaving lapses aside.
+        """
+        found = {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.prior, self.sbar).items()}
+        found["jnd"] = found["width"] * self.noticeable(x.reshape(-1, x.shape[-1])).reshape(x.shape[:-1])
+        return found | ({"pse_shift": found["offset"]} if "offset" in found else {})
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
         """The quantities by which draws are judged: those that are no monotone function of a single other one."""
@@ -426,6 +434,13 @@ class Posterior:
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
+        if name == "pse_shift":
+            return self.prior_quantile("offset", probability)
+        if name == "jnd":
+            of_width = self.model.link_without_lapses.noticeable
+            if isinstance(of_width, float):
+                return of_width * self.prior_quantile("width", probability)
+            return float(np.quantile(self.quantities(self.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))[name], probability))
         for block in self.model.free:
             if name in block.names.all:
                 known = block.prior_quantile(name, probability, self.prior, self.sbar)

@@ -29,7 +29,7 @@ DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
     *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "guess_second", "exponent", "icc"),
-    *("gamma", "sigma1", "gain", "width", "offset", "pull"),
+    *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift", "jnd"),
 )
 
 

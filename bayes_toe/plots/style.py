@@ -43,9 +43,13 @@ LABELS = {
     "width": r"width $w$",
     "offset": r"offset $c$",
     "pull": r"pull $p$",
+    "pse_shift": "PSE shift",
+    "jnd": "JND",
     "rho": r"$\rho$",
     "noise_slope": r"noise slope $b$",
+    "peak_slope": r"peak slope $g$",
     "lapse_rate": r"lapse rate $\lambda$",
+    "guess_second": "guessed\n'second'",
     "exponent": r"exponent $\nu$",
     "icc": "intra-class\ncorrelation",
 }

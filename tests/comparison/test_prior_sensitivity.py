@@ -13,9 +13,9 @@ from scipy.special import beta
 
 import bayes_toe as bt
 from bayes_toe.comparison.prior_sensitivity import (
-    SENSITIVITY_COLUMNS,
     SensitivityRow,
     SensitivityTable,
+    sensitivity_columns,
     weighted_quantiles,
 )
 from bayes_toe.comparison.reweighting import REWEIGHTED
@@ -156,7 +156,7 @@ def test_slopes_of_the_evidence_are_moments_of_the_posterior(small_study):
 
 def test_the_table_has_its_columns_and_is_written(table, tmp_path):
     frame = pd.read_csv(table.save(tmp_path / "sensitivity.csv"), dtype={"subject": str})
-    assert tuple(frame.columns) == SENSITIVITY_COLUMNS
+    assert tuple(frame.columns) == sensitivity_columns()
     assert len(frame) == 3 * 7 * 5
     assert set(frame["varied"]) == {*table.varied} == {"mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "q0_a", "q0_b", "mu1_mean"}
     assert frame["factor"][frame["varied"] == "mu1_mean"].isna().all()

@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 
-PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width")
+PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
 
 
 @pytest.fixture(scope="module")
