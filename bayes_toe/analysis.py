@@ -17,7 +17,7 @@ from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, WorkerError
 from bayes_toe.inference.belonging import require_update
@@ -201,6 +201,7 @@ def draw(
     keep: str | Path | None = None,
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
+    require_study(study)
     model_named(model, study.task)  # refuses a wrong word before any work
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior, model)

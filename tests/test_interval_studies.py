@@ -29,7 +29,7 @@ THREE = (0.25, 1.0, 4.0)
 @pytest.fixture(scope="module")
 def study():
     trials = simulate_trials(["S01", "S02"], OBSERVERS, at_intervals(reference_design(batches=20), THREE), seed=8)
-    return bt.Study([bt.Subject.from_trials(t.subject, t.s1, t.s2, t.equal, t.isi) for t in trials], "three intervals", True)
+    return bt.Study([bt.Subject.from_trials(t.subject, t.s1, t.s2, t.yes, t.isi) for t in trials], "three intervals", True)
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
 def test_simulated_frequencies_are_those_of_the_model():
     design = at_intervals(Design([0.0, 0.4], [0.3, 0.1], 4000), [0.1, 10.0])
     (trials,) = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=3)
-    found = bt.Subject.from_trials("a", trials.s1, trials.s2, trials.equal, trials.isi)
+    found = bt.Subject.from_trials("a", trials.s1, trials.s2, trials.yes, trials.isi)
     q = equal_probability_at(found.s1, found.s2, found.isi, Natural(*(v[0] for v in OBSERVERS)))
     assert (np.abs(found.n_yes / found.n_trials - q) < 4.5 * np.sqrt(q * (1 - q) / found.n_trials)).all()  # false alarm 3e-5
 

@@ -61,7 +61,7 @@ def run(
 
     if explore:
         require_bokeh()
-    drawn = Drawn(pictures, {} if study.files else bt.example_truth(), explorer=explore)
+    drawn = Drawn(pictures, study.truth(), explorer=explore)
     _require_store(output / f"posterior.{store}")
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)

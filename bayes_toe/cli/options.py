@@ -14,6 +14,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.prior_fields import PriorFields
 
 if TYPE_CHECKING:
+    from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
 
 
@@ -93,6 +94,10 @@ class StudyFileOrExample:
     ignore: Annotated[
         list[str] | None, _how_to_read("--ignore", "A column that is not read: isi pools pairs over it; repeatable.", "isi|block|trial")
     ] = None
+    question: Annotated[
+        str | None,
+        typer.Option("--task", metavar="same/different|2afc", help="The example's task without a file; else what the file must be."),
+    ] = None
     where: Annotated[list[str] | None, _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT")] = None
     subject_from: Annotated[
         str | None, _how_to_read("--subject-from", "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.", "NAME")
@@ -108,13 +113,21 @@ class StudyFileOrExample:
         list[str] | None, typer.Option("--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable.")
     ] = None
 
+    def truth(self) -> Truth:
+        """True parameters by subject, which the example has and a file has not."""
+        from bayes_toe.data.read_study import example_truth
+
+        return {} if self.files else example_truth(self.question or "same/different")
+
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
         from bayes_toe.data.options import ReadOptions, changed, parse_columns, parse_where
         from bayes_toe.data.read_study import example_study, read_study
+        from bayes_toe.data.tasks import task_of
 
+        asked = None if self.question is None else task_of(self.question)
         if not self.files:
-            return changed(example_study(), self.turn or (), self.leave_out or ())
+            return changed(example_study(asked or "same/different"), self.turn or (), self.leave_out or ())
         options = ReadOptions(
             intensity=self.intensity,
             equal_code=self.equal_code,
@@ -130,6 +143,8 @@ class StudyFileOrExample:
         # Some shells leave a name with * to us.
         found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]
         study = read_study([path for paths in found for path in paths], options)
+        if asked not in (None, study.task):
+            raise InputError(f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of")
         return changed(study, self.turn or (), self.leave_out or ())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,18 +13,28 @@ from bayes_toe.cli.options import rare, writes
 from bayes_toe.cli.task import Takes, Task
 
 
+@dataclass(frozen=True, kw_only=True)
+class Observers:
+    """Who answers what."""
+
+    subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16
+    population: Annotated[
+        str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l and q0, of 2afc lapse_rate.")
+    ] = "paper"
+    question: Annotated[str, typer.Option("--task", help="same/different, or 2afc: which of the two is stronger.")] = "same/different"
+
+
 def simulate(  # each is a choice of its own, and has a default
     *,
     output: Annotated[Path, writes("STUDY.csv", "Trials to write.")],
     truth_output: Annotated[Path | None, typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters.")] = None,
-    subjects: Annotated[int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")] = 16,
     batches: Annotated[int, typer.Option("--batches", min=1, help="Repetitions of the whole set of pairs.")] = 50,
     amplitudes: Annotated[str, rare("--amplitudes", help="Stimuli in units of the reference, weakest first.")] = ("1,1.15,1.36,1.55,1.66"),
     design: Annotated[
         str, typer.Option("--design", help="reference (the paper's), full (all ordered pairs), or a CSV with s1,s2 (and isi).")
     ] = "reference",
     isi: Annotated[str | None, rare("--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each.")] = None,
-    population: Annotated[str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l,q0.")] = "paper",
+    observers: Observers,
     task: Annotated[Task, Takes("seed", "prior", "spreadsheet_safe", "overwrite")],
 ) -> None:
     """A synthetic study for any design, population and seed.
@@ -31,16 +42,17 @@ def simulate(  # each is a choice of its own, and has a default
     [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --subjects 8 --seed 1
     """
     from bayes_toe.data.tables import write_table
+    from bayes_toe.data.tasks import task_of
     from bayes_toe.experiments.simulate import design_from, population_from, simulate_trials, trial_frame, truth_frame
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
 
-    files = [output] if truth_output is None else [output, truth_output]
+    asked, files = task_of(observers.question), [output] if truth_output is None else [output, truth_output]
     task.require_files(*files)
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     pairs = design_from(design, amplitudes, batches, isi)
-    names, observers = population_from(population, subjects, seed, pairs, prior=prior)
-    trials = simulate_trials(names, observers, pairs, seed)
+    names, known = population_from(observers.population, observers.subjects, seed, pairs, prior=prior, task=asked)
+    trials = simulate_trials(names, known, pairs, seed, asked)
     with ExitStack() as places:  # one where both files are in one folder
         folders = {
             parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))
@@ -48,6 +60,6 @@ def simulate(  # each is a choice of its own, and has a default
         }
         write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
         if truth_output is not None:
-            write_table(truth_frame(names, observers), folders[truth_output.parent] / truth_output.name, **task.saving)
-    total = sum(len(one.equal) for one in trials)
+            write_table(truth_frame(names, known, asked), folders[truth_output.parent] / truth_output.name, **task.saving)
+    total = sum(len(one.yes) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")

@@ -24,7 +24,7 @@ from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_
 from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, said_intervals
-from bayes_toe.data.tasks import TASKS, WHICH_STRONGER, Task, task_named
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named, task_of
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.validation import (
     bare_names,
@@ -38,7 +38,11 @@ from bayes_toe.data.validation import (
 from bayes_toe.errors import InputError, require_kind
 
 #: What made the bundled files.
-COMMAND = "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604"
+COMMANDS = (
+    "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604",
+    "bayes-toe simulate -o example_2afc_study.csv --truth example_2afc_truth.csv --subjects 12 --batches 40 --seed 2604 --task 2afc",
+)
+_EXAMPLES = {SAME_DIFFERENT: "example", WHICH_STRONGER: "example_2afc"}
 #: True natural parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
@@ -101,30 +105,35 @@ def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
 
 
-def example_study() -> Study:
-    """The bundled synthetic study: 16 subjects in the paper's design, made by :data:`COMMAND`. The paper's own data are not public.
+def example_study(task: Task | str = SAME_DIFFERENT) -> Study:
+    """The bundled synthetic study of a task: subjects in the paper's design, made by :data:`COMMANDS`. The paper's own data are not public.
+
+    "same/different", the default, has 16 subjects; "2afc", which of the two is stronger, has 12.
 
     Examples
     --------
     >>> study = example_study()
     >>> len(study), study.synthetic, study.subjects[0].total_trials
     (16, True, 650)
+    >>> example_study("2afc")["S01"].task.yes
+    'second'
     """
-    with as_file(files("bayes_toe.data") / "example_study.csv") as path:
+    with as_file(files("bayes_toe.data") / f"{_EXAMPLES[task_of(task)]}_study.csv") as path:
         study = read_study(path)
     return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
 
 
-def example_truth() -> Truth:
-    """True natural parameters of the bundled study, by subject.
+def example_truth(task: Task | str = SAME_DIFFERENT) -> Truth:
+    """True natural parameters of the bundled study of a task, by subject.
 
     Examples
     --------
     >>> sorted(example_truth()["S01"])
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
-    with as_file(files("bayes_toe.data") / "example_truth.csv") as path:
-        names, columns = read_numbers(path, ("mu1", "sigma_p", "sigma_l", "q0"), key="subject")
+    asked = task_of(task)
+    with as_file(files("bayes_toe.data") / f"{_EXAMPLES[asked]}_truth.csv") as path:
+        names, columns = read_numbers(path, ("mu1", "sigma_p", "sigma_l", asked.lapses), key="subject")
     return {name: {key: float(values[row]) for key, values in columns.items()} for row, name in enumerate(names)}
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,20 @@ _CALLED = {
     SAME_DIFFERENT: {"samedifferent", "equaldifferent"},
     WHICH_STRONGER: {"whichisstronger", "2afc", "2ifc", "secondfirst", "firstsecond"},
 }
+
+
+def task_of(given: Task | str) -> Task:
+    """The task, or the one that is called so.
+
+    Raises
+    ------
+    InputError
+        If none is.
+    """
+    found = given if isinstance(given, Task) else task_named(given) if isinstance(given, str) else None
+    if found is None:
+        raise InputError(f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})")
+    return found
 
 
 def task_named(text: str) -> Task | None:

@@ -8,15 +8,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability, require_natural
+from bayes_toe.model.closed_form import equal_probability, evolved_mean, require_natural, variance_ratio
 from bayes_toe.model.coordinates import NATURAL, Natural
-from bayes_toe.model.intervals import equal_probability_at, require_intervals
+from bayes_toe.model.intervals import at_interval, require_intervals
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed
@@ -123,34 +127,42 @@ def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
 _DESIGNS = {"reference": reference_design, "full": full_design}
 
 
-def paper_population(size: int, rng: np.random.Generator) -> Natural:
+def paper_population(size: int, rng: np.random.Generator, task: Task = SAME_DIFFERENT) -> Natural:
     """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the paper's inset C.
 
     A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker stimulus first.
     B: prior mean above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger first.
     C: prior mean among the stimuli, mu1 ~ Normal(0.25, 0.08); nearly symmetric.
     Inset C of Fig. 4: mu1 = -0.6 but sigma_l = 0.02, so symmetric all the same.
-    For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4).
+    For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4); to 'which is stronger?' the lapse rate,
+    in the place of q0, ~ Beta(2, 30).
     """
     kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])[np.arange(size) % 5]
     mu1 = rng.normal(kinds[:, 0], kinds[:, 1])
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
-    q0 = rng.beta(40.0, 4.0, size)
+    q0 = rng.beta(40.0, 4.0, size) if task == SAME_DIFFERENT else rng.beta(2.0, 30.0, size)
     inset = np.arange(size) % 16 == 15
     return Natural(np.where(inset, -0.6, mu1), sigma_p, np.where(inset, 0.02, sigma_l), q0)
 
 
-def prior_population(size: int, rng: np.random.Generator, design: Design, prior: Prior | str | None = None) -> Natural:
+def prior_population(
+    size: int, rng: np.random.Generator, design: Design, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
+) -> Natural:
     """Observers drawn from the prior under which a study of this design is analysed, the default one where none is given.
 
     As there (:func:`bayes_toe.model.study_prior.prior_for`), numbers that are the stimuli's are those of the design, and with intervals the
     prior is about sigma_p over the reference interval; the observers' is per square root of a second.
     """
     counts = np.zeros(len(design.s1), np.int64), np.full(len(design.s1), design.batches)
-    pairs = Subject.from_counts("design", design.s1, design.s2, *counts, design.isi)
+    pairs = Subject.from_counts("design", design.s1, design.s2, *counts, design.isi, task=task)
     numbers = prior_for(Study((pairs,), "design", synthetic=True), prior).at(pairs)
-    drawn = numbers.sample(rng, size)
+    if task == SAME_DIFFERENT:
+        drawn = numbers.sample(rng, size)
+    else:
+        observer = models_of(task).update.posterior(pairs, numbers)
+        found = observer.quantities(observer.sample_prior(rng, size))
+        drawn = Natural(*(found[name] for name in _parameters(task)))
     interval = numbers.reference_interval or 1.0  # without intervals there is no unit of time
     return drawn._replace(sigma_p=drawn.sigma_p / np.sqrt(interval))
 
@@ -163,11 +175,25 @@ class Trials:
     batch: IntArray
     s1: FloatArray
     s2: FloatArray
-    equal: BoolArray
+    yes: BoolArray
     isi: FloatArray | None = None
+    task: Task = SAME_DIFFERENT
 
 
-def simulate_trials(names: Iterable[str], observers: Natural, design: Design, seed: int) -> list[Trials]:
+def second_probability(s1: npt.ArrayLike, s2: npt.ArrayLike, observer: Natural) -> FloatArray:
+    """P(second) of the paper's observer: half the lapse rate, which stands in the place of q0, and else Phi((s2 - mu_2) / (G sigma_p)).
+
+    Examples
+    --------
+    >>> round(float(second_probability(0.0, 0.3, Natural(*map(np.asarray, (0.0, 0.3, 0.0, 0.1))))), 3)
+    0.807
+    """
+    gamma, lapses = observer.gamma, observer.q0
+    z = (np.asarray(s2) - evolved_mean(s1, observer.mu1, gamma)) / (variance_ratio(gamma) * observer.sigma_p)
+    return np.asarray(0.5 * lapses + (1.0 - lapses) * ndtr(z))
+
+
+def simulate_trials(names: Iterable[str], observers: Natural, design: Design, seed: int, task: Task = SAME_DIFFERENT) -> list[Trials]:
     """Answers of every observer; each subject's stream is keyed by its name.
 
     Parameters
@@ -175,14 +201,14 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
     names : iterable of str
         One per observer.
     observers : Natural
-        Arrays of shape (observers,).
+        Arrays of shape (observers,); to 'which is stronger?' with the lapse rate in the place of q0.
     design : Design
     seed : int
 
     Examples
     --------
     >>> one = Natural(*(np.array([v]) for v in (0.0, 0.3, 0.1, 0.9)))
-    >>> len(simulate_trials(["S01"], one, reference_design(batches=2), seed=1)[0].equal)
+    >>> len(simulate_trials(["S01"], one, reference_design(batches=2), seed=1)[0].yes)
     26
     """
     subjects, made = list(names), []
@@ -193,9 +219,10 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
         order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
         s1, s2 = design.s1[order], design.s2[order]
         isi = None if design.isi is None else design.isi[order]
-        q = equal_probability(s1, s2, *observer) if isi is None else equal_probability_at(s1, s2, isi, observer)
+        observer = observer if isi is None else at_interval(observer, isi)
+        q = equal_probability(s1, s2, *observer) if task == SAME_DIFFERENT else second_probability(s1, s2, observer)
         batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
-        made.append(Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi))
+        made.append(Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi, task))
     return made
 
 
@@ -216,13 +243,15 @@ def simulate(
     isi: Sequence[float] | None = None,
     prior: Prior | str | None = None,
     seed: int | None = None,
+    task: Task | str = SAME_DIFFERENT,
 ) -> Simulated:
     """Answers of observers who follow the model: what `bayes-toe simulate` writes, as a study.
 
     Parameters
     ----------
     observers : int or mapping
-        How many, drawn from the population; or by name the parameters mu1, sigma_p, sigma_l (natural-log intensity) and q0 of each.
+        How many, drawn from the population; or by name the parameters mu1, sigma_p, sigma_l (natural-log intensity) and q0 of each, to
+        'which is stronger?' lapse_rate in the place of q0.
     population : {"paper", "prior"}
         Where observers are drawn from, see :func:`paper_population` and :func:`prior_population`.
     design : {"reference", "full"} or Design
@@ -239,6 +268,8 @@ def simulate(
         from the prior under which their study is analysed.
     seed : int, optional
         Root seed; without one, fresh entropy.
+    task : Task or str
+        "same/different", or "2afc": which of the two is stronger.
 
     Raises
     ------
@@ -253,32 +284,42 @@ def simulate(
     >>> simulate({"A": {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}}, batches=5).study.names
     ('A',)
     """
-    root, planned = root_seed(seed), design if isinstance(design, Design) else design_named(design, amplitudes, batches)
+    asked, root, planned = (
+        task_of(task),
+        root_seed(seed),
+        design if isinstance(design, Design) else design_named(design, amplitudes, batches),
+    )
     if isi is not None:
         planned = at_intervals(planned, isi)
     if isinstance(observers, Mapping):
-        names, natural = list(observers), _given(observers)
+        names, natural = list(observers), _given(observers, asked)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name")
     elif population not in _POPULATIONS:
         raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
     else:
-        names, natural = population_from(population, observers, root, planned, prior=prior)
-    subjects = [
-        Subject.from_trials(one.subject, one.s1, one.s2, one.equal, one.isi) for one in simulate_trials(names, natural, planned, root)
-    ]
-    truth = {name: {key: float(values[i]) for key, values in natural._asdict().items()} for i, name in enumerate(names)}
+        names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
+    trials = simulate_trials(names, natural, planned, root, asked)
+    subjects = [Subject.from_trials(one.subject, one.s1, one.s2, one.yes, one.isi, task=asked) for one in trials]
+    keys = _parameters(asked)
+    truth = {name: {key: float(values[i]) for key, values in zip(keys, natural, strict=True)} for i, name in enumerate(names)}
     return Simulated(Study(tuple(subjects), f"simulated, seed {root}", synthetic=True), truth)
 
 
-def _given(observers: Truth) -> Natural:
+def _parameters(task: Task) -> tuple[str, ...]:
+    """What the four parameters of the paper's observer are called in a task."""
+    return (*NATURAL[:3], task.lapses)
+
+
+def _given(observers: Truth, task: Task) -> Natural:
     """Parameters by subject as arrays, shape (observers,)."""
+    names = _parameters(task)
     for name, values in observers.items():
-        if set(values) != set(NATURAL):
-            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(NATURAL)}, all four")
+        if set(values) != set(names):
+            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four")
     if not observers:
         raise InputError("observers: found none, allowed: at least one")
-    return _natural_from({key: np.array([float(values[key]) for values in observers.values()]) for key in NATURAL}, "observers")
+    return _natural_from([np.array([float(values[key]) for values in observers.values()]) for key in names], "observers", task)
 
 
 # --- what the command is told in words and files ------------------------------------------------------------------------------------
@@ -318,7 +359,7 @@ def subject_names(size: int) -> list[str]:
 
 
 def population_from(
-    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None
+    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
 ) -> tuple[list[str], Natural]:
     """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
 
@@ -328,10 +369,10 @@ def population_from(
         raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
     if population in _POPULATIONS:
         rng, names = generator(seed, "population"), subject_names(size)
-        return names, prior_population(size, rng, design, prior) if population == "prior" else paper_population(size, rng)
+        return names, prior_population(size, rng, design, prior, task) if population == "prior" else paper_population(size, rng, task)
     _require_file(population, "--population", _POPULATIONS)
-    names, columns = read_numbers(population, NATURAL, key="subject")
-    return names, _natural_from(columns, population)
+    names, columns = read_numbers(population, _parameters(task), key="subject")
+    return names, _natural_from([columns[name] for name in _parameters(task)], population, task)
 
 
 def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
@@ -342,11 +383,11 @@ def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
         {
             "subject": one.subject,
             "batch": one.batch,
-            "trial": np.arange(1, len(one.equal) + 1),
+            "trial": np.arange(1, len(one.yes) + 1),
             "s1": one.s1,
             "s2": one.s2,
             **({} if one.isi is None else {"isi": one.isi}),
-            "response": np.where(one.equal, "equal", "different"),
+            "response": np.where(one.yes, one.task.yes, one.task.no),
             "synthetic": 1,
         }
         for one in trials
@@ -354,20 +395,20 @@ def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
     return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
 
 
-def truth_frame(names: Sequence[str], observers: Natural) -> pd.DataFrame:
+def truth_frame(names: Sequence[str], observers: Natural, task: Task = SAME_DIFFERENT) -> pd.DataFrame:
     """True natural parameters, one row a subject."""
     import pandas as pd
 
-    return pd.DataFrame({"subject": list(names), **observers._asdict()})
+    return pd.DataFrame({"subject": list(names), **dict(zip(_parameters(task), observers, strict=True))})
 
 
-def _natural_from(columns: Mapping[str, FloatArray], source: str) -> Natural:
+def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Natural:
     """Observers of these columns, shape (observers,) each; the error of a parameter out of its range names the source."""
-    observers = Natural(*(columns[name] for name in NATURAL))
+    observers = Natural(*columns)
     try:
         require_natural(*observers)
     except ArithmeticError as error:
-        raise InputError(f"{source}: {error}") from error
+        raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
     return observers
 
 

@@ -139,8 +139,8 @@ def entries(
             raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}")
     shown = {label: tuple(name for name in chosen if name in one.names) for label, one in named.items()}
     require_few(sum(map(len, shown.values())), "subjects" if len(shown) == 1 else "posteriors of subjects")
-    bundled = [one.attrs.get("source") == "bundled example (synthetic)" for one in named.values()]
-    true = [example_truth() if truths is None and own else truths or {} for own in bundled]
+    bundled = [truths is None and one.attrs.get("source") == "bundled example (synthetic)" for one in named.values()]
+    true = [example_truth(one.study.task) if own else truths or {} for one, own in zip(named.values(), bundled, strict=True)]
     made = [entry for (label, one), of in zip(named.items(), true, strict=True) for entry in entries_of(one, label, shown[label], of)]
     allowed = list(dict.fromkeys(name for entry in made for name in entry.target.names.all))
     for subject, name in ((subject, name) for subject, values in (truths or {}).items() for name in values):

@@ -228,7 +228,7 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     if job.from_h1:
         theta = (job.settings.prior if job.truth is None else job.truth).sample(rng, 1)
         trials = simulate_trials([name], theta, design, seed)[0]
-        return Subject.from_trials(name, trials.s1, trials.s2, trials.equal), theta
+        return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
     counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))
     return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
 

@@ -99,6 +99,13 @@ REFUSED = [
     (TRIALS, ["a,0,1,1"], "--second-code 1 --first-code 1", "--first-code: found '1' as --second-code, allowed: two different texts"),
     (TRIALS, ["a,0,1,second"], "--ignore s1", "--ignore: found 's1', allowed: isi, block, trial"),
     ("subject,i1,i2,response", ["a,0,1,second"], "--intensity 1", "row 2, column i1: found '0', allowed: a positive finite number"),
+    (
+        TRIALS,
+        ["a,0,1,second"],
+        "--task same/different",
+        "--task: found 'same/different', allowed: 'which is stronger', which the answers in",
+    ),
+    (TRIALS, ["a,0,1,second"], "--task 3afc", "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)"),
     (TRIALS, BACK * 3, "", "less often the larger s2 - s1 is (correlation -0.82), allowed: 'second' where the second stimulus was called"),
     (TRIALS, BACK * 3, "", "if they mean the opposite, --second-code first --first-code second"),
 ]

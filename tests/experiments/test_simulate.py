@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 import bayes_toe as bt
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import (
     Design,
@@ -11,6 +13,7 @@ from bayes_toe.experiments.simulate import (
     full_design,
     paper_population,
     population_from,
+    prior_population,
     reference_design,
     simulate_trials,
     trial_frame,
@@ -18,6 +21,7 @@ from bayes_toe.experiments.simulate import (
 from bayes_toe.model.coordinates import Natural
 
 ONE = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}
+TWO = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "lapse_rate": 0.1}
 
 
 def test_designs():
@@ -44,7 +48,7 @@ def test_a_subjects_answers_do_not_depend_on_the_others():
     population = paper_population(4, np.random.default_rng(0))
     together = simulate_trials(["a", "b", "c", "d"], population, reference_design(batches=3), seed=5)
     alone = simulate_trials(["c"], Natural(*(v[2:3] for v in population)), reference_design(batches=3), seed=5)
-    assert np.array_equal(together[2].equal, alone[0].equal)
+    assert np.array_equal(together[2].yes, alone[0].yes)
 
 
 def test_the_paper_population_shows_its_three_kinds():
@@ -69,12 +73,13 @@ def test_the_bundled_study_looks_like_the_papers():
     assert 5 <= positive <= 11
 
 
-def test_the_bundled_study_is_what_simulate_makes():
-    # `bayes_toe.data.read_study.COMMAND` states the seed: the same numbers come out again, to the last answer.
-    study, truth = bt.simulate(16, seed=2604)
-    bundled = bt.example_study()
+@pytest.mark.parametrize(("task", "subjects", "batches"), [("same/different", 16, 50), ("2afc", 12, 40)])
+def test_the_bundled_study_is_what_simulate_makes(task, subjects, batches):
+    # `bayes_toe.data.read_study.COMMANDS` state the seeds: the same numbers come out again, to the last answer.
+    study, truth = bt.simulate(subjects, batches=batches, seed=2604, task=task)
+    bundled = bt.example_study(task)
     assert all(np.array_equal(study[name].n_yes, bundled[name].n_yes) for name in bundled.names)
-    assert all(truth[name] == pytest.approx(dict(bt.example_truth()[name])) for name in bundled.names)
+    assert all(truth[name] == pytest.approx(dict(bt.example_truth(task)[name])) for name in bundled.names)
     assert study.synthetic
     assert bundled.synthetic
 
@@ -86,6 +91,32 @@ def test_answers_of_observers_of_ones_own_follow_the_model():
         q = bt.model.equal_probability(one.s1, one.s2, **truth[one.name])
         assert np.all(np.abs(one.n_yes / one.n_trials - q) < 5.0 * np.sqrt(q * (1.0 - q) / 4000) + 1e-9)
     assert bt.simulate({"A": ONE}, isi=(0.5, 2.0), batches=2, seed=1).study.intervals == (0.5, 2.0)
+
+
+@pytest.mark.parametrize("isi", [None, (0.5, 2.0)])
+def test_answers_to_which_is_stronger_follow_the_observer(isi):
+    """Trial by trial: memory decays toward mu1, both stimuli are measured anew and the stored value diffuses (row 3 of the derivation)."""
+    study, truth = bt.simulate({"A": TWO}, batches=4000, isi=isi, seed=1, task="2afc")
+    assert (study.task.yes, truth["A"]) == ("second", TWO)
+    one, t = study["A"], 1.0 if isi is None else study["A"].isi
+    gamma = (0.1 / 0.2) ** 2 / t
+    ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
+    memory = one.s1 / ratio + (1 - 1 / ratio) * -0.7
+    p = 0.05 + 0.9 * ndtr((one.s2 - memory) / (ratio * 0.2 * np.sqrt(t)))
+    assert np.all(np.abs(one.n_yes / one.n_trials - p) < 5.0 * np.sqrt(p * (1.0 - p) / 4000))
+
+
+def test_observers_of_the_prior_of_which_is_stronger_are_those_that_its_posterior_has():
+    design = reference_design(batches=1)
+    drawn = prior_population(20_000, np.random.default_rng(1), design, task=WHICH_STRONGER)
+    pairs = bt.Subject("d", design.s1, design.s2, [0] * 13, [1] * 13, task=WHICH_STRONGER)
+    prior = bt.model.prior_for(bt.Study([pairs])).at(pairs)
+    assert np.quantile(drawn.q0, [0.1, 0.5, 0.9]) == pytest.approx(
+        prior.distribution("lapse_rate").quantile(np.array([0.1, 0.5, 0.9])), rel=0.06
+    )
+    assert np.median(drawn.gamma) == pytest.approx(0.5, abs=0.02)
+    jnd = drawn.sigma_p * (1 + np.sqrt(1 + 4 * drawn.gamma)) / 2  # the width that has the prior is that of P(second)
+    assert np.median(jnd) == pytest.approx(prior.distribution("width").quantile(0.5), rel=0.05)
 
 
 def test_observers_of_the_prior_are_those_that_an_analysis_of_their_study_expects():
@@ -140,6 +171,9 @@ def test_bad_populations_are_refused(tmp_path, text, named):
         (lambda: bt.simulate({"A": {"mu1": 0.0}}), "observer 'A': found mu1, allowed: mu1, sigma_p, sigma_l, q0, all four"),
         (lambda: bt.simulate({"A": {**ONE, "q0": 1.5}}), "observers: q0 must lie in 0..1"),
         (lambda: bt.simulate({}), "found none"),
+        (lambda: bt.simulate(task="3afc"), "--task: found '3afc', allowed: same/different, or 2afc"),
+        (lambda: bt.simulate({"A": ONE}, task="2afc"), "allowed: mu1, sigma_p, sigma_l, lapse_rate, all four"),
+        (lambda: bt.simulate({"A": {**TWO, "lapse_rate": 2}}, task="2afc"), "observers: lapse_rate must lie in 0..1"),
         (lambda: bt.simulate(0), "allowed: a whole number from 1"),
         (lambda: bt.simulate(population="mine"), "allowed: paper, prior; parameters of your own"),
         (lambda: bt.simulate(design="mine"), "--design"),
