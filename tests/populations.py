@@ -7,6 +7,7 @@ are scattered about what these say of mean and spread.
 import numpy as np
 
 import bayes_toe as bt
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.hyperprior import Hyperprior
@@ -36,7 +37,7 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, model="predicti
     hyperprior = (bt.Hyperprior() if hyperprior is None else hyperprior).for_study(study)
     settings = GroupSettings(seed, model, bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
-    return Population(study, settings, model_named(model).group, 0.2, who, chains, alone, dict(who.left_out))
+    return Population(study, settings, model_named(model, study.task).group, 0.2, who, chains, alone, dict(who.left_out))
 
 
 #: Mean and sd of mu1, probit gamma, log w and probit q0 of ordinary subjects.
@@ -48,16 +49,14 @@ def ordinary(subjects, seed=1):
     return MEAN + SD * np.random.default_rng(seed).standard_normal((subjects, 4))
 
 
-def made_population(eta, *, model="predictive update", columns=(), x=None, reason="", isi=None, draws=150, seed=2):
+def made_population(eta, *, model="predictive update", task=SAME_DIFFERENT, columns=(), x=None, reason="", isi=None, draws=150, seed=2):
     """A population in which subjects with parameters eta, shape (N, k), gave 40 answers to each pair."""
     rng, (n, k) = np.random.default_rng(seed), eta.shape
-    record, design = model_named(model), reference_design(batches=40)
-    count = np.full(len(design.s1), 40)
-    asked = [
-        bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, None if isi is None else 0 * design.s1 + isi) for i in range(n)
-    ]
+    record, design = model_named(model, task), reference_design(batches=40)
+    count, more = np.full(len(design.s1), 40), {"isi": None if isi is None else 0 * design.s1 + isi, "task": task}
+    asked = [bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, **more) for i in range(n)]
     answered = GroupLikelihood(record, bt.Prior(), asked, 0.2, 1).repeated(eta[None], rng)[0]
-    study = bt.Study([bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, one.isi) for one, k in zip(asked, answered, strict=True)])
+    study = bt.Study([bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, **more) for one, k in zip(asked, answered, strict=True)])
     spread = eta.std(axis=0, ddof=1)
 
     def noise(*shape):

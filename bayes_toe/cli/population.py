@@ -162,7 +162,6 @@ def say_attention(console: Console, found: Population, contradicted: Sequence[st
 def answer(found: Population) -> list[str]:
     """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
     from bayes_toe.comparison.population_answer import on_average
-    from bayes_toe.groups.asymmetries import OVERALL
 
     begin, pairs, average = "[bold]order effect of the population[/bold]", found.asymmetries, on_average(found)
     names = list(found.not_described)
@@ -170,12 +169,15 @@ def answer(found: Population) -> list[str]:
     if average is None:
         means = {row.parameter: _median(row) for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
-        lines = [_direction(found, begin), f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}"]
+        lines = [
+            _direction(found, f"{begin}, direction"),
+            f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}",
+        ]
     else:
         who = counted(len(found.study), "subject")
         lines = [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
         lines += [_direction(found, "[bold]direction[/bold]")] if average.has else []
-    contrasts = () if pairs is None else compress(found.table.some("asymmetry", OVERALL), pairs.differences)
+    contrasts = () if pairs is None else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
 
@@ -189,16 +191,16 @@ def _on_average(found: Population, said: OnAverage) -> str:
 
 
 def _direction(found: Population, begin: str) -> str:
-    """In which order 'equal' is the likelier answer."""
-    from bayes_toe.groups.asymmetries import OVERALL
-
-    if found.asymmetries is None:
+    """In which order the wrong answer is the likelier one."""
+    every = found.asymmetries
+    if every is None:
         return f"{begin}: no pair of different stimuli was presented in both orders; see pull and gain"
-    row, (further,) = found.table.some("asymmetry", OVERALL)[0], found.table.some("new_subject", OVERALL)
-    p, likelier = row.p_direction or 0.0, f"likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
-    decided = f"'equal' is {likelier} (P {compared(p)})", f"direction undecided ('equal' {likelier}: P {compared(p)})"
-    many = counted(len(found.asymmetries.comparisons) - 1, "comparison")
-    size = f"asymmetry, P(equal) stronger first less weaker first, {_interval(row)} on average over {many} and all subjects"
+    overall, *pairs = every.comparisons
+    row, (further,) = found.table.some("asymmetry", overall)[0], found.table.some("new_subject", overall)
+    who = "wrong answers are" if every.answer == "wrong" else f"{every.answer!r} is"
+    p, likelier = row.p_direction or 0.0, f"{who} likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
+    decided = f"{likelier} (P {compared(p)})", f"undecided ({likelier}: P {compared(p)})"
+    size = f"asymmetry, {overall}, {_interval(row)} on average over {counted(len(pairs), 'comparison')} and all subjects"
     return f"{begin}: {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
 
 

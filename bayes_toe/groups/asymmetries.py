@@ -1,6 +1,6 @@
-"""The group-level test of an order effect: how much likelier 'equal' is in one order than in the other, on the population's average.
+"""The group-level test of an order effect: how much likelier a wrong answer is in one order than in the other, on the population's average.
 
-    E[q(c, r) - q(r, c)],    r the weaker stimulus, c the stronger one,
+    E[q(c, r) - q(r, c)],    r the weaker stimulus, c the stronger one, q the probability of the wrong answer, as 'equal' is,
 
 over subjects eta = m + x' beta + tau L u of the population, for every draw of m, beta, tau and L. The expectation over u is a sum over
 Sobol points, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is over the
@@ -25,8 +25,6 @@ from bayes_toe.seeds import generator
 if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
 
-#: The mean over all comparisons.
-OVERALL = "P(equal) stronger first less weaker first"
 MOST_DRAWS = 1000
 _SCORES = 128  # and as many again on the other side: errors of about a tenth of the posterior's sd where subjects differ much
 _AT_ONCE = 1 << 20  # values of one temporary array
@@ -51,8 +49,10 @@ class Asymmetries:
         "" for the whole population, then 'group A', 'group B', 'group B - A', 'age +1 sd - mean'.
     differences : tuple of bool
         Which of them are differences.
+    answer : str
+        Whose probabilities: 'equal', which is wrong of different stimuli whatever their order; 'wrong', where that depends on the order.
     comparisons : tuple of str
-        :data:`OVERALL`, then every pair of different stimuli that was presented in both orders.
+        The mean over all, then every pair of different stimuli that was presented in both orders.
     draws : array, shape (chains, kept, levels, comparisons)
     new_subject : array, shape (chains, kept)
         The mean over comparisons of one further subject for each draw, with the covariates of one that there is.
@@ -62,6 +62,7 @@ class Asymmetries:
 
     levels: tuple[str, ...]
     differences: tuple[bool, ...]
+    answer: str
     comparisons: tuple[str, ...]
     draws: FloatArray
     new_subject: FloatArray
@@ -75,19 +76,21 @@ def asymmetries(found: Population) -> Asymmetries | None:
         return None
     s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()
     isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
-    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi)
+    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi, task=found.study.task)
     strong, weak = np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # where a subject, who has pairs in order, has them
-    posterior = found.typical.for_subject(shown)
+    posterior, right = found.typical.for_subject(shown), shown.task.right(shown.s2 - shown.s1)
+    answer = "wrong" if right.max() > 0 else shown.task.yes
 
     def asymmetry(eta: FloatArray) -> FloatArray:
         """Of subjects, (draws, scores, k) -> (draws, scores, comparisons)."""
-        equal = np.exp(posterior.log_answers(posterior.from_group(eta.reshape(-1, eta.shape[-1]))[0])[0]).reshape(*eta.shape[:2], -1)
-        return np.asarray(equal[:, :, strong] - equal[:, :, weak])
+        yes, no = posterior.log_answers(posterior.from_group(eta.reshape(-1, eta.shape[-1]))[0])
+        wrong = np.exp(np.where(right > 0, no, yes)).reshape(*eta.shape[:2], -1)
+        return np.asarray(wrong[:, :, strong] - wrong[:, :, weak])
 
     (scores, whose), own, k = _scores(found), found.chains, len(found.names)
     levels = list(_levels(found, whose))
-    comparisons = len(pairs) * sum(2 if one.less is not None else 1 for one in levels)
-    kept = spaced(len(own.mean), own.mean.shape[1], min(MOST_DRAWS, _AFFORDABLE // (4 * _SCORES * comparisons)))
+    work = 4 * _SCORES * len(pairs) * sum(2 if one.less is not None else 1 for one in levels)
+    kept = spaced(len(own.mean), own.mean.shape[1], min(MOST_DRAWS, _AFFORDABLE // work))
     lead, rows = (len(own.mean), len(kept)), max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
     flat = [part[:, kept].reshape(lead[0] * lead[1], -1, k) for part in (own.mean, own.scatter, own.effects, own.root)]
 
@@ -104,7 +107,8 @@ def asymmetries(found: Population) -> Asymmetries | None:
     further = found.new_subject(found.regressors.x[rng.integers(len(found.study), size=own.mean.shape[:2])])
     of_further = asymmetry(further[:, kept].reshape(-1, 1, k)).mean(axis=(1, 2)).reshape(lead)
     labels, differences = zip(*((one.label, one.less is not None) for one in levels), strict=True)
-    return Asymmetries(labels, differences, (OVERALL, *map(_label, pairs)), whole, of_further, kept)
+    comparisons = (f"P({answer}) stronger first less weaker first", *(_label(answer, pair) for pair in pairs))
+    return Asymmetries(labels, differences, answer, comparisons, whole, of_further, kept)
 
 
 def _both_orders(study: Study) -> FloatArray:
@@ -115,9 +119,9 @@ def _both_orders(study: Study) -> FloatArray:
     return np.array(sorted(row for row in shown if row[0] < row[1] and (row[1], row[0], *row[2:]) in shown))
 
 
-def _label(pair: FloatArray) -> str:
+def _label(answer: str, pair: FloatArray) -> str:
     weak, strong, *isi = (f"{value:.6g}" for value in pair.tolist())
-    return f"P(equal) {strong} then {weak} less {weak} then {strong}" + "".join(f", {one} s" for one in isi)
+    return f"P({answer}) {strong} then {weak} less {weak} then {strong}" + "".join(f", {one} s" for one in isi)
 
 
 # --- Whom to average over -------------------------------------------------------------------------

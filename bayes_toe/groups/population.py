@@ -16,6 +16,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, covariates_of
 from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
@@ -80,7 +81,6 @@ class GroupSettings:
     correlations: bool = False
 
     def __post_init__(self) -> None:
-        _model(self.model)
         scatter_named(self.scatter)
         require_kind("draws", self.draws, Integral, f"a whole number from 1 to {_MOST_DRAWS}")
         if not 1 <= self.draws <= _MOST_DRAWS:
@@ -125,7 +125,7 @@ class Population:
     @property
     def model(self) -> Model:
         """Record of the model of every subject."""
-        return _model(self.settings.model)
+        return _model(self.settings.model, self.study.task)
 
     @property
     def converged(self) -> bool:
@@ -188,7 +188,7 @@ class Population:
 
     @cached_property
     def asymmetries(self) -> Asymmetries | None:
-        """How much likelier 'equal' is with the stronger stimulus first; None where no pair was presented in both orders."""
+        """How much likelier a wrong answer is with the stronger stimulus first; None where no pair was presented in both orders."""
         return asymmetries(self)
 
     @cached_property
@@ -321,7 +321,7 @@ def _unpooled(
     kept: Kept,
 ) -> tuple[list[Unpooled], dict[str, str]]:
     """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
-    model, centre, seed = _model(settings.model), mean_first(study), settings.seed
+    model, centre, seed = _model(settings.model, study.task), mean_first(study), settings.seed
     if posterior is None:
         jobs = [partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed) for name in who.subjects]
         done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
@@ -337,7 +337,7 @@ def _unpooled(
 
 def _sampled(study: Study, settings: GroupSettings, who: Regressors, alone: Sequence[Unpooled], failed: Mapping[str, str]) -> Population:
     """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
-    model, centre, group = _model(settings.model), mean_first(study), study.select(who.subjects)
+    model, centre, group = _model(settings.model, study.task), mean_first(study), study.select(who.subjects)
     precision, location = np.stack([one.log_precision for one in alone]), np.stack([one.location for one in alone])
     about = NormalApproximation(precision, location, funnel_of(model, centre))
     likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
@@ -348,8 +348,8 @@ def _sampled(study: Study, settings: GroupSettings, who: Regressors, alone: Sequ
     return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
 
 
-def _model(name: str) -> Model:
-    found = model_named(name)
+def _model(name: str, task: Task) -> Model:
+    found = model_named(name, task)
     if not isinstance(found, Model):
         raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
     return found

@@ -205,7 +205,7 @@ def _population(tree: xr.DataTree) -> Population:
     drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
     record = json.loads(str(constant["record"].values))
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
-    task = next(one for one in TASKS if one.name == study.pop("task", SAME_DIFFERENT.name))
+    task = {one.name: one for one in TASKS}[study.pop("task", SAME_DIFFERENT.name)]
     counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
     subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))

@@ -12,7 +12,6 @@ from scipy.special import ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
-from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.joint import scatter_named
@@ -165,7 +164,7 @@ def _further(found: Population) -> Iterator[PopulationRow]:
     for name, values in found.quantities(found.new_subject()).items():
         yield _row(name, "new_subject", "", values)
     if found.asymmetries is not None:
-        yield _row(OVERALL, "new_subject", "", found.asymmetries.new_subject)
+        yield _row(found.asymmetries.comparisons[0], "new_subject", "", found.asymmetries.new_subject)
 
 
 def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: Convergence | None = None) -> PopulationRow:

@@ -23,8 +23,6 @@ from bayes_toe.seeds import generator
 #: Below this two-sided tail probability a population of this form is said to be contradicted.
 CONTRADICTED = 0.01
 _GROUPS, _TOGETHER = 500, 20  # new groups, and how many of them are simulated at once
-#: What is asked of each of the subjects' deeds.
-_ASKED = {"mean asymmetry": ("spread", "farthest"), "accuracy": ("spread",), "share of 'equal'": ("skewness", "farthest")}
 _FEWEST = 3  # subjects of which a skewness or a farthest one says anything: of two, both are always the same
 
 
@@ -122,13 +120,15 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     likelihood = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
     crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
     everyone = np.concatenate([crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
-    statistics = [one for of, values in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(of, values)]
+    statistics = [one for deed in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(*deed)]
     return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
 
 
-def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterator[tuple[str, FloatArray]]:
-    """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs)."""
-    weights, trials = np.zeros(crowd.s1.shape), crowd.n_trials.sum(axis=1)  # of pairs in a subject's mean of q(c, r) - q(r, c)
+def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
+    """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs), and what is asked of it."""
+    task = subjects[0].task
+    right, n = task.right(crowd.s2 - crowd.s1), crowd.n_trials
+    wrong, weights = np.where(right > 0, n - n_yes, n_yes), np.zeros(crowd.s1.shape)  # of pairs in a subject's mean of q(c, r) - q(r, c)
     for row, one in zip(weights, subjects, strict=True):
         seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
         at = {key: i for i, key in enumerate(zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True))}
@@ -137,19 +137,22 @@ def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterat
             row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
     met = weights.any(axis=1)
     if met.sum() > 1:
-        shares = (n_yes[:, met] + 1.0) / (crowd.n_trials[met] + 2.0)  # Laplace's estimator, Eq. e:2b
-        yield "mean asymmetry", (weights[met] * shares).sum(axis=2)
-    yield "accuracy", np.where(crowd.s1 == crowd.s2, n_yes, crowd.n_trials - n_yes).sum(axis=2) / trials
-    yield "share of 'equal'", n_yes.sum(axis=2) / trials
+        shares = (wrong[:, met] + 1.0) / (n[met] + 2.0)  # Laplace's estimator, Eq. e:2b
+        yield "mean asymmetry", (weights[met] * shares).sum(axis=2), ("spread", "farthest")
+    judged = np.where(right == 0, 0, n)
+    some = judged.any(axis=1)
+    if some.sum() > 1:
+        yield "accuracy", 1.0 - np.where(right == 0, 0, wrong)[:, some].sum(axis=2) / judged[some].sum(axis=1), ("spread",)
+    yield f"share of {task.yes!r}", n_yes.sum(axis=2) / n.sum(axis=1), ("skewness", "farthest")
 
 
-def _statistics(of: str, values: FloatArray) -> Iterator[Statistic]:
+def _statistics(of: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
     """Of the group in the first row beside those in the others: its spread, and, where that says something, its form."""
     spread = values.std(axis=1, ddof=1, keepdims=True)
     from_mean = values - values.mean(axis=1, keepdims=True)
     scores = np.divide(from_mean, spread, out=np.zeros_like(from_mean), where=spread > 0.0)
     measures = {"spread": spread[:, 0], "skewness": (scores**3).mean(axis=1), "farthest": np.abs(scores).max(axis=1)}
-    for kind in _ASKED[of]:
+    for kind in kinds:
         if kind != "spread" and values.shape[1] < _FEWEST:
             continue
         observed, *others = measures[kind].tolist()

@@ -81,7 +81,7 @@ class GroupLikelihood:
         return value.reshape(eta.shape[:-1]), gradient.reshape(eta.shape)
 
     def repeated(self, eta: FloatArray, rng: np.random.Generator) -> IntArray:
-        """Answers 'equal' if everything were done once more, (copies, N, k) -> (copies, N, pairs); 0 where a subject has fewer pairs."""
+        """Counted answers if everything were done once more, (copies, N, k) -> (copies, N, pairs); 0 where a subject has fewer pairs."""
         points, counts = eta.reshape(-1, eta.shape[-1]), []
         for some, posterior in self._blocks:
             x, _ = posterior.from_group(points[some])

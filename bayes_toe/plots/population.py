@@ -55,10 +55,10 @@ _ACROSS = 4
 
 
 def population_figure(found: Population, check: PredictiveCheck | None = None) -> Figure:
-    """Everybody's parameters alone and in the group; a new subject's P(equal) and the predictive check; effects of covariates.
+    """Everybody's parameters alone and in the group; a new subject's curves and the predictive check; effects of covariates.
 
     Above: 5, 50 and 95 % of every subject, alone (thin) and in the group (bold), before the population's mean and a new subject. In the
-    middle: P(equal) of a new subject, mean and central 50 and 90 %, among all answers; how subjects differ in what they did beside new
+    middle: what a new subject answers, mean and central 50 and 90 %, among all answers; how subjects differ in what they did beside new
     groups. Below: what covariates do to the mean of every parameter, and to the asymmetry.
 
     Parameters
@@ -198,7 +198,7 @@ def _forest_height(found: Population) -> float:
 
 
 def new_subject(ax: Axes, found: Population) -> None:
-    """P(equal) of a new subject in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
+    """What a new subject answers in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
 
     With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
     met most often; of several weaker stimuli the one in most pairs, which the panel then names.
@@ -217,7 +217,7 @@ def new_subject(ax: Axes, found: Population) -> None:
             ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
             ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
             ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
-    ax.set(yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
+    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=f"P({study.task.yes!r})")
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
     if about := which_weaker(everyone, low):
@@ -235,7 +235,7 @@ def _main_interval(study: Study) -> float | None:
 
 
 def _curve(found: Population, isi: float | None) -> Curve:
-    """P(equal) of pairs for draws of a new subject."""
+    """The same of pairs for draws of a new subject."""
     columns, k = found.regressors.x, len(found.names)
     some = slice(None, None, max(1, found.chains.mean[..., 0].size // CURVE_DRAWS))
     eta = found.new_subject().reshape(-1, k)[some]

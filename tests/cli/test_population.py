@@ -138,7 +138,7 @@ def test_words_for_what_is_known_and_what_is_not(small_study, capsys):
     assert "'equal' is likelier with the stronger stimulus first (P > 0.99)" in said_of(found, capsys)
     mean = found.chains.mean.copy()
     mean[..., 0] = 0.2 + np.random.default_rng(2).standard_normal(mean.shape[:2])
-    assert "direction undecided" in said_of(made_up(small_study, mean=mean), capsys)
+    assert "direction: undecided" in said_of(made_up(small_study, mean=mean), capsys)
     one_way = bt.Study([bt.Subject(name, [0.0, 0.2], [0.3, 0.2], [9, 40], [50] * 2) for name in "ab"])
     assert "no pair of different stimuli was presented in both orders" in said_of(made_up(one_way), capsys)
 

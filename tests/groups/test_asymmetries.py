@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from populations import CENTRE, SIZE, made_up
+from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.groups.asymmetries import OVERALL
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.regressors import regressors
 
+OVERALL = "P(equal) stronger first less weaker first"
 DESIGN = [0.0, 0.3, 0.0, 0.5, 0.2, 0.2], [0.3, 0.0, 0.5, 0.0, 0.2, 0.4]  # two pairs in both orders, (0.2, 0.4) in one only
 
 
@@ -70,6 +72,18 @@ def test_levels_differ_by_their_effects():
     assert tuple(rows) == every.levels
     assert (rows["group z - x"].p_direction, rows["group x"].p_direction) == (1.0, 1.0)
     assert rows["group z"].mean == pytest.approx(at["group z"].mean())
+
+
+def test_of_which_is_stronger_it_is_the_difference_of_errors():
+    """Who calls the second stimulus the stronger one too often errs where the stronger one is first."""
+    asked, centre = study(task=WHICH_STRONGER), np.array([-0.1, 0.0, -1.2, -2.0])  # constant error, gain 1, width, lapses
+    same = np.broadcast_to(centre, (*SIZE, 4))
+    found = made_up(asked, scatter=1e-9, mean=same, model="free weighting").asymmetries
+    width, lapses = np.exp(-1.2), stats.norm.cdf(-2.0)
+    second = [lapses / 2 + (1 - lapses) * stats.norm.cdf((s2 - s1 + 0.1) / width) for s1, s2 in ((0.3, 0.0), (0.0, 0.3))]
+    assert found.comparisons[:2] == ("P(wrong) stronger first less weaker first", "P(wrong) 0.3 then 0 less 0 then 0.3")
+    assert np.allclose(found.draws[0, 0, 0, 1], second[0] - (1.0 - second[1]), rtol=0, atol=1e-6)
+    assert found.draws.min() > 0.0
 
 
 def test_nothing_in_both_orders():

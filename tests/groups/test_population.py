@@ -5,15 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import few_pairs
+from populations import made_population
 
 import bayes_toe as bt
+from bayes_toe.classical.frequencies import accuracy
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.groups import chains
 from bayes_toe.groups.chains import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
+from bayes_toe.groups.predictive_check import predictive_check
 from bayes_toe.groups.subjects import unpooled
 from bayes_toe.inference.diagnostics import errors, worst
+from bayes_toe.records import packed
 
 pytestmark = pytest.mark.filterwarnings("ignore::bayes_toe.errors.ConvergenceWarning")
 
@@ -82,6 +87,25 @@ def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
     assert own.chains.z.std() > 0.1
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
     assert not run().settings.correlations
+
+
+@pytest.mark.parametrize(("model", "names"), [("free weighting", ("offset", "gain")), ("update", ("mu1", "gamma"))])
+def test_which_is_stronger(run, model, names, tmp_path):
+    """Six subjects with a pull of a quarter, whose means are known by their own answers, not by the hyperprior."""
+    eta = np.array([0.1, -0.32, -1.2, -1.8]) + 0.05 * np.random.default_rng(3).standard_normal((6, 4))
+    study = made_population(eta, model="free weighting", task=WHICH_STRONGER).study
+    found = run(study, model=model, hyperprior=None, draws=200)
+    assert found.names == (*names, "width", "lapse_rate")
+    low, high = np.quantile(found.quantities(found.chains.mean)["pull"], (0.005, 0.995))
+    assert low < 0.25 < high < 0.5
+    weighed = {row.parameter: row.bf_zero for row in found.table.some("mean") if row.bf_zero is not None}
+    assert set(weighed) == ({"order effect", "pull", "constant error"} if model == "free weighting" else set())
+    assert min(weighed.values(), default=0.0) < 0.3
+    again = bt.load(found.save(tmp_path / "population.nc"))
+    assert (packed(again), again.study.task) == (packed(found), WHICH_STRONGER)
+    check = predictive_check(found, groups=100)
+    assert [one.of for one in check.statistics[-2:]] == ["share of 'second'"] * 2
+    assert check.statistics[2].observed == pytest.approx(np.std([accuracy(one) for one in study], ddof=1))
 
 
 def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):

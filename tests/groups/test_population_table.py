@@ -7,8 +7,9 @@ from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.groups.asymmetries import OVERALL
 from bayes_toe.groups.regressors import regressors
+
+OVERALL = "P(equal) stronger first less weaker first"
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def test_columns_and_kinds(found, tmp_path):
     labels = ["mu1", "probit gamma", "log width", "probit q0"]
     assert frame.parameter[frame.quantity == "sd"].tolist() == labels
     assert frame.parameter[frame.quantity == "mean"].tolist() == [
-        *labels, "sigma_p", "sigma_l", "gamma", "sigma1", "gain", "width", "offset", "pull", "q0"
+        *labels, "sigma_p", "sigma_l", "gamma", "sigma1", "gain", "width", "offset", "pull", "q0", "jnd", "pse_shift"
     ]  # fmt: skip
     assert frame.level[frame.quantity == "effect"].drop_duplicates().tolist() == ["age", "group y"]
     assert ((frame.p_direction != "") == frame.quantity.isin(["effect", "asymmetry"])).all()
@@ -63,6 +64,6 @@ def test_subjects_in_the_group_and_alone(found):
     ]  # fmt: skip
     assert frame.subject.drop_duplicates().tolist() == ["A", "B", "D", "E"]  # C is left out
     one = frame[frame.subject == "B"].set_index("parameter")
-    assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width"]
+    assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd"]
     assert one.q95["mu1"] == pytest.approx(np.quantile(found.chains.eta[:, :, 1, 0], 0.95))
     assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.unpooled[:, 1, 2]), 0.05))
