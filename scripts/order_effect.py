@@ -4,7 +4,8 @@
 
 writes order_effect.csv, a row an observer, and order_effect_words.csv, and prints the latter. Two designs of observers meet the paper's 13
 pairs 50 times each: *moderate* ones differ little from the paper's; *harsh* ones lapse, depart from Weber's law, difference, and have a
-peak that depends on the intensity. Neither is drawn from the prior of the analysis.
+peak that depends on the intensity. Three further designs ask which was stronger, of neighbours among six levels, of a grid of five, and of
+a reference with four others, in both orders. None is drawn from the prior of the analysis.
 
 With `--studies 30` it simulates studies instead, so many of each kind, and writes order_effect_studies.csv: what `population` says of each
 beside the sentence of its subjects' verdicts.
@@ -13,7 +14,9 @@ beside the sentence of its subjects' verdicts.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +28,7 @@ from bayes_toe.comparison.study_answer import study_sentence
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.comparison.words import EFFECTS, ORDERS, SMALL
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import population
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.model.ladder import posterior_of
@@ -33,6 +37,13 @@ from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order
 
 TRIALS, SUBJECTS = 50, 8
+_SIX, _FIVE, _FOUR = 0.2 * np.arange(6), 0.25 * np.arange(5), 0.2 * np.array([-2, -1, 1, 2])
+#: Of the designs that ask which was stronger: pairs, natural-log intensities, and trials of each.
+COMPARED = {
+    "neighbours": ([pair for a, b in pairwise(_SIX) for pair in ((a, b), (b, a))], 65),
+    "grid": ([(a, b) for a in _FIVE for b in _FIVE], 26),
+    "reference": ([pair for a in _FOUR for pair in ((0.0, a), (a, 0.0))], 81),
+}
 STUDIES = ("none", "constant error", "opposite errors", "pull")
 KINDS = {"none": "none", "constant error": "constant error", "update": "pull"}
 
@@ -71,9 +82,30 @@ def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, fl
     return Subject(name, pairs.s1, pairs.s2, rng.binomial(TRIALS, q), asked.n_trials), float(effect_size(posterior, x)[0])
 
 
+def comparing_observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, float]:
+    """The same of one who says which was stronger; the true size is in just noticeable differences."""
+    rng, (pairs, trials) = generator(seed, design, order, name), COMPARED[design]
+    s1, s2 = np.array(pairs).T
+    step = float(np.sqrt(np.mean(np.square(s2 - s1)[s1 != s2])))
+    values = {"width": step * np.exp(rng.normal(0.0, 0.3)), "lapse_rate": rng.beta(1, 19)}
+    parts = [order]
+    if rng.uniform() < 0.5:
+        parts.append("sloped")
+        values["noise_slope"] = rng.normal(-0.3, 0.5)
+    values["offset"] = rng.choice([-1, 1]) * step * np.exp(rng.normal(np.log(0.3), 0.6))
+    pull = rng.uniform(0.08, 0.38)
+    sigma_p = values["width"] * (1.0 - pull)
+    values |= {"mu1": rng.normal(s1.mean(), 1.2 * s1.std()), "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(pull) / (1.0 - pull)}
+    asked = Subject(name, s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER)
+    posterior = posterior_of(asked, model=" + ".join(parts))
+    x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
+    answered = rng.binomial(trials, np.exp(posterior.log_answers(x)[0][0]))
+    return replace(asked, n_yes=answered), float(effect_size(posterior, x)[0])
+
+
 def row(design: str, order: str, i: int, seed: int) -> dict[str, object]:
     """One observer with its verdict."""
-    subject, size = observer(design, order, f"{order} {i}", seed)
+    subject, size = (comparing_observer if design in COMPARED else observer)(design, order, f"{order} {i}", seed)
     said, _ = verdict(subject, DEFAULT, seed)
     assert said.p_orders is not None
     found = dict(zip(("p_none", "p_constant_error", "p_update"), said.p_orders, strict=True))
@@ -163,7 +195,7 @@ def main() -> None:
         table.to_csv(given.output / "order_effect_studies.csv", index=False, float_format="%.3g")
         print(agreement(table).to_string(index=False))
         return
-    asked = [(design, order, i) for design in ("moderate", "harsh") for order in ORDERS for i in range(given.observers)]
+    asked = [(design, order, i) for design in ("moderate", "harsh", *COMPARED) for order in ORDERS for i in range(given.observers)]
     rows = run_in_order([partial(row, *one, given.seed) for one in asked], given.workers, None, [(str(one),) for one in asked])
     table = pd.DataFrame(rows)
     found = words(table)
