@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import adapt_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
@@ -27,17 +28,19 @@ def observed(posterior: Posterior, x: FloatArray, rng: np.random.Generator) -> S
     return replace(posterior.subject, n_yes=rng.binomial(posterior.subject.n_trials, np.exp(equal[0])))
 
 
-def ranks(name: str, seed: int, *, prior: Prior | None = None, truth: Prior | None = None, draws: int = 400) -> dict[str, float] | None:
+def ranks(
+    name: str, seed: int, *, task: Task = SAME_DIFFERENT, prior: Prior | None = None, truth: Prior | None = None, draws: int = 400
+) -> dict[str, float] | None:
     """Place of the truth of one observer among its draws, in 0..1, for every judged quantity and the log likelihood.
 
     One draw of each walker is used. None where sampling did not converge. `truth` is the prior that the observer comes from, another one
     than the `prior` of the analysis where the test itself is tested.
     """
-    model = model_named(name)
+    model = model_named(name, task)
     assert isinstance(model, Model)
     rng, prior = generator(seed, name, "observer"), DEFAULT if prior is None else prior
     design = reference_design()
-    empty = Subject("made", design.s1, design.s2, np.zeros(len(design.s1), int), np.full(len(design.s1), design.batches))
+    empty = Subject("made", design.s1, design.s2, np.zeros(len(design.s1), int), np.full(len(design.s1), design.batches), task=task)
     maker = model.posterior(empty, prior if truth is None else truth)
     x = maker.sample_prior(rng, 1)
     target = model.posterior(observed(maker, x[0], rng), prior)
