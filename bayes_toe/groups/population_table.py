@@ -41,7 +41,7 @@ class PopulationRow(NamedTuple):
     parameter : str
         A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, a comparison, or
         :data:`ORDER_EFFECT`, of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
-        from there, in half-widths of the curve.
+        from there, in just noticeable differences.
     quantity : {"mean", "sd", "correlation", "effect", "asymmetry", "new_subject"}
     level : str
         The regressor of an effect, the part of the population of an asymmetry; empty for what has none.
@@ -136,7 +136,7 @@ def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
 
 
 def _sizes(found: Population, eta: FloatArray) -> FloatArray:
-    """Of the order effect of subjects with parameters eta, (..., k) -> (...), in half-widths of the curve."""
+    """Of the order effect of subjects with parameters eta, (..., k) -> (...), in just noticeable differences."""
     x, _ = found.typical.from_group(eta.reshape(-1, eta.shape[-1]))
     return effect_size(found.typical, x).reshape(eta.shape[:-1])
 

@@ -167,7 +167,7 @@ def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[s
 
 
 def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in half-widths of the curve, (points, k) -> (points,)."""
+    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in just noticeable differences, (points, k) -> (points,)."""
     subject, known = posterior.subject, posterior.quantities(x)
     offset = known.get("offset", np.zeros(len(x)))
     pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
