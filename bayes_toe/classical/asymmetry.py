@@ -32,7 +32,7 @@ from scipy.stats import boschloo_exact, hypergeom
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.classical.covariates import CovariateTable, covariate_tests
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate, wrong_answers
-from bayes_toe.data.covariates import Covariates, covariates_of
+from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -216,7 +216,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     def covariate_tests(self, covariates: Covariates | str | Path) -> CovariateTable:
         """Welch's t or Pearson's r of every outcome and covariate, see :func:`bayes_toe.classical.covariates.covariate_tests`."""
-        return covariate_tests(covariates_of(covariates), self.outcomes())
+        return covariate_tests(read_covariates(covariates), self.outcomes())
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

@@ -24,7 +24,7 @@ from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
 from bayes_toe.comparison.model_row import ModelRow, compare_one, compare_space, difference_columns, failed_row, with_differences
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.comparison.verdict import Verdict, data_doubts
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import Table, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.whole_files import whole_together
@@ -340,6 +340,7 @@ def compare(
     >>> table["S01", "symmetric"].parameters, round(sum(row.model_probability for row in table), 12)
     (2, 1.0)
     """
+    require_study(study)
     records, chosen = require_models(models, study.task), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     whole = models == "parts"

@@ -36,12 +36,6 @@ class Answers:
         ------
         InputError
             If there is no such block, or there are no blocks.
-
-        Examples
-        --------
-        >>> answers = Answers(np.zeros((3, 2)), np.ones(3, int), np.ones(3, int), np.array([0, 1, 1]), ("1", "2"), True)
-        >>> answers.rows_of(["2"]).tolist()
-        [False, True, True]
         """
         if not blocks:
             return np.ones(len(self.n_trials), np.bool_)

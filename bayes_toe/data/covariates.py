@@ -43,34 +43,17 @@ class Covariates:
 
 
 def levels(values: Iterable[str | float]) -> list[str | float]:
-    """The different values of a covariate in their order: numbers before texts.
-
-    Examples
-    --------
-    >>> levels(["b", "a", "b"]), levels([10.0, 2.0])
-    (['a', 'b'], [2.0, 10.0])
-    """
+    """The different values of a covariate in their order: numbers before texts."""
     return sorted(set(values), key=lambda value: (isinstance(value, str), value))
 
 
 def level_words(values: Iterable[str | float]) -> list[str]:
-    """Levels as tables name them, every two different ones differently.
-
-    Examples
-    --------
-    >>> level_words([0.0, 0.5, "x"])
-    ['0', '0.5', 'x']
-    """
+    """Levels as tables name them, every two different ones differently."""
     return [value if isinstance(value, str) else str(float(value)).removesuffix(".0") for value in values]
 
 
-def covariates_of(given: Covariates | str | Path) -> Covariates:
-    """The covariates, or those in the file of this path."""
-    return given if isinstance(given, Covariates) else read_covariates(given)
-
-
-def read_covariates(path: str | Path) -> Covariates:
-    r"""Covariates from a CSV file with a column `subject` and one column per covariate.
+def read_covariates(path: Covariates | str | Path) -> Covariates:
+    r"""Covariates from a CSV file with a column `subject` and one column per covariate; those that are some stay what they are.
 
     Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma where the comma does not separate cells.
     Empty cells and NA are missing. A covariate whose cells are all texts, none of them a number, is a category with any number of levels,
@@ -90,6 +73,8 @@ def read_covariates(path: str | Path) -> Covariates:
     ...     read_covariates(file).values["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
+    if isinstance(path, Covariates):
+        return path
     table = read_table(path, {_SUBJECT}, every=True)
     if _SUBJECT not in table.names or not len(table.names) == len(table.columns) > 1 or "" in table.names:
         found = listed([quoted(name) for name in table.names])

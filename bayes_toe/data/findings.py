@@ -1,7 +1,7 @@
 """What speaks against pooling a subject's answers: blocks with swapped buttons, unlike blocks, drift, accuracy near chance, one order only.
 
 Pooled counts assume that the answers to a pair have one probability from the first trial to the last. The tests of that are exact given
-how often each pair was called 'equal': tables are drawn as if these answers had fallen on the blocks by chance (independent
+how often each answer was given to each pair: tables are drawn as if these answers had fallen on the blocks by chance (independent
 hypergeometric rows), so small cells need no chi-square. A study of clean observers has one named by a test with probability
 :data:`STUDY_LEVEL` at most, however many subjects it has (Bonferroni); the draws have a fixed seed.
 """
@@ -220,17 +220,14 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
         return
     table, share = _Table(n[None, :], k[None, :]), k.sum() / n.sum()
     p, right = table.p_value(table.chi_square, EXCLUSION, subject.name), subject.task.right(subject.s2 - subject.s1)
-    if p > EXCLUSION and _would_show(table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share))):
+    # A test of X^2 that nearly always finds a noticeable effect, and finds none.
+    power = chndtr(chdtri(table.freedom, EXCLUSION), table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share)))
+    if p > EXCLUSION > power:
         ratio, option = f"X^2 / d.f. = {table.ratio(table.k):.2f}, p = {p:.2g}", f"--leave-out {as_option(subject.name)}"
         message = f"Answers look independent of the stimuli ({ratio}): {option} leaves the subject out."
         yield "independent_answers", message, option
     elif (right > 0).any() and (right < 0).any():
         yield from _accuracy(subject, right, level)
-
-
-def _would_show(freedom: int, noncentrality: float) -> bool:
-    """Whether a test of X^2 nearly always finds so large an effect."""
-    return bool(chndtr(chdtri(freedom, EXCLUSION), freedom, noncentrality) < EXCLUSION)
 
 
 def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
@@ -241,8 +238,12 @@ def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
     of = ("equal", "different") if subject.task == SAME_DIFFERENT else ("weaker-first", "stronger-first")
     given = yes / answers
     said = f"{subject.task.yes!r} to {given[0]:.0%} of the {of[0]} and {given[1]:.0%} of the {of[1]} pairs"
-    turned = yes[0] * answers[1] < yes[1] * answers[0]  # else it is at least a half
-    if turned and _fisher(yes, answers) <= level:
+    turned = yes[0] * answers[1] < yes[1] * answers[0]  # else the p-value is at least a half
+    if turned:
+        from scipy.stats import hypergeom  # slow to import, and few subjects ask
+
+        turned = hypergeom.cdf(yes[0], answers.sum(), yes.sum(), answers[0]) <= level
+    if turned:
         option = f"--turn {as_option(subject.name)}"
         message = f"Answers look reversed, {said}: does --{subject.task.yes}-code name the other answer? Or {option} turns them."
         yield "reversed_answers", message, option
@@ -251,19 +252,12 @@ def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
         yield "chance_accuracy", f"Accuracy is near chance, {said}: {option} leaves the subject out.", option
 
 
-def _fisher(yes: IntArray, answers: IntArray) -> float:
-    """One-sided p-value, of the first share being the smaller."""
-    from scipy.stats import hypergeom  # slow to import, and few subjects ask
-
-    return float(hypergeom.cdf(yes[0], answers.sum(), yes.sum(), answers[0]))
-
-
 # --- The answers in their blocks, and in their order -----------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Table:
-    """Answers n and answers 'equal' k, shape (pairs, blocks)."""
+    """Answers n, and those k that the task counts, shape (pairs, blocks)."""
 
     n: IntArray
     k: IntArray

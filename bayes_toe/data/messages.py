@@ -22,13 +22,7 @@ MOST_ROWS = 20
 
 
 def visible(text: str) -> str:
-    r"""A text without what a terminal or a browser would obey: control, bidirectional and invisible characters as their escapes.
-
-    Examples
-    --------
-    >>> visible("S\x1b[2J\u202e01")
-    'S\\x1b[2J\\u202e01'
-    """
+    """A text without what a terminal or a browser would obey: control, bidirectional and invisible characters as their escapes."""
     return text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
@@ -60,26 +54,13 @@ def counted(count: int, noun: str) -> str:
 
 
 def named_few(names: Sequence[str], most: int = 4) -> str:
-    """The first names, and how many there are beyond them.
-
-    Examples
-    --------
-    >>> named_few(["A", "B", "C"], 2), named_few(["A"])
-    ("'A', 'B' and 1 more", "'A'")
-    """
+    """The first names, and how many there are beyond them."""
     more = f" and {len(names) - most:,} more" if len(names) > most else ""
     return ", ".join(map(repr, names[:most])) + more
 
 
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
-    """A caption and a frame of which the first rows are shown; `rows` says how many there are, where the frame has only the first.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> "<b>1 &lt; 2</b>" in as_html("1 < 2", pd.DataFrame({"a": ["<i>"]}))
-    True
-    """
+    """A caption and a frame of which the first rows are shown; `rows` says how many there are, where the frame has only the first."""
     count = len(frame) if rows is None else rows
     shown = frame.head(MOST_ROWS).to_html(index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}")
     more = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""

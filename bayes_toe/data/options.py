@@ -160,11 +160,6 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
     ------
     InputError
         One line per entry that is malformed or names a column again.
-
-    Examples
-    --------
-    >>> parse_where(["task=comparison"])
-    {'task': 'comparison'}
     """
     pairs = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
     names = [name for _, name, _ in pairs]
@@ -181,12 +176,6 @@ def changed(study: Study, turn: Iterable[str] = (), leave_out: Iterable[str] = (
     ------
     InputError
         As :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.study import Subject
-    >>> changed(Study([Subject("S01", [0.0], [0.3], [2], [5])]), turn=["S01"]).changes
-    ('--turn S01',)
     """
     for option, texts, change in (("--turn", turn, Study.turn), ("--leave-out", leave_out, Study.leave_out)):
         asked: dict[str, list[str]] = {}
@@ -221,13 +210,7 @@ def subject_in(path: Path, pattern: str) -> str | None:
 
 
 def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling.
-
-    Examples
-    --------
-    >>> looks_like("ISI (ms)", "isi"), looks_like("Block", "block"), looks_like("block_acc", "block")
-    (True, True, False)
-    """
+    """Whether a column of a file looks like one of ours in another spelling."""
     plain = re.sub("[^a-z0-9]", "", name.lower())
     return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
 

@@ -52,10 +52,11 @@ _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
     r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
 
-    Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same/different, 1/0). Counts:
-    ``subject,s1,s2,n_equal,n_trials``. s1 and s2 are natural-log intensities. A column ``isi`` is the inter-stimulus interval in seconds,
-    and makes the same stimuli at another interval another pair. Columns ``block`` (any text) and ``trial`` (numbers, over all blocks or
-    within each) change no count: they tell how answers are looked at before they are pooled. Other columns are ignored.
+    Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second' or 'first' (also s2/s1, 2nd/1st), which
+    tells the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
+    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``block``
+    (any text) and ``trial`` (numbers, over all blocks or within each) change no count: they tell how answers are looked at before they are
+    pooled. Other columns are ignored.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     ------
     InputError
         If anything cannot be used: one line per problem of the file, ten at most, with row and column. For no file, a file that is given
-        twice, and files of which only some have intervals.
+        twice, files of which only some have intervals, and answers to two tasks. If 'second' is rarer the larger s2 - s1 is, in all of it.
 
     Examples
     --------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,20 +17,18 @@ from bayes_toe.data.validation import MISSING_WORDS
 from bayes_toe.errors import InputError
 
 _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
-#: The words of each task's two answers, in any case.
+#: The words of each task's two answers, in any case; and those of columns that say right or wrong.
 _WORDS = {SAME_DIFFERENT: (("equal", "same"), ("different",)), WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st"))}
-_RIGHT, _WRONG = ("1", "true", "yes", "correct", "right", "hit"), ("0", "false", "no", "incorrect", "wrong", "error", "miss")
+_RIGHT_WRONG = (("1", "true", "yes", "correct", "right", "hit"), ("0", "false", "no", "incorrect", "wrong", "error", "miss"))
 #: The number that is the other answer where one number was said to be an answer.
 _OTHER_NUMBER = {"1": "0", "0": "1", "2": "1"}
 _DIGIT = re.compile(r"(\d)[.,]0*")
 
 
-@dataclass(frozen=True)
-class Responses:
-    """The answers of trials.
+class Responses(NamedTuple):
+    """The answers of trials: `yes` where the one was given that the task counts, `asked` where there is an answer, shape (rows,) each.
 
-    `yes`, shape (rows,), says where the answer that the task counts was given, `asked` where there is an answer, and `no_answer` where
-    stimuli were equal, so that a right or wrong answer is none of the task's; `said` is how the texts were read.
+    `no_answer` is where stimuli were equal, so that a right or wrong answer is none of the task's; `said` is how the texts were read.
     """
 
     task: Task
@@ -44,17 +43,21 @@ def responses(table: TextTable, column: Column, options: ReadOptions, difference
 
     Where no word is known, one line says so of the column, and another task than the one of the result may have been meant.
     """
-    right, untold = options.correct is not None, "" if options.task else _untold(table, column)
+    judged, untold = options.correct is not None, "" if options.task else _untold(table, column)
     task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
-    answer = column.map(lambda text: _right(text) if right else _answer(text, task, options), np.int64)
+    names, words = (("right", "wrong"), _RIGHT_WRONG) if judged else ((task.yes, task.no), _WORDS[task])
+    answer = column.map(lambda text: _answer(text, options.codes(task), words), np.int64)
     if untold:
         table.problems.add([(0, f"column {bare(column.name)}: {untold}")])
     else:
-        table.fault(column, answer == _UNKNOWN, _allowed(task, options, table.python))
-    names = ("right", "wrong") if right else (task.yes, task.no)
+        shown = zip(options.codes(task), words, names, strict=True)
+        texts = " or ".join(f"{', '.join(some) if code is None else quoted(code)} ({name})" for code, some, name in shown)
+        python = f"ReadOptions({', '.join(f'{one}_code=...' for one in names)})"
+        others = "" if judged else f"; other codes by {python if table.python else ', '.join(f'--{one}-code' for one in names)}"
+        table.fault(column, answer == _UNKNOWN, f"{texts}, or empty{others}")
     said = f"responses {' / '.join(_as_answered(column, answer == value, word) for value, word in zip((_YES, _NO), names, strict=True))}"
     yes, asked, none = answer == _YES, answer != _MISSING, np.zeros(len(answer), np.bool_)
-    if right:
+    if judged:
         said += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         none = asked & (task.right(difference) == 0)
         yes = yes == (task.right(difference) > 0)
@@ -94,7 +97,7 @@ def _untold(table: TextTable, column: Column) -> str:
     codes = ("1", max(plain)) if plain <= {"0", "1", "2"} else ("TEXT", "TEXT")
     name = "ReadOptions({}_code={!r})" if table.python else "--{}-code {}"
     ways = [f"{name.format(task.yes, code)} ({task.name})" for task, code in zip(TASKS, codes, strict=True)]
-    if plain <= {*_RIGHT, *_WRONG}:
+    if plain <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         ways.append(f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)")
     words = " or ".join(f"{task.yes}/{task.no}" for task in TASKS)
     return f"found {listed([*map(quoted, texts)], 4)}, which do not tell the task, allowed: {words}, or {', '.join(ways)}"
@@ -106,38 +109,20 @@ def _plain(text: str) -> str:
     return text if whole is None else whole[1]
 
 
-def _answer(text: str, task: Task, options: ReadOptions) -> int:
-    """The answer that a cell stands for."""
-    plain, codes = _plain(text), [None if code is None else _plain(code) for code in options.codes(task)]
-    for code, answer in zip(codes, (_YES, _NO), strict=True):
-        if plain == code:
-            return answer
+def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
+    """The answer that a cell stands for, by the codes that were given for the two, and by words where none was."""
+    plain, codes = _plain(text), [None if code is None else _plain(code) for code in given]
+    if plain in codes:
+        return (_YES, _NO)[codes.index(plain)]
     word = plain.lower()
     if word in MISSING_WORDS:
         return _MISSING
     if any(code is not None and word == code.lower() for code in codes):
         return _UNKNOWN  # where 'Different' was declared to mean equal, 'different' must not count as different by default
-    for code, other, words, answer in zip(codes, codes[::-1], _WORDS[task], (_YES, _NO), strict=True):
-        if code is None and (word in words or (other is not None and word == _OTHER_NUMBER.get(other))):
+    for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
+        if code is None and (word in known or (other is not None and word == _OTHER_NUMBER.get(other))):
             return answer
     return _UNKNOWN
-
-
-def _right(text: str) -> int:
-    """Whether a cell says right or wrong."""
-    word = _plain(text).lower()
-    return _YES if word in _RIGHT else _NO if word in _WRONG else _MISSING if word in MISSING_WORDS else _UNKNOWN
-
-
-def _allowed(task: Task, options: ReadOptions, python: bool) -> str:
-    """What else may stand where no answer was found."""
-    if options.correct is not None:
-        return f"{', '.join(_RIGHT)} (right) or {', '.join(_WRONG)} (wrong), or empty"
-    names = (task.yes, task.no)
-    shown = zip(options.codes(task), _WORDS[task], names, strict=True)
-    texts = [f"{', '.join(words) if code is None else quoted(code)} ({name})" for code, words, name in shown]
-    codes = f"ReadOptions({', '.join(f'{one}_code=...' for one in names)})" if python else ", ".join(f"--{one}-code" for one in names)
-    return f"{' or '.join(texts)}, or empty; other codes by {codes}"
 
 
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:

@@ -1,7 +1,7 @@
 """Who answered what: the counts of each subject, validated once and immutable.
 
-The likelihood needs only how often each ordered pair of stimuli was called 'equal', so trials are grouped on the way in: a
-million trials cost what their distinct pairs cost.
+The likelihood needs only how often each answer was given to each ordered pair of stimuli, so trials are grouped on the way in: a million
+trials cost what their distinct pairs cost.
 """
 
 from __future__ import annotations
@@ -378,24 +378,12 @@ class Study:
 
 
 def as_name(name: object) -> str:
-    """The name of a subject as somebody says it: a whole number is its digits.
-
-    Examples
-    --------
-    >>> as_name(1008), as_name("01")
-    ('1008', '01')
-    """
+    """The name of a subject as somebody says it: a whole number is its digits."""
     return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
 
 
 def as_option(name: str, blocks: Sequence[str] = ()) -> str:
-    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out.
-
-    Examples
-    --------
-    >>> as_option("946", ["2", "4"]), as_option("S 1")
-    ('946:2,4', "'S 1'")
-    """
+    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 
@@ -405,13 +393,6 @@ def require_study(given: object) -> None:
     Raises
     ------
     InputError
-
-    Examples
-    --------
-    >>> require_study("x.csv")
-    Traceback (most recent call last):
-    ...
-    bayes_toe.errors.InputError: found 'x.csv', allowed: a Study, such as bt.read_study('x.csv')
     """
     if isinstance(given, Study):
         return
@@ -424,13 +405,7 @@ def require_study(given: object) -> None:
 
 
 def said_intervals(intervals: Sequence[float]) -> str:
-    """Intervals as notes and messages show them.
-
-    Examples
-    --------
-    >>> said_intervals((0.5, 1.0, 2.0)), said_intervals(range(1, 20)), said_intervals(())
-    ('0.5, 1, 2 s', '19 from 1 to 19 s', 'none')
-    """
+    """Intervals as notes and messages show them."""
     if not intervals:
         return "none"
     if len(intervals) > _MOST_SHOWN:

@@ -199,13 +199,6 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     ------
     OSError
         If it cannot be read, is larger than `largest`, or is a pipe or a device, which may have no end.
-
-    Examples
-    --------
-    >>> input_bytes("/dev/zero")
-    Traceback (most recent call last):
-        ...
-    OSError: [Errno 22] a pipe or device, not a file
     """
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
@@ -377,13 +370,7 @@ def _of_parquet(source: str, data: bytes, names: Collection[str], every: bool) -
 
 
 def _text(value: object) -> str | None:
-    """What a CSV file would have; None where a value has no text.
-
-    Examples
-    --------
-    >>> [_text(value) for value in (1008.0, 0.1, float("nan"), True, None, "same")]
-    ['1008', '0.1', '', '1', '', 'same']
-    """
+    """What a CSV file would have; None where a value has no text."""
     plain = value.item() if isinstance(value, np.generic) else value
     if plain is None or type(plain).__name__ in _MISSING or plain != plain:
         return ""
@@ -396,13 +383,7 @@ def _text(value: object) -> str | None:
 
 
 def is_parquet(path: str | Path) -> bool:
-    """Whether a file is one by its name.
-
-    Examples
-    --------
-    >>> is_parquet("study.Parquet"), is_parquet("study.csv")
-    (True, False)
-    """
+    """Whether a file is one by its name."""
     return Path(path).suffix.lower() == ".parquet"
 
 

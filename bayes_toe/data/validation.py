@@ -37,26 +37,14 @@ def number(text: str, decimal_comma: bool = False) -> float:
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
-    """The whole number that a cell holds, -1 if it holds none.
-
-    Examples
-    --------
-    >>> whole_number("5.0"), whole_number("5.000"), whole_number("2.5")
-    (5, -1, -1)
-    """
+    """The whole number that a cell holds, -1 if it holds none."""
     match = _COUNT.fullmatch(text.replace(",", ".") if decimal_comma else text)
     value = -1 if match is None else int(match[1])
     return value if value <= LARGEST_COUNT else -1
 
 
 def runs(text: str) -> bool:
-    """Whether a spreadsheet takes a cell for a formula; a number is none.
-
-    Examples
-    --------
-    >>> [runs(text) for text in ("=1+1", "@a", "-1", "-a", "a=1")]
-    [True, True, False, True, False]
-    """
+    """Whether a spreadsheet takes a cell for a formula; a number is none."""
     return text.startswith(_RUN) and _NUMBER.fullmatch(text) is None
 
 
@@ -152,16 +140,6 @@ def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> t
     r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
 
     Errors as of :func:`read_numbers`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     table = Path(folder, "table.csv")
-    ...     _ = table.write_text("model,value\nsymmetric,0.5\nsymmetric,\n", encoding="utf-8")
-    ...     texts, values = read_rows(table, ["model"], ["value"])
-    >>> texts["model"], values["value"].tolist()
-    (['symmetric', 'symmetric'], [0.5, nan])
     """
     table = _read(path, (*texts, *names))
     values = {name: _numbers(table, name, gaps=True) for name in names}

@@ -75,15 +75,7 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
 
 
 def require_writable(path: str | Path, *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind.
-
-    Examples
-    --------
-    >>> require_writable(".", overwrite=True)
-    Traceback (most recent call last):
-        ...
-    bayes_toe.errors.OutputError: .: is a folder, choose the name of a file
-    """
+    """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind."""
     _refuse_taken(Path(path), overwrite)
     with unfinished(Path(path).parent):
         pass
@@ -105,15 +97,6 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
         as when someone deleted the folder meanwhile.
     ValueError
         If something else than `names` was produced.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with whole_folder(Path(folder, "results"), ["a.txt"]) as temporary:
-    ...         _ = (temporary / "a.txt").write_text("whole", encoding="utf-8")
-    ...     sorted(found.name for found in Path(folder, "results").iterdir())
-    ['.bayes_toe_files.json', 'a.txt']
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
@@ -140,12 +123,7 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
 
 
 def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_folder` would refuse after long work, with its arguments and errors; leaves nothing behind.
-
-    Examples
-    --------
-    >>> require_folder(".", ["no such file"], overwrite=False)
-    """
+    """Refuse now what :func:`whole_folder` would refuse after long work, with its arguments and errors; leaves nothing behind."""
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
     with unfinished(target if target.is_dir() else target.parent):
@@ -245,13 +223,7 @@ def _remove(folder: Path, file: str) -> None:
 
 
 def named_store(path: Path) -> bool:
-    """Whether a path has the name of a store.
-
-    Examples
-    --------
-    >>> named_store(Path("posterior.zarr")), named_store(Path("posterior.nc"))
-    (True, False)
-    """
+    """Whether a path has the name of a store."""
     return path.suffix == STORE
 
 

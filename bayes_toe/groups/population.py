@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.covariates import Covariates, covariates_of
+from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import Task
@@ -292,7 +292,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         require_belonging(posterior, where, study=study, prior=given)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
         posterior = posterior if posterior.model == model_named(model, study.task).name else None
-    people = None if covariates is None else covariates_of(covariates)
+    people = None if covariates is None else read_covariates(covariates)
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
         who = Regressors.none(study.names) if people is None else regressors(people, study.names, categorical=categorical)
