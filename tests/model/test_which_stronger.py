@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+import bayes_toe as bt
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -170,3 +171,17 @@ def test_models_of_another_task_are_refused():
         posterior_of(subject(), model="update + both ways")
     with pytest.raises(InputError, match="'predictive update' is of the task 'same/different'"):
         model_named("update").posterior(subject())
+
+
+def test_real_listeners_are_pulled_to_the_middle_of_what_they_hear(real_data):
+    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",)))
+    said = [verdict(one, DEFAULT, 1)[0] for one in study.subjects[::4]]
+    assert sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 10  # of 12; of all 46 subjects 42
+    assert sum(one.fit == "described" for one in said) >= 10  # of all 46 subjects 43
+
+
+def test_a_constant_error_in_lifted_weights_cannot_be_told_from_a_pull(real_data):
+    (one,) = bt.read_study(real_data / "weights" / "counts.csv")
+    said, found = verdict(one, DEFAULT, 1)
+    assert (said.effect, said.kind, said.fit) == ("has", "open", "described")
+    assert found.value(models_of(WHICH_STRONGER).constant_bias) == pytest.approx(-440.5, abs=0.1)
