@@ -36,7 +36,7 @@ def ask() -> bool:
 def simulated(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
     """The answer of an observer who updates."""
     observer = observers_from(None, 1, seed=1)[-1]
-    return bool(rng.uniform() < observer.equal(StudyDesign([pair[0]], [pair[1]], [1]))[0])
+    return bool(rng.uniform() < observer.p_yes(StudyDesign([pair[0]], [pair[1]], [1]))[0])
 
 
 def main() -> int:

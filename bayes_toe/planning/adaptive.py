@@ -16,9 +16,10 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.planning.judging import judged
@@ -45,7 +46,7 @@ class Adaptive:
     Parameters
     ----------
     pairs : StudyDesign or array_like, shape (pairs, 2 or 3)
-        What can be shown: s1, s2 and, where there are several, intervals. Numbers of trials play no role.
+        What can be shown: s1, s2 and, where there are several, intervals. Numbers of trials play no role. A design knows its task.
     model : str or sequence of str
         One model, or several that are equally probable beforehand.
     prior : Prior or str, optional
@@ -56,6 +57,8 @@ class Adaptive:
         several, else the first.
     draws : int
         Particles of each model.
+    task : Task
+        Of pairs that are no design.
 
     Raises
     ------
@@ -67,7 +70,7 @@ class Adaptive:
     >>> levels = np.linspace(-0.5, 1.0, 7)
     >>> session = Adaptive([(a, b) for a in levels for b in levels], seed=1)
     >>> pair = session.next()
-    >>> session.answer(pair, equal=True)
+    >>> session.answer(pair, True)
     >>> session.trials, len(session.information())
     (1, 49)
     """
@@ -81,11 +84,12 @@ class Adaptive:
         seed: int | None = None,
         about: str | None = None,
         draws: int = DRAWS,
+        task: Task = SAME_DIFFERENT,
     ) -> None:
-        self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs)
+        self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs, task)
         self.prior, self.seed, self.draws = prior_of([self.pairs], prior), root_seed(seed), draws
         names = [model] if isinstance(model, str) else list(model)
-        models = list(dict.fromkeys(_allowed(name) for name in names))  # of which one may have two names
+        models = list(dict.fromkeys(_allowed(name, self.pairs.task) for name in names))  # of which one may have two names
         if not models:
             raise InputError("model: found none, allowed: one or several")
         self.about = about if about is not None else PARAMETERS if len(models) == 1 else WHICH_MODEL
@@ -113,8 +117,8 @@ class Adaptive:
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
         return self.pairs.pairs[int(generator(self.seed, "adaptive", "next", self.trials).choice(best))]
 
-    def answer(self, pair: Sequence[float], equal: bool) -> None:
-        """Take in the answer to a pair, also to one that was not proposed.
+    def answer(self, pair: Sequence[float], yes: bool) -> None:
+        """Take in the answer to a pair, also to one that was not proposed: True for 'equal', or for 'second', as the task counts.
 
         A model that says it is impossible has the probability 0 from then on.
 
@@ -123,18 +127,18 @@ class Adaptive:
         InputError
             If something is not allowed, or the answer is impossible under every model; the session is then as it was.
         """
-        if not isinstance(equal, bool | np.bool_):
-            raise InputError(f"equal={equal!r}: allowed is True or False")
+        if not isinstance(yes, bool | np.bool_):
+            raise InputError(f"yes={yes!r}: allowed is True or False")
         shown_pair = tuple(float(value) for value in pair)
         if len(shown_pair) != (2 if self.pairs.isi is None else 3):
             raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
-        single = _subject([(shown_pair, bool(equal))])  # refuses what is not finite
+        task, single = self.pairs.task, self._subject([(shown_pair, bool(yes))])  # refuses what is not finite
         if not any(cloud.allows(single) for cloud in self._clouds.values()):
             raise InputError(
-                f"pair {shown_pair}: {'equal' if equal else 'different'!r} is impossible under {' and '.join(self._clouds)}; allowed are "
+                f"pair {shown_pair}: {task.yes if yes else task.no!r} is impossible under {' and '.join(self._clouds)}; allowed are "
                 "also models with lapses or a constant error"
             )
-        self._answers.append((shown_pair, bool(equal)))
+        self._answers.append((shown_pair, bool(yes)))
         for cloud in self._clouds.values():
             cloud.answered(single)
         self._renew()
@@ -162,8 +166,8 @@ class Adaptive:
 
     @property
     def answers(self) -> list[tuple[Any, ...]]:
-        """The pair and the answer, True for 'equal', of every trial in order: s1, s2, isi where there are several, equal."""
-        return [(*pair, equal) for pair, equal in self._answers]
+        """The pair and the answer, as :meth:`answer` takes it, of every trial in order: s1, s2, isi where there are several, answer."""
+        return [(*pair, yes) for pair, yes in self._answers]
 
     @property
     def subject(self) -> Subject:
@@ -176,7 +180,7 @@ class Adaptive:
         """
         if not self._answers:
             raise InputError("session: no answers yet, allowed after the first one")
-        return _subject(self._answers)
+        return self._subject(self._answers)
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -186,7 +190,7 @@ class Adaptive:
 
     @property
     def verdict(self) -> Verdict:
-        """What the answers say of an order effect: over the 48 models of the verdict, whichever the session's own are; half a second.
+        """What the answers say of an order effect: over all models of the verdict, whichever the session's own are; half a second.
 
         Without fit, and what is about data and prior.
 
@@ -195,7 +199,7 @@ class Adaptive:
         InputError
             Before the first answer.
         """
-        return judged(self.subject, self.seed, self.prior).verdict
+        return judged(self.subject, self.seed, self.prior, models_of(self.pairs.task).space).verdict
 
     def quantiles(self, quantity: str, levels: Sequence[float] = (0.05, 0.5, 0.95), *, model: str | None = None) -> list[float]:
         """Posterior quantiles of a quantity under a model, by default the first.
@@ -206,7 +210,7 @@ class Adaptive:
             If it is not a quantity of the model, the model is not of the session or cannot have given the answers, or a level is not
             between 0 and 1.
         """
-        name = next(iter(self._clouds)) if model is None else model_named(model).name
+        name = next(iter(self._clouds)) if model is None else model_named(model, self.pairs.task).name
         if name not in self._clouds or not self._clouds[name].possible:
             possible = [known for known, cloud in self._clouds.items() if cloud.possible]
             raise InputError(f"model {name!r}: allowed, of this session and its answers: {', '.join(possible)}")
@@ -259,6 +263,7 @@ class Adaptive:
     def _content(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
+            "task": self.pairs.task.name,
             "pairs": self.pairs.pairs,
             "model": list(self._clouds),
             "prior": asdict(self.prior),
@@ -271,12 +276,17 @@ class Adaptive:
         made = cls(
             content["pairs"], content["model"], stored_prior(content["prior"]),
             seed=content["seed"], about=content["about"], draws=content["draws"],
+            task={one.name: one for one in TASKS}[content.get("task", SAME_DIFFERENT.name)],
         )  # fmt: skip
-        for *pair, equal in content["answers"]:
-            made.answer(pair, equal)
+        for *pair, yes in content["answers"]:
+            made.answer(pair, yes)
         return made
 
     # --- Parts ------------------------------------------------------------------------------------------
+
+    def _subject(self, answers: Sequence[tuple[Pair, bool]]) -> Subject:
+        columns = np.array([pair for pair, _ in answers]).T
+        return Subject.from_trials("adaptive", columns[0], columns[1], [yes for _, yes in answers], *columns[2:], task=self.pairs.task)
 
     def _renew(self) -> None:
         """Make the draws of one model anew, of those that have come to count too little.
@@ -290,7 +300,7 @@ class Adaptive:
             clouds[worst].renew(self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials))
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weights of some particles, (draws,), their P(equal) and P(different) of every pair, (2, draws, pairs), and the entropy of these.
+        """Weights of some particles, (draws,), their probabilities of both answers to pairs, (2, draws, pairs), and the entropy of these.
 
         The first particles are as good as any others, and stay until all are made anew, and so do their answers.
         """
@@ -315,30 +325,25 @@ class Adaptive:
 
 
 def _entropy(answers: FloatArray) -> FloatArray:
-    """Of an answer of these probabilities of 'equal' and 'different', (2, ...) -> (...), nats.
+    """Of an answer with these probabilities of one and the other, (2, ...) -> (...), nats.
 
     Of both, because 1 less a sum of weighted ones that are all 1 may be below 0 by rounding.
     """
     return np.asarray(entr(answers).sum(axis=0))
 
 
-def _design(pairs: npt.ArrayLike) -> StudyDesign:
+def _design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:
     try:
         columns = np.asarray(pairs, np.float64).T
     except (TypeError, ValueError) as error:
         raise InputError(f"pairs: allowed are rows of s1 and s2, and isi where there are several intervals ({error})") from error
     if columns.ndim != 2 or len(columns) not in (2, 3):
         raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2), or (pairs, 3) with intervals")
-    return each_once(*columns)
+    return each_once(*columns, task=task)
 
 
-def _subject(answers: Sequence[tuple[Pair, bool]]) -> Subject:
-    columns = np.array([pair for pair, _ in answers]).T
-    return Subject.from_trials("adaptive", columns[0], columns[1], [equal for _, equal in answers], *columns[2:])
-
-
-def _allowed(name: str) -> Model:
-    found = model_named(name)
+def _allowed(name: str, task: Task) -> Model:
+    found = model_named(name, task)
     if not isinstance(found, Model) or dict(found.levels)["spread"] != "binomial":
         raise InputError(f"model {found.name!r}: allowed are models with parameters, by which answers are independent")
     return found

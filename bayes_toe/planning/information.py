@@ -1,8 +1,8 @@
 """What single trials tell about assumed observers, in closed form: Fisher information of one answer to each of many pairs.
 
-An answer to a pair with P(equal) = q has the information g g' q/(1 - q), g the gradient of log q. With the prior's curvature and the
+An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q. With the prior's curvature and the
 information of all trials it makes a normal approximation of the posterior, of covariance C, at each observer's true values. The model is
-the update with sloped noise and lapses both ways, so that a design pays for what these parts leave open; parts that an observer does not
+the update with sloped noise and lapses, so that a design pays for what these parts leave open; parts that an observer does not
 have are small there, not known to be absent. The pull counts as it is, with the variance of its prior: near the end of its range, where
 observers who clearly update are, its logit would take that end for knowledge.
 
@@ -25,11 +25,11 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.crowd import Crowd
-from bayes_toe.model.ladder import model_named
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.posterior import Model, Posterior, prior_draws
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian
-from bayes_toe.planning.observers import UPDATE, Observer, natural_of
+from bayes_toe.planning.observers import UPDATE, Observer, model_of, natural_of
 from bayes_toe.planning.study_design import StudyDesign
 
 #: What a design may be made for, and what its utility is then.
@@ -40,13 +40,11 @@ UTILITIES = {
     "width": "minus log expected sd of log width",
     "parameters": "half the log determinant of the information about the four parameters",
 }
-#: The model under which information counts, and the lapse rate of observers who have none by assumption.
-MODEL = "update + sloped + both ways"
+#: The lapse rate, and the pull, of observers who have none by assumption.
 SMALL_LAPSES = 0.02
-SMALL_PULL = 1e-3  # of those who do not update
+SMALL_PULL = 1e-3
 #: Share of the score for what is not asked: pairs that the aim could spare keep q0 and width from being guessed.
 _SHARED = 0.2
-_INTEREST = ("offset", "logit_pull", "log_width", "logit_q0")
 #: Portions in which trials move, for each pair that a design may have; by how much a move has to raise the score.
 _PORTIONS, _GAIN = 2, 1e-7
 
@@ -141,8 +139,7 @@ def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, pri
     InputError
         If nobody updates.
     """
-    model, prior = model_named(MODEL), prior.at(pairs.unanswered)
-    assert isinstance(model, Model)
+    model, prior = model_of(pairs.task, UPDATE, (pairs.task.lapses, "lapse_rate", "noise_slope")), prior.at(pairs.unanswered)
     needed = {*Posterior(pairs.unanswered, model, prior).names.natural}
     some = [one for one in observers if (one.kind == UPDATE or aim == "update") and _natural(one).keys() >= needed]
     updates = np.array([one.kind == UPDATE for one in some], np.bool_)
@@ -160,14 +157,15 @@ def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, pri
     direction = np.zeros_like(x)
     for name, slope in wanted[aim].items():
         direction[:, places[name]] = slope
-    return Information(aim, rows, curvature, direction, pull, updates, spread, tuple(places[name] for name in _INTEREST))
+    interest = tuple(places[name] for name in models_of(pairs.task).update.coordinates)
+    return Information(aim, rows, curvature, direction, pull, updates, spread, interest)
 
 
 def _natural(observer: Observer) -> dict[str, float]:
     """An observer as the model has them, as far as that can be; it counts those without a pull as those with next to none."""
     values = {"lapse_rate": SMALL_LAPSES, "noise_slope": 0.0, **observer.quantities}
     if observer.kind != UPDATE and "width" in values:
-        values = natural_of({"pull": SMALL_PULL, "offset": 0.0, **values}, observer.centre)
+        values = natural_of({"pull": SMALL_PULL, "offset": 0.0, **values}, observer.centre, observer.task)
     return values
 
 
@@ -178,11 +176,11 @@ def _of_one(model: Model, pairs: StudyDesign, observer: Observer, prior: Prior) 
     target = Posterior(cast(Subject, crowd), model, prior, observer.centre, observer.interval)
     x = target.points({name: np.array([value]) for name, value in _natural(observer).items() if name in target.names.natural})
     value, gradient = target.likelihood_gradient(np.repeat(x, size, axis=0))
-    log_different = target.log_answers(np.repeat(x, size, axis=0))[1][:, 0]
-    single = Posterior(Subject.from_counts("prior", [0.0], [0.0], [0], [1]), model, prior, observer.centre, observer.interval)
+    log_other = target.log_answers(np.repeat(x, size, axis=0))[1][:, 0]
+    single = Posterior(pairs.unanswered, model, prior, observer.centre, observer.interval)
     bends, vectors = np.linalg.eigh(-hessian(single.prior_gradient, x)[0])
     bent = (vectors * np.maximum(bends, 0.0)) @ vectors.T  # where a prior bends upward it holds nothing
-    return gradient * np.exp(0.5 * (value - log_different))[:, None], bent, x[0]
+    return gradient * np.exp(0.5 * (value - log_other))[:, None], bent, x[0]
 
 
 # --- Exchange -------------------------------------------------------------------------------------

@@ -1,9 +1,9 @@
 """How simulated answers are judged: by the words of the verdict, with evidences that take a third of its time.
 
-Of all 48 models Laplace's approximation, and of those within the verdict's window importance sampling of a few draws from its shape, which
-are not adapted: processor time 0.5 s a data set where a verdict takes 1.6 s. In 100 simulated data sets (paper's pairs of 260 and 650
-trials, wide ones of 650; default observers and those of the prior) 99 words of the effect were those of the verdict, and 99 of its kind;
-probabilities differed by 0.009 (median), 0.12 at most.
+Of all models Laplace's approximation, and of those within the verdict's window importance sampling of a few draws from its shape, which
+are not adapted: processor time 0.5 s a data set of 'same or different' where a verdict takes 1.6 s. In 100 simulated ones (paper's pairs of
+260 and 650 trials, wide ones of 650; default observers and those of the prior) 99 words of the effect were those of the verdict, and 99 of
+its kind; probabilities differed by 0.009 (median), 0.12 at most.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.verdict import Verdict, by_order
-from bayes_toe.comparison.words import ORDERS, SMALL
+from bayes_toe.comparison.words import KINDS, SMALL
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.space import laplace_evidences
-from bayes_toe.model.ladder import SPACE
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, UPDATE
+from bayes_toe.planning.observers import NONE
 from bayes_toe.seeds import generator
 
 #: Draws of each model.
@@ -33,14 +32,14 @@ DRAWS = 800
 #: Words that say an order effect, and that say none or next to none; only 'undecided' says neither.
 FOUND, DENIED = ("has", "probably has"), ("negligible", "probably none", "none")
 #: Kinds of observers by the verdict's words for them.
-_KINDS = {word: kind for kind, name in ((CONSTANT_ERROR, "constant error"), (UPDATE, "pull")) for word in (name, f"probably {name}")}
+_KINDS = {word: kind for kind, name in KINDS.items() for word in (name, f"probably {name}")}
 
 
 @dataclass(frozen=True)
 class Judgement:
     """What the program says of one subject's answers; all that power, designs and rules of stopping know of them.
 
-    Log evidence of no order effect, a constant error, the update, each over its 16 models (nats), None where one is withheld; the
+    Log evidence of no order effect, a constant error, the update, each over its models (nats), None where one is withheld; the
     probability of an effect above a fifth of the curve's half-width; and, where they were asked for and can be told, the widths of the
     90 % intervals of gain, mu1 and width under the update.
     """
@@ -71,32 +70,31 @@ class Judgement:
 
 
 class Weighed(NamedTuple):
-    """Log evidences of the models of the space, NaN where withheld; of those that count also draws x and log weights."""
+    """Log evidences of models, NaN where withheld; of those that count, by their place, also draws x and log weights."""
 
+    models: Sequence[Model]
     values: FloatArray
     draws: Mapping[int, tuple[Posterior, FloatArray, FloatArray]]
 
 
-def weighed(subject: Subject, seed: int, prior: Prior, only: Sequence[int] = range(len(SPACE))) -> Weighed:
-    """By Laplace and a few draws from its shape, of these models of the space alone; streams are keyed by seed, name and model."""
-    numbers, models, draws = prior.at(subject), [SPACE[place] for place in only], {}
-    values = np.full(len(SPACE), -np.inf)
-    values[list(only)], counting = laplace_evidences(subject, numbers, models)
-    for at, (family, i) in counting.items():
-        place, model = only[at], models[at]
-        x, weights = family.weighted(i, generator(seed, subject.name, model.name, "judged"), DRAWS)
+def weighed(subject: Subject, seed: int, prior: Prior, models: Sequence[Model]) -> Weighed:
+    """By Laplace and a few draws from its shape; streams are keyed by seed, name and model."""
+    numbers, draws = prior.at(subject), {}
+    values, counting = laplace_evidences(subject, numbers, models)
+    for place, (family, i) in counting.items():
+        x, weights = family.weighted(i, generator(seed, subject.name, models[place].name, "judged"), DRAWS)
         values[place] = logsumexp(weights) - np.log(len(weights))
-        draws[place] = model.posterior(subject, numbers), x, weights
-    return Weighed(values, draws)
+        draws[place] = models[place].posterior(subject, numbers), x, weights
+    return Weighed(models, values, draws)
 
 
-def judged(subject: Subject, seed: int, prior: Prior, only: Sequence[int] = range(len(SPACE))) -> Judgement:
-    """The judgement of a subject's answers, without widths."""
-    values, draws = weighed(subject, seed, prior, only)
-    if not np.isfinite(values[list(only)]).all():
+def judged(subject: Subject, seed: int, prior: Prior, models: Sequence[Model]) -> Judgement:
+    """The judgement of a subject's answers over these models, without widths."""
+    _, values, draws = weighed(subject, seed, prior, models)
+    if not np.isfinite(values).all():
         return Judgement(None)
     larger, p = 0.0, softmax(values)
     for place, (posterior, x, weights) in draws.items():
-        if dict(SPACE[place].levels)["order"] != ORDERS[0]:
+        if dict(models[place].levels)["order"] != NONE:
             larger += p[place] * float(softmax(weights) @ (effect_size(posterior, x) > SMALL))
-    return Judgement(tuple(by_order(values, SPACE).tolist()), larger / float(p[list(draws)].sum()))
+    return Judgement(tuple(by_order(values, models).tolist()), larger / float(p[list(draws)].sum()))

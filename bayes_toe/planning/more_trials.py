@@ -10,17 +10,17 @@ import numpy as np
 from scipy.special import entr, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import ORDERS
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.kept import Kept
-from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.ladder import ORDERS, models_of
+from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.judging import Weighed, judged, weighed
-from bayes_toe.planning.study_design import StudyDesign, all_pairs, each_once
+from bayes_toe.planning.study_design import StudyDesign, all_pairs
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -86,7 +86,8 @@ def more_trials(
         If something is not allowed, or an evidence that counts is missing.
     """
     root, numbers = root_seed(seed), prior_for(study, prior)
-    names = [one.name for one in study if judged(one, root, numbers).verdict.effect == "undecided"] if subjects is None else subjects
+    space = models_of(study.task).space
+    names = [one.name for one in study if judged(one, root, numbers, space).verdict.effect == "undecided"] if subjects is None else subjects
     jobs: list[Callable[[], MoreTrials]] = [_Job(study[name], root, numbers) for name in names]
     done = Kept().work(jobs, workers, progress, [(name,) for name in names])
     for lost in done.failed.values():
@@ -104,47 +105,47 @@ class _Job:
 
     def __call__(self) -> MoreTrials:
         subject = self.subject
-        found = weighed(subject, self.seed, self.prior)
+        found = weighed(subject, self.seed, self.prior, models_of(subject.task).space)
         if not np.isfinite(found.values).all():
             raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
         rng = generator(self.seed, subject.name, "more trials")
         people = observers(found, _PREDICTED, rng)
-        same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi)
-        every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals)
+        same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
+        every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
         best = np.sort(np.argsort(-_told(every, people))[:_PAIRS])
-        telling = each_once(*(column[best] for column in every.columns))
-        only = likeliest(found.values)
-        return MoreTrials(subject.name, self._fewest(same, people, only), self._fewest(telling, people, only))
+        judges = likeliest(found)
+        return MoreTrials(subject.name, *(self._fewest(one, people, judges) for one in (same, every.some(best))))
 
-    def _fewest(self, design: StudyDesign, people: Sequence[Predictor], only: Sequence[int]) -> Tried:
+    def _fewest(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model]) -> Tried:
         """The fewest trials of those tried that decide, or the most: the middle number first, then upward or downward from it."""
         tried: dict[int, Tried] = {}
         low, high = 0, len(TIMES) - 1
         while low < high:
             middle = (low + high) // 2
-            tried[middle] = self._tried(design, people, only, TIMES[middle])
+            tried[middle] = self._tried(design, people, judges, TIMES[middle])
             low, high = (low, middle) if tried[middle].decided >= ENOUGH else (middle + 1, high)
-        return tried.get(low) or self._tried(design, people, only, TIMES[low])
+        return tried.get(low) or self._tried(design, people, judges, TIMES[low])
 
-    def _tried(self, design: StudyDesign, people: Sequence[Predictor], only: Sequence[int], times: float) -> Tried:
+    def _tried(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model], times: float) -> Tried:
         trials = max(design.n_pairs, round(times * self.subject.total_trials))
         shared = design.with_total(trials)
         decided = 0
         for number, one in enumerate(people[:REPETITIONS]):
             rng = generator(self.seed, self.subject.name, "repetition", number, trials)
             more = shared.answered(rng.binomial(shared.n_trials, one.equal(*shared.columns)[0]), self.subject.name)
-            decided += judged(_together(self.subject, more), self.seed, self.prior, only).verdict.effect != "undecided"
+            decided += judged(_together(self.subject, more), self.seed, self.prior, judges).verdict.effect != "undecided"
         return Tried(shared, trials, decided)
 
 
-def likeliest(values: FloatArray) -> list[int]:
-    """Places in the space of all orders with the likeliest noise, lapses and peak of each curve: a repetition is judged by these six."""
+def likeliest(found: Weighed) -> list[Model]:
+    """The models of all orders with the likeliest levels of the other parts, of each curve: by these a repetition is judged."""
     shapes: dict[str, dict[tuple[str, ...], list[int]]] = {}
-    for place, model in enumerate(SPACE):
+    for place, model in enumerate(found.models):
         levels = dict(model.levels)
         rest = tuple(level for part, level in model.levels if part not in ("order", "curve"))
         shapes.setdefault(levels["curve"], {}).setdefault(rest, []).append(place)
-    return sorted(place for some in shapes.values() for place in max(some.values(), key=lambda places: float(logsumexp(values[places]))))
+    best = (max(some.values(), key=lambda places: float(logsumexp(found.values[places]))) for some in shapes.values())
+    return [found.models[place] for place in sorted(place for places in best for place in places)]
 
 
 def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predictor]:

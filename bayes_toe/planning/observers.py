@@ -7,7 +7,7 @@ stimulus observers move along, and a study of ln(rate / 1 Hz) near 3.4 is planne
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -18,30 +18,36 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.ladder import CONSTANT_BIAS, PREDICTIVE_UPDATE, SYMMETRIC, model_named
+from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND
+from bayes_toe.model.ladder import ORDERS, model_named, models_of
+from bayes_toe.model.parts import compose, parts_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.planning.study_design import StudyDesign, each_once, paper_study_design
+from bayes_toe.planning.study_design import StudyDesign, each_once
 from bayes_toe.seeds import generator
 
-#: Kinds of observers by the word for them in files, in the order of the three plain models, and what these are.
-NONE, CONSTANT_ERROR, UPDATE = "none", "constant error", "update"
-PLAIN: Mapping[str, Model] = {NONE: SYMMETRIC, CONSTANT_ERROR: CONSTANT_BIAS, UPDATE: PREDICTIVE_UPDATE}
+#: Kinds of observers by the word for them in files, and in sentences.
+NONE, CONSTANT_ERROR, UPDATE = ORDERS
 SAID = {NONE: "no order effect", CONSTANT_ERROR: CONSTANT_ERROR, UPDATE: UPDATE}
 #: Middle of the paper's stimuli, natural-log intensity: from where default offsets count where these are amid those shown.
 MIDDLE = 0.25
-#: Ranges of those who are assumed where nothing is said. Pulls and widths are those of subjects with a clear order effect.
-_SHARED = {"width": (0.25, 0.35), "q0": (0.85, 0.98)}
+#: Ranges of those who are assumed where nothing is said, beside those of their task. Pulls and widths are those of clear order effects.
 DEFAULT: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    NONE: _SHARED,
-    CONSTANT_ERROR: {"offset": (0.05, 0.15), **_SHARED},
-    UPDATE: {"pull": (0.30, 0.38), "offset": (0.0, 0.15), **_SHARED},
+    NONE: {},
+    CONSTANT_ERROR: {"offset": (0.05, 0.15)},
+    UPDATE: {"pull": (0.30, 0.38), "offset": (0.0, 0.15)},
 }
+SHARED: Mapping[Task, Mapping[str, tuple[float, float]]] = {
+    SAME_DIFFERENT: {"width": (0.25, 0.35), "q0": (0.85, 0.98)},
+    WHICH_STRONGER: {"width": (0.15, 0.30), "lapse_rate": (0.02, 0.10)},
+}
+_POWERS = {SAME_DIFFERENT: OF_EQUAL.power, WHICH_STRONGER: OF_SECOND.power}
 _SECOND = 1.0  # reference interval where nothing has intervals, seconds
 PRIOR = "prior"  # the source of observers that is no file
 MIXED, _SHARE = "mixed", "share"
@@ -52,10 +58,8 @@ _RANGES = {
     **dict.fromkeys(("width", _SHARE), _POSITIVE),
     **dict.fromkeys(("q0", "lapse_rate"), _PART),
 }
-_OPTIONAL = ("noise_slope", "lapse_rate", _SHARE)
-_NEEDED = {NONE: ("width", "q0"), CONSTANT_ERROR: ("offset", "width", "q0"), UPDATE: ("pull", "offset", "width", "q0")}
 _LINES = "at = NUMBER and sections [none], ['constant error'], [update] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]; share = NUMBER"
-_NEVER = 0.01  # P(equal) below which an answer is practically certain
+_NEVER = 0.01  # probability of an answer below which the other one is practically certain
 _NO_LAPSES = 1e-12
 #: What helps where nobody ever says 'equal': with observers who are stated, and with those who are assumed amid all designs.
 _STATED = "observers stated for such stimuli (at, mu1, offset), or those who are assumed amid them where --observers is left out"
@@ -76,10 +80,11 @@ class Observer:
     quantities: Mapping[str, float]
     centre: float
     interval: float = _SECOND
+    task: Task = SAME_DIFFERENT
 
     def target(self, pairs: Subject) -> Posterior:
         """The model by which pairs are answered."""
-        record = model_named(self.model)
+        record = model_named(self.model, self.task)
         assert isinstance(record, Model)  # free frequencies are refused where observers are made
         return Posterior(pairs, record, Prior(reference_interval=self.interval), self.centre, self.interval)
 
@@ -87,8 +92,8 @@ class Observer:
         """The observer in the coordinates of the model, shape (1, k)."""
         return target.points({name: np.array([value]) for name, value in self.quantities.items()})
 
-    def equal(self, design: StudyDesign) -> FloatArray:
-        """P(equal) of every pair, shape (pairs,)."""
+    def p_yes(self, design: StudyDesign) -> FloatArray:
+        """Probability of the answer that the task counts, for every pair, shape (pairs,)."""
         target = self.target(design.unanswered)
         return np.asarray(np.exp(target.log_answers(self.point(target))[0][0]))
 
@@ -100,22 +105,36 @@ class Observer:
         return design.answered(rng.binomial(design.n_trials, q), self.name)
 
 
+def plain(task: Task) -> dict[str, Model]:
+    """The plain model of every kind of observers."""
+    known = models_of(task)
+    return dict(zip(ORDERS, (known.symmetric, known.constant_bias, known.update), strict=True))
+
+
 def observers_from(
-    source: str | Path | None, size: int, seed: int, *, prior: Prior | None = None, middle: float = MIDDLE
+    source: str | Path | None,
+    size: int,
+    seed: int,
+    *,
+    prior: Prior | None = None,
+    middle: float = MIDDLE,
+    task: Task = SAME_DIFFERENT,
 ) -> tuple[Observer, ...]:
     """Assumed observers, `size` of each kind that the source has.
 
     Parameters
     ----------
     source : str or Path, optional
-        A TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior'. By default pulls of 0.30 to 0.38,
-        offsets of 0 to 0.15 at the middle, widths of 0.25 to 0.35 and q0 of 0.85 to 0.98; constant errors of 0.05 to 0.15.
+        A TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior'. By default :data:`DEFAULT` and
+        :data:`SHARED`: pulls of 0.30 to 0.38 with offsets of 0 to 0.15 at the middle, constant errors of 0.05 to 0.15.
     size : int
     seed : int
     prior : Prior, optional
         That 'prior' means, in numbers; its reference interval is that of all but an earlier study's.
     middle : float
         From where offsets count that no file says, natural-log intensity.
+    task : Task
+        What they are asked.
 
     Raises
     ------
@@ -127,26 +146,28 @@ def observers_from(
     >>> observers = observers_from(None, 2, seed=1)
     >>> [one.kind for one in observers]
     ['none', 'none', 'constant error', 'constant error', 'update', 'update']
-    >>> observers[-1].equal(paper_study_design()).shape
+    >>> observers[-1].p_yes(paper_study_design()).shape
     (13,)
     """
     numbers = Prior() if prior is None else prior
     interval = _SECOND if numbers.reference_interval is None else numbers.reference_interval
     if source is None:
-        return tuple(_in_ranges(DEFAULT, middle, interval, size, seed))
+        return tuple(_in_ranges({kind: {**some, **SHARED[task]} for kind, some in DEFAULT.items()}, middle, interval, size, seed, task))
     if str(source) == PRIOR:
-        return tuple(_of_prior(numbers, middle, interval, size, seed))
+        return tuple(_of_prior(numbers, middle, interval, size, seed, task))
     if named_store(Path(source)) or Path(source).suffix == ".nc":
-        return tuple(_of_draws(Path(source), size, seed))
+        return tuple(_of_draws(Path(source), size, seed, task))
     if Path(source).suffix == ".toml":
-        return tuple(_in_ranges(*read_ranges(source, middle), interval, size, seed))
+        return tuple(_in_ranges(*read_ranges(source, middle, task), interval, size, seed, task))
     raise InputError(f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)")
 
 
 # --- Ranges -----------------------------------------------------------------------------------------
 
 
-def read_ranges(path: str | Path, middle: float = MIDDLE) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
+def read_ranges(
+    path: str | Path, middle: float = MIDDLE, task: Task = SAME_DIFFERENT
+) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
     r"""Ranges of each kind from a TOML file, and the intensity from which offsets count, else the middle; observers are uniform.
 
     Raises
@@ -170,7 +191,7 @@ def read_ranges(path: str | Path, middle: float = MIDDLE) -> tuple[dict[str, dic
     if not found:
         problems.append(f"found no kind of observers, allowed: {_LINES}")
     for kind, ranges in found.items():
-        problems += _kind_problems(kind, ranges)
+        problems += _kind_problems(kind, ranges, task)
     shares = [] if problems else [ranges[_SHARE] for ranges in found.values() if _SHARE in ranges]
     if shares and (len(shares) < len(found) or any(isinstance(one, list) for one in shares) or shares.count(max(shares)) > 1):
         problems.append("share: allowed: a number in every section, one of which is the largest, or in none")
@@ -179,13 +200,13 @@ def read_ranges(path: str | Path, middle: float = MIDDLE) -> tuple[dict[str, dic
     return {kind: {name: _range(value) for name, value in ranges.items()} for kind, ranges in found.items()}, at
 
 
-def _kind_problems(kind: str, ranges: object) -> Iterator[str]:
-    if kind not in PLAIN or not isinstance(ranges, Mapping):
-        yield f"key {quoted(kind)}: allowed: at, and the sections [{'], ['.join(PLAIN)}]"
+def _kind_problems(kind: str, ranges: object, task: Task) -> Iterator[str]:
+    if kind not in ORDERS or not isinstance(ranges, Mapping):
+        yield f"key {quoted(kind)}: allowed: at, and the sections [{'], ['.join(ORDERS)}]"
         return
-    needed = [name for name in _NEEDED[kind] if name != "offset" or "mu1" not in ranges]
-    allowed = {*_NEEDED[kind], *_OPTIONAL, *(("mu1",) if kind == UPDATE else ())}
-    yield from (f"[{kind}]: {name} is missing" for name in needed if name not in ranges)
+    needed = [*DEFAULT[kind], "width", *({task.lapses} - {"lapse_rate"})]
+    allowed = {*needed, "noise_slope", "lapse_rate", _SHARE, *(("mu1",) if kind == UPDATE else ())}
+    yield from (f"[{kind}]: {name} is missing" for name in needed if name not in ranges and not (name == "offset" and "mu1" in ranges))
     if "mu1" in ranges and "offset" in ranges:
         yield f"[{kind}]: offset and mu1 say the same, allowed: one of them"
     for name, value in ranges.items():
@@ -198,16 +219,10 @@ def _kind_problems(kind: str, ranges: object) -> Iterator[str]:
             yield f"[{kind}]: {name}: found {shown(value)}, allowed: a number {said}, or [LOWEST, HIGHEST] of such"
 
 
-def shares_from(source: str | Path | None) -> dict[str, float]:
-    """Shares of the kinds in a mixed population, from a TOML file that says them; empty where nothing does.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_ranges`.
-    """
-    ranges = read_ranges(source)[0] if source is not None and Path(source).suffix == ".toml" else {}
-    shares = {kind: ranges[kind][_SHARE][0] for kind in PLAIN if _SHARE in ranges.get(kind, {})}
+def shares_from(source: str | Path | None, task: Task = SAME_DIFFERENT) -> dict[str, float]:
+    """Shares of the kinds in a mixed population, from a TOML file that says them; empty where nothing does."""
+    ranges = read_ranges(source, task=task)[0] if source is not None and Path(source).suffix == ".toml" else {}
+    shares = {kind: ranges[kind][_SHARE][0] for kind in ORDERS if _SHARE in ranges.get(kind, {})}
     return {kind: share / sum(shares.values()) for kind, share in shares.items()}
 
 
@@ -233,23 +248,30 @@ def _range(value: Any) -> tuple[float, float]:
 
 
 def _in_ranges(
-    ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, interval: float, size: int, seed: int
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, interval: float, size: int, seed: int, task: Task
 ) -> Iterator[Observer]:
-    for kind in (kind for kind in PLAIN if kind in ranges):
+    for kind in (kind for kind in ORDERS if kind in ranges):
+        model = model_of(task, kind, ranges[kind])
         for name in (f"{kind} {number + 1}" for number in range(size)):
             rng = generator(seed, name, "observer")
             values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
-            parts = [part for key, part in (("noise_slope", "sloped"), ("lapse_rate", "both ways")) if key in values]
-            yield Observer(name, kind, " + ".join([kind, *parts]), natural_of(values, at), at, interval)
+            yield Observer(name, kind, model.name, natural_of(values, at, task), at, interval, task)
 
 
-def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
-    """What a model is written in, from what a file says: mu1 = at + c/p, sigma_p = w K^(3/2), sigma_l = sigma_p p^(1/2) / K."""
+def model_of(task: Task, kind: str, quantities: Collection[str]) -> Model:
+    """That of a kind of observers of whom these are told, beside pull, offset and width."""
+    given = {"q0", "lapse_rate"}.intersection(quantities)
+    lapses = next(level.name for level in parts_of(task)["lapses"] if {block.names.natural[0] for block in level.free} == given)
+    return compose(task, order=kind, lapses=lapses, noise="sloped" if "noise_slope" in quantities else "Weber")
+
+
+def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, float]:
+    """What a model is written in, from what a file says: mu1 = at + c/p, sigma_p = w K^power of the task, sigma_l = sigma_p p^(1/2) / K."""
     rest = dict(values)
     if "pull" not in rest:
         return rest
     p, gain = rest.pop("pull"), 1.0 - values["pull"]
-    sigma_p = rest.pop("width") * gain**1.5
+    sigma_p = rest.pop("width") * gain ** _POWERS[task]
     mu1 = at + rest.pop("offset") / p if "offset" in rest else rest.pop("mu1")
     return {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * float(np.sqrt(p)) / gain, **rest}
 
@@ -257,34 +279,41 @@ def natural_of(values: Mapping[str, float], at: float) -> dict[str, float]:
 # --- Prior and draws --------------------------------------------------------------------------------
 
 
-def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int) -> Iterator[Observer]:
-    for kind, model in PLAIN.items():
-        target = Posterior(paper_study_design().unanswered, model, prior, middle)
+def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int, task: Task) -> Iterator[Observer]:
+    for kind, model in plain(task).items():
+        target = Posterior(_pair(task), model, prior, middle)
         for name in (f"{kind} {number + 1}" for number in range(size)):
             x = target.sample_prior(generator(seed, name, "observer"), 1)
-            yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval)
+            yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval, task)
 
 
-def _of_draws(path: Path, size: int, seed: int) -> Iterator[Observer]:
+def _of_draws(path: Path, size: int, seed: int, task: Task) -> Iterator[Observer]:
     """Single draws of subjects taken at random; of those with an order effect also their likes without it, pull or error taken away."""
     from bayes_toe.inference.draws import load_draws
 
     draws = load_draws(path)
-    record = model_named(draws.model)
+    if draws.task != task:
+        raise InputError(f"{path}: draws of the task '{draws.task.name}', allowed: those of '{task.name}'")
+    record = model_named(draws.model, task)
     if not isinstance(record, Model):
         raise InputError(f"{path}: draws of {draws.model!r}, which has no parameters of an observer; allowed: those of another model")
-    order, rest = dict(record.levels)["order"], [word for part, word in record.levels if part != "order"]
-    kind = order if order in PLAIN else UPDATE
-    for like in list(PLAIN)[: list(PLAIN).index(kind) + 1]:
-        model = " + ".join([order if like == kind else like, *rest])
+    order, rest = dict(record.levels)["order"], {part: word for part, word in record.levels if part != "order"}
+    kind = order if order in ORDERS else UPDATE
+    for like in ORDERS[: ORDERS.index(kind) + 1]:
+        model = compose(task, order=order if like == kind else like, **rest)
         for name in (f"{like} {number + 1}" for number in range(size)):
             rng = generator(seed, name, "observer")
             target = draws.posterior(draws.names[int(rng.integers(len(draws.names)))])
             assert isinstance(target, Posterior)
             points = draws.points(target.subject.name).reshape(-1, len(target.coordinates))
             x = points[[int(rng.integers(len(points)))]]
-            kept = Posterior(target.subject, model_named(model), target.prior, target.sbar)  # type: ignore[arg-type]  # it has parameters
-            yield Observer(name, like, model, _needed(target, x, kept), target.sbar, target.reference)
+            kept = Posterior(target.subject, model, target.prior, target.sbar)
+            yield Observer(name, like, model.name, _needed(target, x, kept), target.sbar, target.reference, task)
+
+
+def _pair(task: Task) -> Subject:
+    """For what depends on no pair."""
+    return Subject("observer", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64), task=task)
 
 
 def _needed(target: Posterior, x: FloatArray, of: Posterior) -> dict[str, float]:
@@ -316,7 +345,7 @@ def assumed(
     people: Sequence[Observer]
     if given is None or isinstance(given, str | Path):
         shown = list(designs.values())
-        people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown))
+        people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown), task=shown[0].task)
     else:
         people = given
     if given != PRIOR:  # of whom some are so
@@ -353,15 +382,17 @@ def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
 
 
 def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:
-    """Refuse a design whose stimuli are so far from observers that all of a kind find even identical ones different, but for lapses."""
+    """Refuse a design to all pairs of which, and even to identical stimuli, all observers of a kind give one answer, but for lapses."""
     s1, s2, *isi = design.columns
     twice = np.hstack([np.stack([first, second, *isi]) for first, second in ((s1, s2), (s1, s1), (s2, s2))])
-    pairs = each_once(*np.unique(twice, axis=1))
+    pairs, task = each_once(*np.unique(twice, axis=1), task=design.task), design.task
     for kind in dict.fromkeys(one.kind for one in people):
         known = ((one, {key: _NO_LAPSES if key == "lapse_rate" else value for key, value in one.quantities.items()}) for one in people)
-        if not any((replace(one, quantities=values).equal(pairs) > _NEVER).any() for one, values in known if one.kind == kind):
-            lowest, highest = min(s1.min(), s2.min()), max(s1.max(), s2.max())
-            raise InputError(
-                f"observers: with {name}, stimuli from {lowest:g} to {highest:g}, P(equal) of all observers of the kind "
-                f"'{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; allowed: {allowed}"
-            )
+        q = np.array([replace(one, quantities=values).p_yes(pairs) for one, values in known if one.kind == kind])
+        for answer, highest in ((task.yes, q.max()), (task.no, 1.0 - q.min())):
+            if highest <= _NEVER:
+                raise InputError(
+                    f"observers: with {name}, stimuli from {min(s1.min(), s2.min()):g} to {max(s1.max(), s2.max()):g}, P({answer}) of all "
+                    f"observers of the kind '{kind}' is below {_NEVER:g}, even of identical stimuli, and nothing can be told; "
+                    f"allowed: {allowed}"
+                )

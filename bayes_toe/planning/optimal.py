@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.kept import Kept
@@ -57,16 +58,16 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
         f"first stimuli, of most trials: {firsts}; a pull moves what is remembered up from below and down from above, a constant error all "
         "of it one way, so that stimuli far apart tell the two from each other"
     )
-    q = np.mean([one.equal(design) for one in of_kind(people, UPDATE)], axis=0)
+    q, task = np.mean([one.p_yes(design) for one in of_kind(people, UPDATE)], axis=0), design.task
     of_most = partial(np.quantile, q=(0.1, 0.9), weights=share, method="inverted_cdf")
     (low, high), (near, far) = of_most(q), of_most(apart)
     yield (
-        f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say 'equal' to {100 * low:.0f} to "
+        f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say '{task.yes}' to {100 * low:.0f} to "
         f"{100 * high:.0f} % of the trials: answers that are certain beforehand tell nothing"
     )
-    yield f"equal pairs: {int((apart == 0).sum())} of {design.n_pairs}, {100 * share[apart == 0].sum():.0f} % of the trials" + (
-        "" if (apart == 0).any() else "; q0 is told by pairs that seem equal, which are others with a pull (to have some: --keep)"
-    )
+    told = "" if (apart == 0).any() or task != SAME_DIFFERENT else "; q0 is told by pairs that seem equal, which are others with a pull"
+    kept = " (to have some: --keep)" if told else ""
+    yield f"equal pairs: {int((apart == 0).sum())} of {design.n_pairs}, {100 * share[apart == 0].sum():.0f} % of the trials{told}{kept}"
     if MOVED in candidates:
         there = candidates[MOVED].design
         yield f"{MOVED}: as far apart as the paper's, from {there.s1.min():.3g} to {there.s1.max():.3g}, amid what can be shown"
@@ -94,12 +95,15 @@ class DesignGoal:
         Pairs that stay, with at least their trials.
     isi : tuple of float
         Inter-stimulus intervals to choose from, seconds; empty where there is one, which is then the unit.
+    task : Task
+        Of 'which is stronger?' the design has both orders of two stimuli equally often, without which a pull is not told.
     """
 
     aim: str = "update"
     max_pairs: int = 25
     keep: StudyDesign | None = None
     isi: tuple[float, ...] = ()
+    task: Task = SAME_DIFFERENT
 
     def __post_init__(self) -> None:
         if self.aim not in UTILITIES:
@@ -274,17 +278,21 @@ def proposed(
         raise InputError(f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters")
     if kept >= goal.max_pairs:
         raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
-    numbers = prior_of([plane], prior)
+    numbers, most = prior_of([plane], prior), min(goal.max_pairs, left + kept)
     known = information(plane, people, goal.aim, numbers)
-    n = exchanged(known, left, min(goal.max_pairs, left + kept), fixed)
+    if goal.task == SAME_DIFFERENT:
+        n = exchanged(known, left, most, fixed)
+    else:  # with both orders
+        other = np.array([plane.pairs.index((s2, s1, *isi)) for s1, s2, *isi in plane.pairs])
+        n = exchanged(known, left, max(1, most // 2), fixed) - fixed
+        n = fixed + (n + n[other] + (np.arange(len(n)) < other)) // 2
 
     def candidate(design: StudyDesign) -> Candidate:
         own = information(design, people, goal.aim, numbers)
         total = own.total(design.n_trials)
         return Candidate(design, own.utility(total), _sd(own, total))
 
-    s1, s2, *isi = (column[n > 0] for column in plane.columns)
-    best = candidate(StudyDesign(s1, s2, n[n > 0], *isi))
+    best = candidate(plane.some(np.flatnonzero(n), n[n > 0]))
     begun = _sd(known, known.prior)
     if goal.aim in WIDTHS and best.sd > _LITTLE * begun:
         raise _hopeless(levels, trials, people, f"the sd of {goal.aim} falls from {begun:.2g} to {best.sd:.2g} at best")
@@ -298,18 +306,20 @@ def _admissible(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     number = len(levels) ** 2 * max(1, len(goal.isi))
     if number > _MOST_PAIRS:
         raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
-    found, keep = all_pairs(levels, goal.isi), goal.keep
-    return found if keep is None else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1))
+    found, keep = all_pairs(levels, goal.isi, goal.task), goal.keep
+    return found if keep is None else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1), task=goal.task)
 
 
 def _rivals(levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int) -> Iterator[tuple[str, StudyDesign]]:
     """At all intervals that there are; the paper's too where a range is too narrow for them: they say what the range is worth."""
     paper, rng = paper_amid(plane), generator(seed, "random pairs")
-    timed = [each_once(paper.s1, paper.s2, np.full(paper.n_pairs, one)) for one in goal.isi] or [each_once(paper.s1, paper.s2)]
-    yield PAPER if np.array_equal(paper.s1, paper_study_design().s1) else MOVED, each_once(*np.hstack([one.columns for one in timed]))
-    yield FULL, all_pairs(levels[np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)], goal.isi)
-    chosen = rng.choice(plane.n_pairs, min(goal.max_pairs, plane.n_pairs), replace=False)
-    yield RANDOM, each_once(*(column[chosen] for column in plane.columns))
+    isi = [np.repeat(goal.isi, paper.n_pairs)] if goal.isi else []
+    timed = (np.tile(column, max(1, len(goal.isi))) for column in (paper.s1, paper.s2))
+    there = np.array_equal(paper.s1, paper_study_design().s1)
+    yield PAPER if there else MOVED, each_once(*timed, *isi, task=goal.task)
+    some = levels[np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)]
+    yield FULL, all_pairs(some, goal.isi, goal.task)
+    yield RANDOM, plane.some(rng.choice(plane.n_pairs, min(goal.max_pairs, plane.n_pairs), replace=False))
 
 
 def _sd(known: Information, total: FloatArray) -> float:
@@ -320,7 +330,7 @@ def _sd(known: Information, total: FloatArray) -> float:
 def _hopeless(levels: FloatArray, trials: int, people: Sequence[Observer], why: str) -> InputError:
     """What is said of a range or a number of trials with which even the best design tells next to nothing."""
     updates, span = of_kind(people, UPDATE), float(np.ptp(levels))
-    targets = [(one, one.target(paper_study_design().unanswered)) for one in updates]
+    targets = [(one, one.target(paper_study_design(task=one.task).unanswered)) for one in updates]
     known = [target.quantities(one.point(target)) for one, target in targets]
     pull, width, toward = (float(np.mean([one[name] for one in known])) for name in ("pull", "width", "mu1"))
     away = pull * max(levels[0] - toward, toward - levels[-1])  # of the nearest stimulus

@@ -46,7 +46,7 @@ class Particles:
     @classmethod
     def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
         """Before any answer."""
-        nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64))
+        nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64), task=model.task)
         target = Posterior(nobody, model, prior, centre, interval)
         x = target.sample_prior(rng, draws)
         return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))

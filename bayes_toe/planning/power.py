@@ -21,10 +21,11 @@ from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.kept import Kept, keeping
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
-from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, PLAIN, SAID, UPDATE, Observer, assumed, prior_of
+from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, SAID, UPDATE, Observer, assumed, prior_of
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -291,7 +292,7 @@ def power(
     Raises
     ------
     InputError
-        If there are fewer trials than pairs, something is not allowed, or observers would practically never say 'equal'.
+        If there are fewer trials than pairs, something is not allowed, or observers would practically always answer alike.
 
     Examples
     --------
@@ -332,13 +333,13 @@ def worked(kept: Kept, jobs: Sequence[partial[Row]], workers: Workers, progress:
 def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
     """One observer's answers to a design, judged; streams are keyed by seed, observer and number of trials."""
     subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
-    found = replace(judged(subject, seed, prior), widths=_widths(subject, seed, prior))
+    found = replace(judged(subject, seed, prior, models_of(subject.task).space), widths=_widths(subject, seed, prior))
     return DataSet(name, design.total, observer.name, observer.kind, found)
 
 
 def _widths(subject: Subject, seed: int, prior: Prior) -> tuple[float, ...] | None:
     """Of the 90 % intervals of :data:`WIDTHS` under the update, where its draws can be trusted."""
-    fitted = fitted_result(PLAIN[UPDATE].posterior(subject, prior), seed, Wanted())[1]
+    fitted = fitted_result(models_of(subject.task).update.posterior(subject, prior), seed, Wanted())[1]
     if not fitted.proposal.trusted:
         return None
     draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior

@@ -20,8 +20,9 @@ from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.population import population
 from bayes_toe.kept import keeping
+from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import MIXED, NONE, PLAIN, UPDATE, Observer, assumed, mixture, of_kind, shares_from
+from bayes_toe.planning.observers import MIXED, NONE, UPDATE, Observer, assumed, mixture, of_kind, shares_from
 from bayes_toe.planning.power import FOUND, WORDS, Estimate, PowerTable, Simulations, jobs_of, mean, named_designs, share_of, worked
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
@@ -76,7 +77,7 @@ class StudyPower(Simulations[ComparedStudy]):
 
     def sentences(self) -> list[str]:
         """What studies of a mixed population name, else of those who update or the last kind there is, a line a design and trials."""
-        last = [kind for kind in (*PLAIN, MIXED) if kind in self.kinds][-1:]
+        last = [kind for kind in (*ORDERS, MIXED) if kind in self.kinds][-1:]
         lines = []
         for design, trials, kind in dict.fromkeys(key[:3] for key in self.groups if key[2] in last):
             what = f"{WORDS[kind]} as the most frequent kind" if kind in WORDS else "the most frequent kind of the mixed population"
@@ -120,7 +121,7 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
 
 def _named(log_evidence: Sequence[tuple[float, ...]]) -> str | None:
     found = random_effects(log_evidence).protected
-    return list(PLAIN)[int(found.argmax())] if found.max() > _SURE else None
+    return ORDERS[int(found.argmax())] if found.max() > _SURE else None
 
 
 # --- By the analysis of the group -----------------------------------------------------------------

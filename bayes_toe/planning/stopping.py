@@ -20,6 +20,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
 from bayes_toe.kept import keeping
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import NONE, Observer, assumed
@@ -137,11 +138,11 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
     """One observer's session: at every look all answers so far are judged."""
     rng, trials = generator(seed, observer.name, "session"), 0
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
-    equal = rng.uniform(size=len(order)) < observer.equal(design)[order]
+    yes = rng.uniform(size=len(order)) < observer.p_yes(design)[order]
     s1, s2, *isi = (column[order] for column in design.columns)
     judgement = Judgement(None)
     while not rule.ends(judgement.verdict) and trials < rule.most:
         trials = min(trials + rule.every, rule.most)
-        so_far = (column[:trials] for column in (s1, s2, equal, *isi))
-        judgement = judged(Subject.from_trials(observer.name, *so_far), seed, prior)
+        so_far = (column[:trials] for column in (s1, s2, yes, *isi))
+        judgement = judged(Subject.from_trials(observer.name, *so_far, task=design.task), seed, prior, models_of(design.task).space)
     return DataSet(name, trials, observer.name, observer.kind, judgement)

@@ -6,17 +6,19 @@ Orders of trials have blocks alike, both orders of two stimuli equally often in 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import reference_design
@@ -40,6 +42,8 @@ class StudyDesign:
         At least 1.
     isi : array_like, shape (pairs,), optional
         Inter-stimulus intervals, seconds: the same stimuli at another interval are another pair.
+    task : Task
+        What is asked, by default whether both are the same.
 
     Raises
     ------
@@ -57,6 +61,7 @@ class StudyDesign:
     s2: FloatArray
     n_trials: IntArray
     isi: FloatArray | None = None
+    task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
         try:
@@ -88,11 +93,11 @@ class StudyDesign:
 
     def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
         """The counts of a subject who has answered every trial."""
-        return Subject(name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi)
+        return Subject(name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi, task=self.task)
 
     @property
     def unanswered(self) -> Subject:
-        """The pairs as a subject that never said 'equal': for what depends on the pairs alone."""
+        """The pairs as a subject that never gave the answer that is counted: for what depends on the pairs alone."""
         return self.answered(np.zeros_like(self.n_trials))
 
     def with_total(self, trials: int) -> StudyDesign:
@@ -107,6 +112,11 @@ class StudyDesign:
             raise InputError(f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair")
         return self if trials == self.total else replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
 
+    def some(self, places: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
+        """Some of the pairs, with as many trials as before or with others."""
+        columns: dict[str, Any] = {key: None if (one := getattr(self, key)) is None else one[places] for key in DESIGN_COLUMNS}
+        return replace(self, **(columns if n_trials is None else {**columns, "n_trials": n_trials}))
+
     def moved(self, by: float) -> StudyDesign:
         """The same pairs with a constant added to every stimulus."""
         return replace(self, s1=self.s1 + by, s2=self.s2 + by)
@@ -119,14 +129,14 @@ class StudyDesign:
         return write_table(pd.DataFrame({name: getattr(self, name) for name in names}), path, overwrite=overwrite)
 
 
-def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> StudyDesign:
+def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None, *, task: Task = SAME_DIFFERENT) -> StudyDesign:
     """A design that has each of these pairs once."""
-    return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi)  # type: ignore[arg-type]  # which makes arrays of them
+    return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi, task=task)  # type: ignore[arg-type]  # which makes arrays of them
 
 
-def all_pairs(levels: FloatArray, isi: Sequence[float] = ()) -> StudyDesign:
+def all_pairs(levels: FloatArray, isi: Sequence[float] = (), task: Task = SAME_DIFFERENT) -> StudyDesign:
     """Every ordered pair of levels once, at every interval (seconds) where there are any."""
-    return each_once(*np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T)
+    return each_once(*np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T, task=task)
 
 
 def apportioned(share: FloatArray, trials: int) -> IntArray:
@@ -145,8 +155,8 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     return counts
 
 
-def read_study_design(path: str | Path) -> StudyDesign:
-    """A design from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
+def read_study_design(path: str | Path, task: Task = SAME_DIFFERENT) -> StudyDesign:
+    """A design for a task from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
 
     Raises
     ------
@@ -155,12 +165,12 @@ def read_study_design(path: str | Path) -> StudyDesign:
     """
     columns = read_numbers(path, DESIGN_COLUMNS[:3], optional=DESIGN_COLUMNS[3:], counts=("n_trials",))[1]
     try:
-        return StudyDesign(columns["s1"], columns["s2"], columns["n_trials"].astype(np.int64), columns.get("isi"))
+        return StudyDesign(columns["s1"], columns["s2"], columns["n_trials"].astype(np.int64), columns.get("isi"), task=task)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def paper_study_design(trials: int | None = None) -> StudyDesign:
+def paper_study_design(trials: int | None = None, task: Task = SAME_DIFFERENT) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, or so many in all.
 
     Examples
@@ -169,7 +179,7 @@ def paper_study_design(trials: int | None = None) -> StudyDesign:
     650
     """
     paper = reference_design()
-    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi)
+    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task)
     return made if trials is None else made.with_total(trials)
 
 

@@ -27,7 +27,7 @@ THREE = ("symmetric", "constant bias", "predictive update")
 
 
 def says_equal(observer, pair):
-    return observer.equal(each_once([pair[0]], [pair[1]]))[0]
+    return observer.p_yes(each_once([pair[0]], [pair[1]]))[0]
 
 
 def session(trials, observer, **options):
@@ -132,16 +132,16 @@ def test_information_is_finite_where_an_answer_is_certain():
 
 def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_allows_is_refused():
     made = Adaptive(PAIRS, ["none + sloped + no lapses", "symmetric", "constant bias"], seed=1)
-    made.answer((0.25, 0.25), equal=False)
+    made.answer((0.25, 0.25), False)
     assert made.probabilities["none + sloped + no lapses"] == made.effective()["none + sloped + no lapses"] == 0.0
     assert sum(made.probabilities.values()) == pytest.approx(1.0)
     others = Adaptive(PAIRS, ["symmetric", "constant bias"], seed=1)
-    others.answer((0.25, 0.25), equal=False)
+    others.answer((0.25, 0.25), False)
     for _ in range(30):
         assert made.information() == pytest.approx(others.information(), abs=1e-12)
         pair = made.next()
         for one in (made, others):
-            one.answer(pair, equal=False)
+            one.answer(pair, False)
     assert made.probabilities["symmetric"] == others.probabilities["symmetric"]
     with pytest.raises(
         InputError, match="model 'none \\+ sloped \\+ no lapses': allowed, of this session and its answers: symmetric, const"
@@ -149,7 +149,7 @@ def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_al
         made.quantiles("width")
     alone = Adaptive(PAIRS, "none + sloped + no lapses", seed=1)
     with pytest.raises(InputError, match="'different' is impossible under none"):
-        alone.answer((0.25, 0.25), equal=False)
+        alone.answer((0.25, 0.25), False)
     assert alone.trials == 0
     assert np.isfinite(alone.information()).all()
 
@@ -185,10 +185,10 @@ def test_intervals_are_part_of_a_pair():
     made = Adaptive([(0.0, 0.0, 0.5), (0.0, 0.3, 2.0), (1.0, 0.8, 0.5)], seed=1)
     pair = made.next()
     assert len(pair) == 3
-    made.answer(pair, equal=True)
+    made.answer(pair, True)
     assert made.subject.intervals == (pair[2],)
     with pytest.raises(InputError, match="allowed are s1 and s2 and isi"):
-        made.answer((0.0, 0.0), equal=True)
+        made.answer((0.0, 0.0), True)
 
 
 def started(**options):
@@ -203,8 +203,8 @@ REFUSED = [
     (lambda: started(about="model"), "about='model': allowed: parameters, model with at least two models"),
     (lambda: started(draws=10), "draws=10: allowed is at least 512"),
     (lambda: Adaptive([1.0, 2.0]), "found shape (2,)"),
-    (lambda: started().answer(PAIRS[0], "yes"), "equal='yes'"),
-    (lambda: started().answer((0.0, np.nan), equal=True), "must be finite"),
+    (lambda: started().answer(PAIRS[0], "yes"), "yes='yes'"),
+    (lambda: started().answer((0.0, np.nan), True), "must be finite"),
     (lambda: started().subject, "no answers yet"),
     (lambda: started().quantiles("width", model="symmetric"), "allowed, of this session and its answers: predictive update"),
     *((lambda wrong=wrong: started().quantiles("width", [wrong]), "allowed are numbers from 0 to 1") for wrong in (1.5, -0.1, np.nan)),

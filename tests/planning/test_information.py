@@ -5,7 +5,7 @@ import pytest
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.information import MODEL, UTILITIES, information
+from bayes_toe.planning.information import UTILITIES, information
 from bayes_toe.planning.observers import observers_from, of_kind
 from bayes_toe.planning.study_design import StudyDesign, each_once
 
@@ -24,7 +24,7 @@ def test_information_is_the_expected_product_of_slopes(observers):
     found = information(PAIRS, observers, "gain", Prior())
     one = of_kind(observers, "update")[1]
     design = StudyDesign(PAIRS.s1, PAIRS.s2, np.ones(5, int))
-    target = Posterior(design.unanswered, model_named(MODEL), Prior(), one.centre, one.interval)
+    target = Posterior(design.unanswered, model_named("update + sloped + both ways"), Prior(), one.centre, one.interval)
     x = target.points({name: np.array([{"lapse_rate": 0.02, "noise_slope": 0.0, **one.quantities}[name]]) for name in target.names.natural})
     step, k = 1e-5, x.shape[1]
     slopes = np.stack([(target.log_answers(x + e)[0] - target.log_answers(x - e)[0])[0] / (2 * step) for e in step * np.eye(k)])
@@ -55,7 +55,7 @@ def test_the_expected_sd_is_that_of_maximum_likelihood_over_simulated_data(obser
     found = information(pairs, [one], "gain", Prior())
     n = np.full(12, 60)
     total = found.total(n.astype(float))
-    q, rng = one.equal(StudyDesign(pairs.s1, pairs.s2, n)), np.random.default_rng(0)
+    q, rng = one.p_yes(StudyDesign(pairs.s1, pairs.s2, n)), np.random.default_rng(0)
     q = q * (1 - 0.02) + 0.02 * one.quantities["q0"]  # lapses both ways, as the information has them
     counts = rng.binomial(n, q, (20_000, 12))
     scores = (counts - n * q) / np.sqrt(q * (1 - q)) @ found.rows[0]

@@ -7,6 +7,7 @@ from commands import inside
 import bayes_toe as bt
 from bayes_toe.comparison.words import ORDERS
 from bayes_toe.model.ladder import SPACE
+from bayes_toe.planning.judging import Weighed
 from bayes_toe.planning.more_trials import ENOUGH, REPETITIONS, MoreTrials, Tried, likeliest
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.study_design import each_once, paper_study_design
@@ -54,6 +55,6 @@ def test_the_sentence():
 
 def test_repetitions_are_judged_by_every_order_of_the_likeliest_shape_of_each_curve():
     values = np.array([3.0 if "sloped +" in f"{model.name} +" and "both ways" in model.name else 0.0 for model in SPACE])
-    chosen = [dict(SPACE[place].levels) for place in likeliest(values)]
+    chosen = [dict(model.levels) for model in likeliest(Weighed(SPACE, values, {}))]
     assert sorted((one["order"], one["curve"]) for one in chosen) == sorted((a, b) for a in ORDERS for b in ("bell", "differencing"))
     assert {(one["noise"], one["lapses"]) for one in chosen} == {("sloped", "both ways")}

@@ -5,6 +5,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import observers_from, prior_of
 from bayes_toe.planning.power import DataSet
@@ -22,10 +23,10 @@ def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
     found = session("d", NARROW, observer, rule, 1, prior)
     rng = generator(1, observer.name, "session")
     order = rng.permutation(np.repeat(np.arange(NARROW.n_pairs), NARROW.n_trials))
-    equal = rng.uniform(size=200) < observer.equal(NARROW)[order]
+    equal = rng.uniform(size=200) < observer.p_yes(NARROW)[order]
     for trials in range(40, found.trials + 1, 40):
         subject = bt.Subject.from_trials(observer.name, NARROW.s1[order[:trials]], NARROW.s2[order[:trials]], equal[:trials])
-        judgement = judged(subject, 1, prior)
+        judgement = judged(subject, 1, prior, SPACE)
         assert rule.ends(judgement.verdict) == (trials == found.trials and most == 200)
     assert found.trials in (60, *range(40, 200, 40))
     assert found.judgement.found == (most == 200) or most == 60

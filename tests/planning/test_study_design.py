@@ -129,7 +129,7 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     frame = pd.read_csv(tmp_path / "trials.csv")
     assert np.allclose(np.log(frame.i1 / 0.087), frame.s1)
     observer, rng = observers_from(None, 1, seed=1)[-1], np.random.default_rng(2)
-    q = {(a, b): p for a, b, p in zip(design.s1, design.s2, observer.equal(design), strict=True)}
+    q = {(a, b): p for a, b, p in zip(design.s1, design.s2, observer.p_yes(design), strict=True)}
     said = [rng.uniform() < q[a, b] for a, b in zip(frame.s1, frame.s2, strict=True)]
     frame.assign(response=np.where(said, "equal", "different")).to_csv(tmp_path / "answers.csv", index=False)
     study = bt.read_study(tmp_path / "answers.csv")
