@@ -19,7 +19,7 @@ from typing import cast
 import numpy as np
 from scipy.special import expit, log_ndtr
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.comparison.words import NAMED
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
@@ -91,12 +91,13 @@ class Information:
         """Utility of a design with this information for its aim alone; larger is better."""
         return float(self._after(_Change(total, self.rows[:, :1], 0.0), total)[0][0])
 
-    def score(self, total: FloatArray, trials: float = 0.0) -> FloatArray:
-        """What designs are chosen by, with so many trials more of each pair, one pair after the other: shape (pairs,).
+    def score(self, total: FloatArray) -> float:
+        """What designs are chosen by: utility, and a share of the information about all four parameters, so that none is left open."""
+        return float(self.scores(total, 0.0, slice(1))[0])
 
-        Utility, and a share of the information about all four parameters, so that none is left open.
-        """
-        wanted, of_all = self._after(_Change(total, self.rows, trials), total)
+    def scores(self, total: FloatArray, trials: float, pairs: slice = slice(None)) -> FloatArray:
+        """The same with so many trials more of each of some pairs, one pair after the other: shape (pairs,)."""
+        wanted, of_all = self._after(_Change(total, self.rows[:, pairs], trials), total)
         return wanted + _SHARED * of_all / len(self.interest)
 
     def _after(self, change: _Change, total: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,36 +187,59 @@ def _of_one(model: Model, pairs: StudyDesign, observer: Observer, prior: Prior) 
 # --- Exchange -------------------------------------------------------------------------------------
 
 
-def exchanged(known: Information, trials: int, most: int, fixed: IntArray) -> IntArray:
+@dataclass(eq=False)
+class _Exchange:
+    """Trials that move: `put` has those of every pair, half of which are its partner's, beside those that are `fixed`."""
+
+    known: Information
+    most: int
+    fixed: IntArray
+    partner: IndexArray
+    put: IntArray
+
+    @property
+    def shown(self) -> IntArray:
+        """Trials of every pair."""
+        return self.fixed + (self.put + self.put[self.partner]) // 2
+
+    @property
+    def score(self) -> float:
+        """That of the design."""
+        return self.known.score(self.known.total(self.shown))
+
+    def best(self, size: int, new: int) -> int:
+        """Where so many trials more tell most: of the pairs there are, where so many new ones would be too many."""
+        n = self.shown
+        scores = self.known.scores(self.known.total(n), size)
+        allowed = (n > 0) | (np.count_nonzero(n) + new <= self.most)
+        return int(np.where(allowed, scores + scores[self.partner], -np.inf).argmax())
+
+
+def exchanged(known: Information, trials: int, most: int, fixed: IntArray, partner: IndexArray) -> IntArray:
     """Trials of every pair, (pairs,): so many to distribute beside those that are fixed, over at most so many different pairs.
 
-    Portions are put one after the other where they tell most, and then moved as long as a move raises the score.
+    A pair and its partner, which may be itself, have equally many. Portions are put one after the other where they tell most, and then
+    moved as long as a move raises the score.
     """
-    portion, moved = max(1, trials // (_PORTIONS * most)), np.zeros_like(fixed)
-
-    def put(found: IntArray, size: int, most: int) -> tuple[int, float]:
-        """Where so many trials more tell most, and the score then."""
-        scores = known.score(known.total(found), size)
-        scores = np.where(found > 0, scores, -np.inf) if np.count_nonzero(found) >= most else scores
-        return int(scores.argmax()), float(scores.max())
-
-    value = -np.inf
+    unit = 1 + int((partner != np.arange(len(partner))).any())
+    portion, made = unit * max(1, trials // (unit * _PORTIONS * most)), _Exchange(known, most, fixed, partner, np.zeros_like(fixed))
     for _ in range(trials // portion):
-        at, value = put(moved * portion + fixed, portion, most)
-        moved[at] += 1
-    before = -np.inf
-    while value > before + _GAIN:
-        before = value
-        for place in np.flatnonzero(moved):
-            while moved[place]:  # those that stay are alike
-                moved[place] -= 1
-                at, score = put(moved * portion + fixed, portion, most)
-                better = score >= value + _GAIN
-                moved[at if better else place] += 1
-                if not better:
-                    break
-                value = score
-    found = moved * portion + fixed
-    for _ in range(trials - int(moved.sum()) * portion):
-        found[put(found, 1, 0)[0]] += 1
+        made.put[made.best(portion, unit)] += portion
+    score, before = made.score, -np.inf
+    while score > before + _GAIN:
+        before = score
+        for place in np.flatnonzero(made.put):
+            while made.put[place]:
+                made.put[place] -= portion
+                at = made.best(portion, unit)
+                made.put[at] += portion
+                if made.score < score + _GAIN:
+                    made.put[at] -= portion
+                    made.put[place] += portion
+                    break  # those that stay are alike
+                score = made.score
+    for _ in range(trials % portion // unit):
+        made.put[made.best(unit, most + 1)] += unit
+    found = made.shown
+    found[made.best(1, most + 1)] += trials - int((found - fixed).sum())  # one that is left, if any
     return found

@@ -280,12 +280,11 @@ def proposed(
         raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
     numbers, most = prior_of([plane], prior), min(goal.max_pairs, left + kept)
     known = information(plane, people, goal.aim, numbers)
-    if goal.task == SAME_DIFFERENT:
-        n = exchanged(known, left, most, fixed)
-    else:  # with both orders
-        other = np.array([plane.pairs.index((s2, s1, *isi)) for s1, s2, *isi in plane.pairs])
-        n = exchanged(known, left, max(1, most // 2), fixed) - fixed
-        n = fixed + (n + n[other] + (np.arange(len(n)) < other)) // 2
+    partner = np.arange(plane.n_pairs)
+    if goal.task != SAME_DIFFERENT:  # a preference for one answer is told from a pull by both orders
+        places = {pair: place for place, pair in enumerate(plane.pairs)}
+        partner = np.array([places.get((s2, s1, *isi), place) for (s1, s2, *isi), place in places.items()])
+    n = exchanged(known, left, most, fixed, partner)
 
     def candidate(design: StudyDesign) -> Candidate:
         own = information(design, people, goal.aim, numbers)
@@ -298,7 +297,7 @@ def proposed(
         raise _hopeless(levels, trials, people, f"the sd of {goal.aim} falls from {begun:.2g} to {best.sd:.2g} at best")
     rivals = {name: candidate(one.with_total(trials)) for name, one in _rivals(levels, plane, goal, seed) if one.n_pairs <= trials}
     total = known.total(n)
-    return {OPTIMISED: best, **rivals}, known.score(total, 1.0) - known.score(total)
+    return {OPTIMISED: best, **rivals}, known.scores(total, 1.0) - known.score(total)
 
 
 def _admissible(levels: FloatArray, goal: DesignGoal) -> StudyDesign:

@@ -43,8 +43,8 @@ def test_information_is_the_expected_product_of_slopes(observers):
 def test_a_change_is_worth_what_the_changed_design_is(observers, aim):
     found = information(PAIRS, observers, aim, Prior())
     n = np.array([30.0, 40.0, 20.0, 10.0, 5.0])
-    more = found.score(found.total(n), 7.0)
-    anew = [found.score(found.total(n + 7.0 * np.eye(5)[j]))[0] for j in range(5)]
+    more = found.scores(found.total(n), 7.0)
+    anew = [found.score(found.total(n + 7.0 * np.eye(5)[j])) for j in range(5)]
     assert more == pytest.approx(anew, rel=1e-9)
 
 

@@ -40,10 +40,10 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
 
     pairs = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
     known = information(pairs, observers_from(None, 4, seed=1), aim, Prior())
-    found = exchanged(known, 50, 5, np.zeros(5, np.int64))  # in portions of 5
+    found = exchanged(known, 50, 5, np.zeros(5, np.int64), np.arange(5))  # in portions of 5
     assert found.sum() == 50
     ways = (np.bincount(way, minlength=5) for way in combinations_with_replacement(range(5), 10))
-    score = [known.score(known.total(counts))[0] for counts in (found, *(5 * way for way in ways))]
+    score = [known.score(known.total(counts)) for counts in (found, *(5 * way for way in ways))]
     assert score[0] == pytest.approx(max(score[1:]), abs=0.02)
 
 
