@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
+Question = Annotated[str, typer.Option("--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger.")]
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -70,15 +71,18 @@ class GoalOptions:
             raise bt.InputError("allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv (with --intensity REF)")
         return grid(self.lowest, self.highest, self.step)
 
-    def goal(self) -> planning.DesignGoal:
+    def goal(self, question: str) -> planning.DesignGoal:
         """What the design is for."""
+        from bayes_toe.data.tasks import task_of
+
         try:
             found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
         except ValueError:
             found = (0.0,)
         if any(not 0.0 < one < float("inf") for one in found):
             raise bt.InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
-        return planning.DesignGoal(self.aim, self.max_pairs, None if self.keep is None else planning.read_study_design(self.keep), found)
+        keep = None if self.keep is None else planning.read_study_design(self.keep, question)
+        return planning.DesignGoal(self.aim, self.max_pairs, keep, found, task_of(question))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,12 +116,13 @@ class SimulationOptions:
         rule = (
             None if self.stop is None else planning.StoppingRule(tuple(one.strip() for one in self.stop.split(",")), numbers[-1], self.look)
         )
-        kinds = len({one.kind for one in observers_from(self.observers, 1, 0)})  # refuses a bad file before any work
-        shares, seed = shares_from(self.observers), task.seed
+        asked = next(iter(designs.values())).task
+        kinds = len({one.kind for one in observers_from(self.observers, 1, 0, task=asked)})  # refuses a bad file before any work
+        shares, seed = shares_from(self.observers, asked), task.seed
 
-        def simulated(what: str, total: int, work: Callable[..., Any], *asked: object, **more: object) -> Any:
+        def simulated(what: str, total: int, work: Callable[..., Any], *given: object, **more: object) -> Any:
             with task.progress(what, len(designs) * total) as tick:
-                return work(*asked, self.observers, seed=seed, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
+                return work(*given, self.observers, seed=seed, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
 
         total = kinds * self.data_sets
         table = simulated("simulating and analysing", len(numbers) * total, planning.power, designs, numbers, data_sets=self.data_sets)
@@ -138,6 +143,7 @@ def power(
         typer.Argument(metavar="[DESIGN.csv]...", help="Columns s1,s2,n_trials (and isi); none means the paper's pairs."),
     ] = None,
     output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
+    question: Question = "same/different",
     asked: SimulationOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
@@ -151,7 +157,7 @@ def power(
     products = (_POWER, _STUDIES, _STOPPING, _POPULATION, *_BESIDE)
     task.require_folder(output, products)
     keep = task.partial(output)
-    tables = asked.tables(_designs(design), task, keep)
+    tables = asked.tables(_designs(design, question), task, keep)
     table = tables[_POWER]
     with whole_folder(output, products, required=(*tables, *_BESIDE), overwrite=task.overwrite) as target:
         write_table(table.data_sets_frame(), target / _BESIDE[0], spreadsheet_safe=task.spreadsheet_safe)
@@ -200,6 +206,7 @@ def design(
     ] = None,
     output: Annotated[Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")] = Path("design.csv"),
     trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
+    question: Question = "same/different",
     wanted: GoalOptions,
     data_sets: Annotated[int, rare("--data-sets", min=1, help="Simulated observers of each kind who judge it and its rivals.")] = 20,
     observers: Observers = None,
@@ -223,7 +230,7 @@ def design(
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
     files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(*files, *listed)
-    prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal()
+    prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
     with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
         found = planning.optimal_design(
             levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
@@ -240,17 +247,17 @@ def design(
     task.leave_unless_whole(found.power.failed, {})
 
 
-def _designs(files: list[Path] | None) -> Mapping[str, planning.StudyDesign]:
+def _designs(files: list[Path] | None, question: str) -> Mapping[str, planning.StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
     from bayes_toe.planning.power import named_designs
 
     if not files or len(files) == 1:
-        return named_designs(planning.read_study_design(files[0]) if files else None)
+        return named_designs(planning.read_study_design(files[0], question) if files else None, question)
     names = [file.stem for file in files]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise bt.InputError(f"designs: found {quoted(repeated[0])} twice, allowed: files with different names")
-    return {name: planning.read_study_design(file) for name, file in zip(names, files, strict=True)}
+    return {name: planning.read_study_design(file, question) for name, file in zip(names, files, strict=True)}
 
 
 def _numbers(option: str, text: str) -> list[int]:

@@ -16,7 +16,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
@@ -57,8 +57,8 @@ class Adaptive:
         several, else the first.
     draws : int
         Particles of each model.
-    task : Task
-        Of pairs that are no design.
+    task : Task or str
+        Of pairs that are no design; "2afc": which is stronger.
 
     Raises
     ------
@@ -84,9 +84,9 @@ class Adaptive:
         seed: int | None = None,
         about: str | None = None,
         draws: int = DRAWS,
-        task: Task = SAME_DIFFERENT,
+        task: Task | str = SAME_DIFFERENT,
     ) -> None:
-        self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs, task)
+        self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs, task_of(task))
         self.prior, self.seed, self.draws = prior_of([self.pairs], prior), root_seed(seed), draws
         names = [model] if isinstance(model, str) else list(model)
         models = list(dict.fromkeys(_allowed(name, self.pairs.task) for name in names))  # of which one may have two names
@@ -276,7 +276,7 @@ class Adaptive:
         made = cls(
             content["pairs"], content["model"], stored_prior(content["prior"]),
             seed=content["seed"], about=content["about"], draws=content["draws"],
-            task={one.name: one for one in TASKS}[content.get("task", SAME_DIFFERENT.name)],
+            task=content.get("task", SAME_DIFFERENT.name),
         )  # fmt: skip
         for *pair, yes in content["answers"]:
             made.answer(pair, yes)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.kept import Kept
@@ -96,7 +96,7 @@ class DesignGoal:
     isi : tuple of float
         Inter-stimulus intervals to choose from, seconds; empty where there is one, which is then the unit.
     task : Task
-        Of 'which is stronger?' the design has both orders of two stimuli equally often, without which a pull is not told.
+        Or "2afc", which is stronger: the design then has both orders of two stimuli equally often, without which a pull is not told.
     """
 
     aim: str = "update"
@@ -106,6 +106,7 @@ class DesignGoal:
     task: Task = SAME_DIFFERENT
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "task", task_of(self.task))
         if self.aim not in UTILITIES:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(UTILITIES)}")
         if self.max_pairs < _FEWEST:

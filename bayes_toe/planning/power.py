@@ -18,6 +18,7 @@ from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.kept import Kept, keeping
@@ -309,10 +310,10 @@ def power(
     return PowerTable(rows, root, failed)
 
 
-def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None) -> Mapping[str, StudyDesign]:
-    """Designs by name; the paper's where there is none."""
+def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT) -> Mapping[str, StudyDesign]:
+    """Designs by name; the paper's for a task where there is none."""
     if design is None:
-        return {"the paper's pairs": paper_study_design()}
+        return {"the paper's pairs": paper_study_design(task=task)}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
 
 

@@ -221,7 +221,7 @@ def power_of_populations(
     with keeping(keep, "simulated studies") as kept:
         root = kept.seed(seed)
         people = assumed(observers, designs, studies * sizes[-1], root, prior)
-        shares = shares_from(observers) if observers is None or isinstance(observers, str | Path) else {}
+        shares = shares_from(observers, next(iter(designs.values())).task) if observers is None or isinstance(observers, str | Path) else {}
         planned = list(planned_studies(people, sizes, shares, root))
         rows, failed = worked(kept, jobs_of(analysed_study, designs.items(), planned, root, prior), workers, progress)
     return PopulationPower(rows, root, failed)

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import reference_design
@@ -43,7 +43,7 @@ class StudyDesign:
     isi : array_like, shape (pairs,), optional
         Inter-stimulus intervals, seconds: the same stimuli at another interval are another pair.
     task : Task
-        What is asked, by default whether both are the same.
+        What is asked, by default whether both are the same; "2afc": which is stronger.
 
     Raises
     ------
@@ -70,6 +70,7 @@ class StudyDesign:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         for key in DESIGN_COLUMNS:
             object.__setattr__(self, key, getattr(pairs, key))
+        object.__setattr__(self, "task", task_of(self.task))
 
     @property
     def columns(self) -> tuple[FloatArray, ...]:
@@ -155,7 +156,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     return counts
 
 
-def read_study_design(path: str | Path, task: Task = SAME_DIFFERENT) -> StudyDesign:
+def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """A design for a task from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
 
     Raises
@@ -165,12 +166,12 @@ def read_study_design(path: str | Path, task: Task = SAME_DIFFERENT) -> StudyDes
     """
     columns = read_numbers(path, DESIGN_COLUMNS[:3], optional=DESIGN_COLUMNS[3:], counts=("n_trials",))[1]
     try:
-        return StudyDesign(columns["s1"], columns["s2"], columns["n_trials"].astype(np.int64), columns.get("isi"), task=task)
+        return StudyDesign(columns["s1"], columns["s2"], columns["n_trials"].astype(np.int64), columns.get("isi"), task=task_of(task))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def paper_study_design(trials: int | None = None, task: Task = SAME_DIFFERENT) -> StudyDesign:
+def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, or so many in all.
 
     Examples
@@ -179,7 +180,7 @@ def paper_study_design(trials: int | None = None, task: Task = SAME_DIFFERENT) -
     650
     """
     paper = reference_design()
-    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task)
+    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task_of(task))
     return made if trials is None else made.with_total(trials)
 
 
