@@ -31,6 +31,17 @@ def jspsych(folder):
     write(folder / "jspsych.csv", [header, '"1234"," ","html-keyboard-response","0","7","instructions","",""', *rows])
 
 
+def which_was_stronger(folder):
+    keys = [(0.087, 0.12, "right"), (0.12, 0.087, "left"), (0.12, 0.15, "right"), (0.15, 0.12, "None")]
+    rows = [f"{a},{b},{i},{key},0.61,P1" for i, (a, b, key) in enumerate(keys)]
+    write(folder / "data" / "P1_2026.csv", ["first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant", *rows])
+
+
+def right_or_wrong(folder):
+    rows = [f'"{a}","{b}","{right}","comparison","7"' for a, b, right in ((0, 0.3, "true"), (0.3, 0, "false"), (0.3, 0.3, "true"))]
+    write(folder / "jspsych.csv", ['"s1","s2","correct","task","participant_id"', *rows])
+
+
 def wide_tables(folder):
     write(folder / "wide.csv", ["subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3", "01,46,20,12,45", "02,48,31,9,47"])
 
@@ -67,6 +78,8 @@ def write(path, lines):
 SECTIONS = {
     "PsychoPy": (psychopy, ["2 subjects, 8 trials", "2 trials without a response dropped", "column key_resp.keys read as response"]),
     "jsPsych": (jspsych, ["1 subject, 3 trials", "only rows with comparison in column task", "1 trial without a response dropped: 7 1"]),
+    "Which was stronger?": (which_was_stronger, ["1 subject, 3 trials", "'right' as second (2)"]),
+    "Right or wrong": (right_or_wrong, ["1 subject, 2 trials"]),
     "Wide tables": (wide_tables, {"names": ("01", "02"), "total": 400}),
     "Several files a subject": (several_files, ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"]),
     "BIDS": (bids, ["2 subjects, 2 trials", "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped"]),
