@@ -20,8 +20,8 @@ _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 #: The words of each task's two answers, in any case; and those of columns that say right or wrong.
 _WORDS = {SAME_DIFFERENT: (("equal", "same"), ("different",)), WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st"))}
 _RIGHT_WRONG = (("1", "true", "yes", "correct", "right", "hit"), ("0", "false", "no", "incorrect", "wrong", "error", "miss"))
-#: The number that is the other answer where one number was said to be an answer.
-_OTHER_NUMBER = {"1": "0", "0": "1", "2": "1"}
+#: The text that is the other answer where one was said to be an answer.
+_OTHER = {"1": "0", "0": "1", "2": "1", "true": "false", "false": "true", "yes": "no", "no": "yes"}
 _DIGIT = re.compile(r"(\d)[.,]0*")
 
 
@@ -93,11 +93,11 @@ def _untold(table: TextTable, column: Column) -> str:
         return f"found {both}, words of two tasks, allowed: one task, such as the rows that --where COLUMN=TEXT chooses"
     if any(told) or not texts:
         return ""
-    plain = {_plain(text).lower() for text in texts}
-    codes = ("1", max(plain)) if plain <= {"0", "1", "2"} else ("TEXT", "TEXT")
+    plain = {_plain(text).lower(): _plain(text) for text in texts}
+    likely = next((plain[one] for one in ("1", "true", "yes") if one in plain), "TEXT")
     name = "ReadOptions({}_code={!r})" if table.python else "--{}-code {}"
-    ways = [f"{name.format(task.yes, code)} ({task.name})" for task, code in zip(TASKS, codes, strict=True)]
-    if plain <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
+    ways = [f"{name.format(task.yes, code)} ({task.name})" for task, code in zip(TASKS, (likely, plain.get("2", likely)), strict=True)]
+    if plain.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         ways.append(f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)")
     words = " or ".join(f"{task.yes}/{task.no}" for task in TASKS)
     return f"found {listed([*map(quoted, texts)], 4)}, which do not tell the task, allowed: {words}, or {', '.join(ways)}"
@@ -120,7 +120,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if any(code is not None and word == code.lower() for code in codes):
         return _UNKNOWN  # where 'Different' was declared to mean equal, 'different' must not count as different by default
     for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
-        if code is None and (word in known or (other is not None and word == _OTHER_NUMBER.get(other))):
+        if code is None and (word in known or (other is not None and word == _OTHER.get(other.lower()))):
             return answer
     return _UNKNOWN
 
