@@ -190,7 +190,7 @@ def _orders(subject: Subject) -> _Rule:
 def _other_task(study: Study) -> _Rule:
     """Answers that rise or fall with s2 - s1 where they should have a peak, or have a peak where they should rise, in all of a study."""
     monotone = off = equal = 0.0
-    for one in study:
+    for one in study.subjects[:100]:  # who are enough to tell
         difference = one.s2 - one.s1
         shifts = np.abs(difference).max() * np.array([-0.5, -0.25, 0.0, 0.25, 0.5])  # an order effect moves the peak
         monotone += _isotonic(difference, one) - max(_isotonic(np.abs(difference - shift), one) for shift in shifts.tolist())

@@ -91,12 +91,9 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     """
     options = ReadOptions() if options is None else options
     require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
-    one_of = partial(_read, options=options)
-    study = read_together(path, one_of) if isinstance(path, list | tuple) else one_of(path)
-    second, first = (code or word for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True))
-    opposite = f"if they mean the opposite, --second-code {first} --first-code {second}"
-    counted_or_right = f"{options.name('n_second')} counts those" if "n_trials" in study.reading.read else options.correct and "right is 1"
-    refuse_reversed(study, counted_or_right or opposite)
+    paths = list(path) if isinstance(path, list | tuple) else [path]
+    study = read_together(paths, partial(_read, options=options))
+    refuse_reversed(study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths)))
     return study
 
 
@@ -104,6 +101,17 @@ def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
     rows = _rows(path, options)
     answers = rows.columns.get("response", rows.columns.get("correct"))
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
+
+
+def _way_back(study: Study, options: ReadOptions, python: bool) -> str:
+    """What to do where all answers mean the opposite of what they say."""
+    if "n_trials" in study.reading.read:
+        return f"{bare(options.name('n_second'))} counts those"
+    if options.correct:
+        return f"column {bare(options.correct)} says right of those"
+    second, first = (code or word for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True))
+    codes = f"ReadOptions(second_code={first!r}, first_code={second!r})" if python else f"--second-code {first} --first-code {second}"
+    return f"if they mean the opposite, {codes}"
 
 
 def example_study(task: Task | str = SAME_DIFFERENT) -> Study:

@@ -160,6 +160,13 @@ def test_some_reversed_subjects_are_found_and_all_are_refused_where_they_are_rea
     assert kinds(*mixed.turn("b")) == {}
     with pytest.raises(bt.InputError, match=r"correlation -0\.[67].*n_second counts those"):
         bt.read_study(bt.Study((back, answering("c", lambda d: rising(-d)))).frame())
+    parts = [bt.Study((one,)).frame() for one in (straight, back)]
+    assert kinds(*bt.read_study(parts)) == {("b", "reversed answers"): "--turn b"}, "a file of one reversed subject is not a study"
+    trials = pd.DataFrame(
+        [(*pair, "a", "first" if pair[1] > pair[0] else "second") for pair in GRID * 3], columns=["s1", "s2", "subject", "response"]
+    )
+    with pytest.raises(bt.InputError, match=r"the opposite, ReadOptions\(second_code='first', first_code='second'\)"):
+        bt.read_study(trials)
     for guessing in range(20):  # one subject at chance is no reversed study
         bt.read_study(bt.Study((answering("a", lambda d: 0 * d + 0.5, seed=guessing),)).frame())
 
