@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.plots.curves import natural_curve, order_panel
+from bayes_toe.plots.curves import fitted_curve, order_panel
 from bayes_toe.plots.evidence import order_effect_axes
 
 
@@ -27,7 +27,7 @@ def main() -> None:
     places = (grid[0, 0], grid[0, 1], grid[1, 0])
     for (name, kind), place in zip(kinds.items(), places, strict=True):
         ax = figure.add_subplot(place)
-        order_panel(ax, study[name], natural_curve(analysis.draws.natural(name)), weaker=0.0)
+        order_panel(ax, study[name], fitted_curve(analysis.draws, name), weaker=0.0)
         ax.set(title=f"{name}: {kind}", ylabel="P('equal')", ylim=(-0.03, 1.03))
         ax.title.set_fontsize(10)
     key = figure.add_subplot(grid[1, 1])

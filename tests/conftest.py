@@ -15,7 +15,9 @@ from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.model.ladder import models_of
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -75,6 +77,25 @@ def known_observers(names):
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study under the paper's prior, in this process."""
     return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
+
+
+def stronger_counts(name, pull, mu1, n=60):
+    """Rounded expected answers 'which is stronger' to neighbours of six levels in both orders."""
+    low, high = np.linspace(0.0, 1.25, 6)[:-1], np.linspace(0.0, 1.25, 6)[1:]
+    s1, s2 = np.concatenate([low, high]), np.concatenate([high, low])
+    asked = bt.Subject(name, s1, s2, np.zeros(10, int), np.full(10, n), task=WHICH_STRONGER)
+    target = models_of(WHICH_STRONGER).update.posterior(asked)
+    gamma = pull / (1.0 - pull) ** 2
+    x = target.points({"mu1": mu1, "sigma_p": 0.2, "sigma_l": 0.2 * gamma**0.5, "lapse_rate": 0.04})
+    n_yes = np.rint(n * np.exp(target.log_answers(x[None])[0][0])).astype(int)
+    return replace(asked, n_yes=n_yes)
+
+
+@pytest.fixture(scope="session")
+def stronger() -> Analysis:
+    """Two observers who were asked which is stronger: one whose memory is pulled, and one whose is hardly."""
+    study = bt.Study([stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)], source="which is stronger")
+    return bt.run(study, draws=500, seed=2, workers=1)
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,11 @@ from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
+#: What q is the share of, in words.
+SHARE_OF = {SAME_DIFFERENT: "'equal'", WHICH_STRONGER: "wrong"}
 #: Level at which an asymmetry is called significant.
 LEVEL = 0.05
 
@@ -170,6 +172,11 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     """Asymmetries of every subject of a study, in the study's order."""
 
     task: Task = SAME_DIFFERENT
+
+    @property
+    def share_of(self) -> str:
+        """What q is the share of, in words."""
+        return SHARE_OF[self.task]
 
     @property
     def notes(self) -> tuple[str, ...]:

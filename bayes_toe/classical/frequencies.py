@@ -152,6 +152,8 @@ class Collapse:
         Normalised distance (s2 - mu_2)/w: median, lower and upper quantile; no unit.
     ratio, error : array
         qhat/q0 and sigmahat_q/q0 at the median q0. Source: Eq. e:2b.
+    top : float
+        The median q0; 1 of a model without it, as of 'which is stronger'.
     """
 
     order: IntArray
@@ -160,10 +162,11 @@ class Collapse:
     z_high: FloatArray
     ratio: FloatArray
     error: FloatArray
+    top: float
 
 
 def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
-    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, 4) or (4,); bands hold `mass` of the draws.
+    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws.
 
     Examples
     --------
@@ -175,9 +178,10 @@ def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Co
     """
     points = require_draws(np.atleast_2d(np.asarray(x, np.float64)), posterior)
     low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
-    top = float(np.exp(log_expit(np.median(points[:, 3]))))
+    peak = [points[:, i] for i, name in enumerate(posterior.coordinates) if name == "logit_q0"]
+    top = float(np.exp(log_expit(np.median(peak)))) if peak else 1.0
     free = frequencies(posterior.subject)
-    return Collapse(free.order, middle, low, high, free.q / top, free.error / top)
+    return Collapse(free.order, middle, low, high, free.q / top, free.error / top, top)
 
 
 def universal_curve(z: npt.ArrayLike) -> FloatArray:

@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.headline import LEGEND
+from bayes_toe.cli.headline import legend
 from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_notes, say_table
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def say_verdicts(console: Console, verdicts: Sequence[Verdict], seed: int, file: str = OUTPUT, *, synthetic: bool = False) -> None:
+def say_verdicts(
+    console: Console,
+    verdicts: Sequence[Verdict],
+    seed: int,
+    file: str = OUTPUT,
+    *,
+    synthetic: bool = False,
+    asked: Task = SAME_DIFFERENT,
+) -> None:
     """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one."""
     if not verdicts:
         return
@@ -25,7 +34,7 @@ def say_verdicts(console: Console, verdicts: Sequence[Verdict], seed: int, file:
     of_subject = {one.subject: one for one in verdicts}
     rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
     say_table(console, "order effect of every subject", rows, total=len(verdicts), file=file)
-    say_footnote(console, f"{LEGEND}.")
+    say_footnote(console, f"{legend(asked)}.")
     say_notes(console, (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
     say_notes(console, (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
     say_notes(console, once((one.subject, note) for one in verdicts for note in one.notes))

@@ -56,7 +56,7 @@ def compare(
         save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[-1].name)
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
-    say_verdicts(task.console, table.verdicts, table.seed, synthetic=read.synthetic)
+    say_verdicts(task.console, table.verdicts, table.seed, synthetic=read.synthetic, asked=read.task)
     say_comparison(task.console, table)
     task.say_written("written:", *files, seed=table.seed)
     task.leave_unless_whole(failed, {})

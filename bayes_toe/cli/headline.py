@@ -7,22 +7,35 @@ from collections.abc import Collection, Sequence
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.study_answer import said_pair
 from bayes_toe.comparison.words import HAS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, SURELY
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
+from bayes_toe.model.ladder import models_of
 
-#: What the columns of a verdict mean.
-LEGEND = (
-    "P: averaged over 48 models (order, noise, lapses, curve, peak), equally probable beforehand. Size: in half-widths of the curve. Fit: "
-    f"of the best of them; not described: predictive p or p of the deviance below {MISFIT:g}. Robust: the same with the prior's scales "
-    "of the order halved and doubled"
-)
 #: From where on a word is said.
 LIMITS = (
     f"An order effect is said up to P(none) = {HAS}, and probably up to {PROBABLY_HAS}; probably none from {PROBABLY_NONE} on, none from "
     f"{NONE}; negligible where it is open and P(size > {SMALL}) is at most {SURELY}; otherwise it is undecided. The kind is named where it "
     f"has {NAMED:.0%} of the probability of any effect, probably from {PROBABLY_NAMED:.0%} on".replace("%", " %")
 )
+#: What the figure of a subject's answers shows, of either task, before its bands.
+CURVES = {
+    SAME_DIFFERENT: "P('equal') by the paper's model, central 60 % (dark) and 95 % (light) bands",
+    WHICH_STRONGER: "P('second') over s2 − s1 by the paper's model, after each first stimulus s1, central 60 % bands; where a curve "
+    "crosses one half (dotted) is the point of subjective equality (PSE), and without an order effect all cross it at 0",
+}
 #: What is said of those who must be looked at.
 FLAGGED = "not described, data in doubt, draws not converged, or no verdict"
+
+
+def legend(task: Task) -> str:
+    """What the columns of a verdict mean."""
+    space = models_of(task).space
+    varied = [part for part in dict(space[0].levels) if len({dict(model.levels)[part] for model in space}) > 1]
+    return (
+        f"P: averaged over {len(space)} models ({', '.join(varied)}), equally probable beforehand. Size: in just noticeable differences "
+        f"(JND). Fit: of the best of them; not described: predictive p or p of the deviance below {MISFIT:g}. Robust: the same with the "
+        "prior's scales of the order halved and doubled"
+    )
 
 
 def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[str, tuple[str, ...]]:

@@ -74,7 +74,7 @@ def run(
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic)
+    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic, asked=read.task)
     say_failed(task.console, analysis.draws)
     group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
@@ -184,7 +184,7 @@ def evidence(
         table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     table.save(output, **task.saving)
     task.finish(keep, table.failed)
-    say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic)
+    say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic, asked=read.task)
     say_appendix_c(task.console, table)
     undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
     if more and undecided:

@@ -34,7 +34,7 @@ from bayes_toe.inference.belonging import same_answers
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.inference.space import WINDOW
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, SPACE, model_named
+from bayes_toe.model.ladder import model_named, models_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import Stimuli
@@ -123,7 +123,7 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
     group = _group(beside / "population.nc", draws)
     if group is None and (table := beside / "population.csv").exists():
         notes.append(f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes")
-    known = evidence.exists() and draws.model == PREDICTIVE_UPDATE.name
+    known = evidence.exists() and draws.model == models_of(draws.task).update.name
     if evidence.exists() and not known:
         notes.append(f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out")
     models = beside / "compare.csv" if compared is None else compared / "compare.csv" if os.path.isdir(compared) else compared
@@ -185,20 +185,22 @@ def _facts(told: Methods) -> dict[str, Any]:
     sizes, r_hats = stats["min_ess"].values, stats["max_r_hat"].values
     least, most = int(sizes.argmin()), int(r_hats.argmax())
     stimuli = [found for subject in study if (found := Stimuli.of(subject)) is not None]
-    asked = dict.fromkeys(name for model in SPACE for name in model.parameters(draws.prior))
+    space = models_of(draws.task).space
+    asked = dict.fromkeys(name for model in space for name in model.parameters(draws.prior))
     return {
         "told": told,
         "draws": draws,
         "attrs": draws.attrs,
         "versions": json.loads(draws.attrs["versions"]),
         "rules": {**vars(rules), "WINDOW": f"{WINDOW:g}", "MISFIT": MISFIT},
-        "space": len(SPACE),
+        "space": len(space),
         "subjects": counted(len(trials), "subject"),
         "trials": f"{sum(trials):,}",
         "each": "" if len(trials) == 1 else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
         "done": [note for note in study.notes if any(word in note for word in _DONE)],
         "failed": _each(draws.failed),
-        "h1": draws.model == PREDICTIVE_UPDATE.name,
+        "h1": draws.model == models_of(draws.task).update.name,
+        "asked": draws.task,
         "priors": [
             (words, Markup(md), Markup(tex), draws.prior.said(name)) for name, (words, md, tex) in _SYMBOLS.items() if name in asked
         ],
@@ -290,7 +292,9 @@ def _compared(found: SavedComparison, draws: Draws, answered: bool) -> dict[str,
     }
     return {
         "models": said + free,
-        "priors": _other_priors(found.models, draws.prior, SPACE if answered else (model_named(draws.model),)),
+        "priors": _other_priors(
+            found.models, draws.prior, models_of(draws.task).space if answered else (model_named(draws.model, draws.task),)
+        ),
         "best": ", ".join(f"{name} for {count}" for name, count in found.best.items()),
         "withheld": listed(found.withheld, _MOST_NAMED),
         "parts": [f"{part}, {', '.join(f'P({level}) {compared(p)}' for level, p in levels)}" for part, levels in shown.items()],

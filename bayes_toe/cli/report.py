@@ -8,6 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from rich.text import Text
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
-from bayes_toe.cli.glossary import TERMS, anchor, linked
+from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
@@ -26,11 +27,12 @@ from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import said_intervals
 from bayes_toe.data.tables import file_stems
+from bayes_toe.data.tasks import Task
 from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.model.coordinates import NATURAL
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.style import MOST_NAMED
 
@@ -113,7 +115,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "findings": [one.message for one in findings if one.subject == ""],
         "before_pooling": about_answers,
     }
-    subjects, templates = _subjects(analysis, facts, [*findings, *about_answers]), _environment()
+    subjects, templates = _subjects(analysis, facts, [*findings, *about_answers]), _environment(analysis.study.task)
     if paged:
         (folder / "subjects").mkdir()
         for subject in subjects:
@@ -123,7 +125,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         file.writelines(templates.get_template("report.html").generate(context | {"subjects": subjects}))
 
 
-def _environment() -> Environment:
+def _environment(task: Task) -> Environment:
     made = Environment(
         loader=PackageLoader("bayes_toe", "cli"),
         autoescape=True,
@@ -139,7 +141,7 @@ def _environment() -> Environment:
         data_uri=lambda picture: f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}",
         deviance=headline.deviance,
         head=_head,
-        linked=linked,
+        linked=partial(linked, task=task),
         misfit=headline.misfit,
         number=lambda value, digits=2, error=float("nan"): "–" if number(value) == "-" else _typeset(allowed(value, error, digits)),
         p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
@@ -158,6 +160,8 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "study": study,
         "facts": facts,
         "rows": analysis.evidence.rows,
+        "fitted": bool(analysis.fits.rows),
+        "in_natural": any(row.log_evidence_h1_laplace_natural is not None for row in analysis.evidence),
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "imprecise": analysis.draws.imprecise,
@@ -167,7 +171,8 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "new_subject": of_new_subject(analysis.verdicts, analysis.settings.seed),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "terms": TERMS,
+        "terms": glossary(study.task).terms,
+        "models": len(models_of(study.task).space),
         "settings": {
             "model": settings["model"],
             "prior": prior.describe_orders(study.task),
@@ -177,7 +182,8 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         },
         "said": {
             "scale": STATED,
-            "legend": headline.LEGEND,
+            "legend": headline.legend(study.task),
+            "curves": headline.CURVES[study.task],
             "limits": headline.LIMITS,
             "flagged": headline.FLAGGED,
             "appendix_c": APPENDIX_C,
@@ -217,8 +223,9 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> 
     fits = {fit.subject: fit for fit in analysis.fits}
     summaries = {str(name): part.to_dict("records") for name, part in facts.summary.groupby("subject", sort=False)}
     for i, (counts, row, asymmetry) in enumerate(zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)):
-        name, fit = counts.name, None if counts.isi is not None else fits[counts.name]
-        limits = [] if fit is None else zip(NATURAL, fit.parameters, fit.bootstrap.intervals(analysis.fits.level), strict=True)
+        name, fit = counts.name, fits.get(counts.name)
+        natural = analysis.draws.posterior(name).names.natural
+        limits = [] if fit is None else zip(natural, fit.parameters, fit.bootstrap.intervals(analysis.fits.level), strict=True)
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
@@ -231,7 +238,7 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> 
             "parameters": [{**one, "quantiles": allowed_quantiles(one, 3)} for one in summaries[name]],
             "remarks": [*messages[name], *row.notes],
             "prior_dominated": [
-                one["parameter"] for one in summaries[name] if one["parameter"] in (*NATURAL, "gamma") and one["contraction"] < DOMINATED
+                one["parameter"] for one in summaries[name] if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
             ],
         }
 

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetry
+from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.report import Facts, Group, write_report
@@ -147,7 +147,7 @@ def write_results(
         if pictures.explorer:
             found = group.found if group is not None and group.found.settings.model == draws.model else None
             explore(draws, truths=pictures.truth or None, population=found).save(target / "explorer.html")
-        asymmetry = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in analysis.study))
+        asymmetry = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
         saved = partial(opened, target / posterior, (target / posterior).stat().st_mtime_ns)
         curve_files, corner_plots = ({name: at / file for name, file in files.items()} for at in (place / "curves", target / "corner"))
         for made in (place / "curves", *([target / "corner"] if drawn else [])):

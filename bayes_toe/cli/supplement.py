@@ -21,7 +21,7 @@ from bayes_toe.comparison.words import compared
 from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.style import LABELS
 
@@ -120,7 +120,7 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
         ranges = {key: allowed_quantiles(by[key], 3) for key in shown}
         cells = [f"{middle} ({low}, {high}){'*' * (key in ruled)}" for key, (low, middle, high) in ranges.items()]
         rows.append((str(name), *cells, f"{reached['min_ess']:.0f}", f"{reached['max_r_hat']:.3f}", converged))
-    whose = "the paper's model" if draws.model == PREDICTIVE_UPDATE.name else f"the model {draws.model}"
+    whose = "the paper's model" if draws.model == models_of(draws.task).update.name else f"the model {draws.model}"
     caption = (
         f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
@@ -167,7 +167,7 @@ def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
 
     caption = (
         "Order effect by subject. P: posterior probabilities over all models, none, constant error and pull equally probable beforehand. "
-        "ln BF effect:none: natural log Bayes factor of an effect of either kind. Size: posterior median, in half-widths of the curve. "
+        "ln BF effect:none: natural log Bayes factor of an effect of either kind. Size: posterior median, in just noticeable differences. "
         "Fit: of the model with the highest evidence. Robust: the same with the prior scales of the order halved and doubled. ln BF H1:H0: "
         "natural log Bayes factor of the paper's model against free frequencies."
     )

@@ -41,7 +41,7 @@ _INTERVALS = (
     "the paper's model knows what an inter-stimulus interval does, a constant error ignores it: probabilities of kinds also ask whether "
     "intervals matter"
 )
-_NO_REPLICATES = None, "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
+_NO_REPLICATES = "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def subject_evidence(
     # The paper's coordinates are those of its task.
     known = "q0" in posterior.names.natural
     natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima) if known else (None, "")
-    bootstrap, about_bootstrap = _NO_REPLICATES if by_bootstrap is None else by_bootstrap
+    bootstrap, about_bootstrap = (None, _NO_REPLICATES if known else "") if by_bootstrap is None else by_bootstrap
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,

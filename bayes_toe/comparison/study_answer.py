@@ -147,12 +147,14 @@ def doubts_of(verdict: Verdict) -> str:
 
 
 def said_pair(pair: PairFit) -> str:
-    """A pair with both shares of 'equal'.
+    """A pair with both shares of the answer that the task counts.
 
     Examples
     --------
     >>> said_pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
-    '(3.69, 3.3) called equal 95 %, expected 70 %'
+    '(3.69, 3.3) answered equal 95 %, expected 70 %'
     """
     interval = "" if pair.isi is None else f" at {pair.isi:g} s"
-    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval} called equal {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"
+    return (
+        f"({pair.s1:.3g}, {pair.s2:.3g}){interval} answered {pair.answer} {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"
+    )

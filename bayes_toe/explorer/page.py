@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_toe.data.messages import listed
 from bayes_toe.data.read_study import Truth, example_truth
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import Entry, entries_of, in_group, island, outlined, prior_of, quantiles
@@ -43,14 +44,23 @@ _QUANTITIES = {
     "gamma": ("γ", "σℓ²/σₚ²"),
     "sigma1": ("σ₁", "spread of the prior"),
     "gain": ("gain K", "weight of the first stimulus; 1: no pull"),
-    "width": ("width w", "distance at which P(equal) has halved"),
+    "width": ("width w", ""),
     "offset": ("offset c", "constant part of the order effect"),
     "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
     "rho": ("ρ", "what is kept of a memory"),
     "noise_slope": ("slope b", "how noise departs from Weber's law"),
+    "peak_slope": ("slope g", "how the peak depends on intensity"),
     "lapse_rate": ("lapse λ", "share of answers that are guesses"),
+    "guess_second": ("guess g", "share of 'second' among guesses"),
     "exponent": ("exponent ν", "shape of the curve; 2: the bell"),
+    "pse_shift": ("PSE shift", "where the second stimulus seems as strong as the mean first one, from that one"),
+    "jnd": ("JND", "just noticeable difference"),
     "icc": ("ICC", "correlation of answers to one pair"),
+}
+#: What the width is of a task's curve.
+_WIDTHS = {
+    SAME_DIFFERENT: "distance at which P(equal) has halved: the just noticeable difference",
+    WHICH_STRONGER: "noise of the second stimulus as memory predicts it; 0.674 of it are the just noticeable difference",
 }
 
 
@@ -249,11 +259,11 @@ def symbol(name: str) -> str:
     return _QUANTITIES.get(name, (name, ""))[0]
 
 
-def meaning(name: str) -> str:
+def meaning(name: str, task: Task = SAME_DIFFERENT) -> str:
     """In words; of a free frequency, which it is."""
     if name.startswith("q_"):
-        return f"P(equal) of pair {name[2:]}"
-    return _QUANTITIES.get(name, (name, ""))[1]
+        return f"P({task.yes}) of pair {name[2:]}"
+    return _WIDTHS[task] if name == "width" else _QUANTITIES.get(name, (name, ""))[1]
 
 
 def _group(group: Population) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.target import Answering, times_counts
 from bayes_toe.seeds import generator
@@ -207,13 +208,14 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
 
 @dataclass(frozen=True)
 class PairFit:
-    """A pair (natural-log intensity, interval in seconds) with its observed share of 'equal' and the one that the model expects."""
+    """A pair (natural-log intensity, interval in seconds) with its observed share of an answer and the one that the model expects."""
 
     s1: float
     s2: float
     observed: float
     expected: float
     isi: float | None = None
+    answer: str = SAME_DIFFERENT.yes
 
 
 @dataclass(frozen=True)
@@ -295,5 +297,5 @@ def summarise_fit(
         s2[worst],
         isi[worst],
         deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)),
-        tuple(PairFit(s1[i], s2[i], observed[i], expected[i], isi[i]) for i in named),
+        tuple(PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes) for i in named),
     )

@@ -14,7 +14,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison
 from bayes_toe.plots.style import EQUAL, HIGH, MOST_NAMED, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_above, panel, plain
 
-#: Colour and marker of the order in which 'equal' is likelier, by the sign of the asymmetry.
+#: Colour and marker of the order in which 'equal', or a wrong answer, is likelier, by the sign of the asymmetry.
 _MARKS = {1: (STRONGER_FIRST, "s"), -1: (WEAKER_FIRST, "o"), 0: (EQUAL, "D")}
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
 _ROW, _MARGIN = 0.22, 1.05
@@ -22,8 +22,8 @@ _ROW, _MARGIN = 0.22, 1.05
 _CROWDED = 12
 
 
-def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
-    """P('equal') of one comparison in its two orders with the p-value of their difference. Source: Fig. 1C, with its colours.
+def order_axes(comparison: Comparison, ax: Axes | None = None, *, share_of: str = "'equal'") -> Axes:
+    """P('equal'), or P(wrong), of one comparison in its two orders with the p-value of their difference. Source: Fig. 1C, with its colours.
 
     Laplace estimators and their errors (Eq. e:2b), and the exact test's plain p-value.
     """
@@ -37,7 +37,7 @@ def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
     ax.plot([0, 0, 1, 1], [top, top + 0.02, top + 0.02, top], color="black", lw=0.8)
     ax.text(0.5, top + 0.03, _said(comparison.p_value), ha="center", va="bottom", fontsize=SMALL)
     ax.set_xticks([0, 1], ["weaker\nfirst\n$q(r, c)$", "stronger\nfirst\n$q(c, r)$"])
-    ax.set(ylabel="P('equal')", xlim=(-0.55, 1.55), ylim=(0.0, max(1.0, top + 0.14)), yticks=[0.0, 0.5, 1.0])
+    ax.set(ylabel=f"P({share_of})", xlim=(-0.55, 1.55), ylim=(0.0, max(1.0, top + 0.14)), yticks=[0.0, 0.5, 1.0])
     pair = f"$r$ = {comparison.s_weak:.3g}, $c$ = {comparison.s_strong:.3g}".replace("-", "−")
     ax.set_title(f"{plain(comparison.subject, 20)}\n{pair}")
     dress(ax)
@@ -48,10 +48,10 @@ def order_axes(comparison: Comparison, ax: Axes | None = None) -> Axes:
 def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its standard deviation.
 
-    Blue: 'equal' likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ (p < 0.05) by the
-    exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source: Fig. 1C and
-    Results, response asymmetries. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by their largest asymmetry,
-    without names and without the other comparisons.
+    Blue: 'equal', or a wrong answer, likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ
+    (p < 0.05) by the exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source:
+    Fig. 1C and Results, response asymmetries. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by their largest
+    asymmetry, without names and without the other comparisons.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     ax.axvline(0.0, color="black", lw=0.8)
     ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
     if len(rows) > MOST_NAMED:
-        _draw_largest(ax, [row.maximal for row in rows if row.maximal is not None], len(rows))
+        _draw_largest(ax, table)
         return dress(ax)
     for i, row in enumerate(rows):
         if i % 2:
@@ -86,7 +86,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     reach = min(1.05, 1.08 * float((np.abs(value) + error).max())) if len(value) else 1.0  # zero is in the middle
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
     dress(ax).tick_params(axis="y", length=0)
-    _draw_key(ax)
+    _draw_key(ax, table.share_of)
     return ax
 
 
@@ -103,8 +103,9 @@ def _columns(comparisons: Sequence[Comparison]) -> FloatArray:
     return np.array([(one.asymmetry, one.asymmetry_se, one.p_adjusted, one.is_maximal) for one in comparisons], np.float64).reshape(-1, 4).T
 
 
-def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int) -> None:
+def _draw_largest(ax: Axes, table: AsymmetryTable) -> None:
     """The largest asymmetry of each subject, sorted, those that are significant in colour."""
+    largest, subjects = [row.maximal for row in table if row.maximal is not None], len(table)
     value, error, p, _ = _columns(sorted(largest, key=lambda one: -one.asymmetry))
     y = np.arange(len(value))
     ax.hlines(y, value - error, value + error, color="#D9D9D9", lw=min(0.8, 250.0 / max(len(value), 1)), zorder=1)
@@ -112,7 +113,7 @@ def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int) -> Non
         at = (np.sign(value) == sign) & ((p < LEVEL) == sure)
         if at.any():
             said = f"p < {LEVEL:g} (Holm)" if sure else f"p ≥ {LEVEL:g}"
-            words = f"'equal' likelier {'stronger' if sign > 0 else 'weaker'} first, {said}" if sign else "neither order"
+            words = f"{table.share_of} likelier {'stronger' if sign > 0 else 'weaker'} first, {said}" if sign else "neither order"
             style: dict[str, Any] = {"ms": 2.6, "mew": 0.4, "color": colour, "mfc": colour if sure else "white"}
             ax.plot(value[at], y[at], marker, label=f"{words}: {at.sum():,}", **style)
     if len(value) < subjects:
@@ -124,15 +125,15 @@ def _draw_largest(ax: Axes, largest: Sequence[Comparison], subjects: int) -> Non
     legend_above(ax)
 
 
-def _draw_key(ax: Axes) -> None:
+def _draw_key(ax: Axes, share_of: str) -> None:
     """What colour, filling and size mean; above the panel, where no point can be, and over the names where these are long."""
 
     def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mec=colour, mfc=colour if filled else "white", mew=0.7)
 
     key = {
-        "'equal' likelier weaker first": mark("o", WEAKER_FIRST, filled=True),
-        "'equal' likelier stronger first": mark("s", STRONGER_FIRST, filled=True),
+        f"{share_of} likelier weaker first": mark("o", WEAKER_FIRST, filled=True),
+        f"{share_of} likelier stronger first": mark("s", STRONGER_FIRST, filled=True),
         f"filled: p < {LEVEL:g} (Holm)": mark("o", "#333333", filled=True),
         "large: largest of the subject": mark("o", "#333333", filled=False),
     }

@@ -23,13 +23,14 @@ def filter_axes(
     q0: float | None = None,
     *,
     span: tuple[float, float] | None = None,
+    said: str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Beliefs of one trial from top to bottom, with the likelihood of each stimulus and the shift that decides. Source: Fig. 2.
 
     Violet: the belief; dotted: the belief of the row above; dashed in the colour of the order: likelihood of the stimulus (triangle).
     Heights are not to scale: they go with the root of the precision. All in natural-log intensity; with q0, P('equal') is written too;
-    the panel reaches over `span`, by default :func:`filter_span`.
+    the panel reaches over `span`, by default :func:`filter_span`, and `said` stands in the place of z and P('equal').
     """
     view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
     ax = panel(ax, high=3.4)
@@ -53,8 +54,10 @@ def filter_axes(
     ax.set_yticks([3.2, 2.2, 1.2, 0.2], [label for label, *_ in rows])
     ax.set(xlim=(grid[0], grid[-1]), ylim=(-0.16, 3.2 + _height(float(view.prior.sd), narrowest)), xlabel="stimulus (ln intensity)")
     order = "weaker first" if s1 < s2 else "stronger first" if s1 > s2 else "equal stimuli"
-    chance = "" if q0 is None else f", P('equal') = {float(equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)):.2f}"
-    ax.set_title(f"{order}: $z$ = {float(view.distance):.2f}".replace("-", "−") + chance)
+    if said is None:
+        chance = "" if q0 is None else f", P('equal') = {float(equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)):.2f}"
+        said = f"$z$ = {float(view.distance):.2f}".replace("-", "−") + chance
+    ax.set_title(f"{order}: {said}")
     ax.locator_params(axis="x", nbins=6)
     dress(ax).tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)

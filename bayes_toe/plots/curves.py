@@ -1,15 +1,20 @@
-"""Fitted curves over the answers of a subject: over the stronger stimulus, the normalised distance, or the inter-stimulus interval.
+"""Fitted curves over the answers of a subject: over the stimuli, the normalised distance, or the inter-stimulus interval.
+
+Of 'same or different' over the stronger stimulus in both orders; of 'which is stronger' psychometric curves, over s2 - s1 by the first
+stimulus, of which one half is the point of subjective equality (PSE).
 
 Bands are central 60 % and 95 % of the posterior; between and beyond tested intervals they are predictions of the random walk.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
@@ -18,20 +23,34 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.comparison.average import Averages
 from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.closed_form import equal_probability
-from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.plots.style import EQUAL, MARKED, ORDERS, POSTERIOR, SMALL, Mark, dress, first_panels, legend_below, new_figure, plain
+from bayes_toe.plots.style import (
+    EQUAL,
+    MARKED,
+    ORDERS,
+    POSTERIOR,
+    SMALL,
+    Mark,
+    chance,
+    dress,
+    first_panels,
+    legend_below,
+    new_figure,
+    plain,
+)
 
 #: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single panel.
 MOST_PANELS = 6
 CURVE_DRAWS = 600
-#: From the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs).
+#: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
 _BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
+#: What panels of answers are drawn over.
+_ALONG = {SAME_DIFFERENT: "stronger stimulus (ln intensity)", WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)"}
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
 
 
@@ -39,7 +58,10 @@ _BEYOND = 2.0  # the default range goes so many times below the shortest and abo
 
 
 def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Predictor | None = None) -> Figure:
-    """Answers of one subject in both orders with the fitted P(equal): posterior mean, central 60 % and 95 % bands.
+    """Answers of one subject in both orders with the fitted P('equal'): posterior mean, central 60 % and 95 % bands.
+
+    Of 'which is stronger' P('second') over s2 - s1 with 60 % bands, a curve for each of up to six first stimuli, or groups of these: where
+    it crosses one half is the point of subjective equality (PSE) after that stimulus.
 
     The posterior mean of another model may be laid `beside`, dashed, such as one of :attr:`bayes_toe.analysis.Analysis.best`.
 
@@ -95,7 +117,7 @@ def _answers_figure(
     counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str, beside: Curve | None = None
 ) -> Figure:
     """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
-    weaker = _weaker_stimuli(counts)
+    weaker = _panels(counts)
     several = 1 <= len(weaker) <= MOST_PANELS
     count = len(weaker) if several else 1
     across = min(2, count)
@@ -104,11 +126,11 @@ def _answers_figure(
     panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
     for i, ax in enumerate(panels):
         if several:
-            order_panel(ax, counts, equal, float(weaker[i]), beside=beside)
+            order_panel(ax, counts, equal, weaker[i], beside=beside)
             ax.set_title(_said_weaker(weaker[i]) if count > 1 else "", fontsize=10)
         else:
             single(ax)
-        ax.set_ylabel("" if i % across else "P('equal')")
+        ax.set_ylabel("" if i % across else chance(counts.task))
     figure.suptitle(title, fontsize=12 if beside is None else 9)
     legend_below(figure)
     return figure
@@ -124,40 +146,76 @@ def _unconverged(draws: Draws, subject: str) -> str:
     return "\nNOT CONVERGED" if subject in draws.not_converged else ""
 
 
-def thinned(theta: Natural) -> Natural:
-    """A few hundred draws, each value of shape (draws, 1), as the panels take them."""
-    every = max(1, theta.mu1.size // CURVE_DRAWS)
-    return Natural(*(values.ravel()[::every, None] for values in theta))
-
-
-def natural_curve(theta: Natural) -> Curve:
-    """P(equal) of pairs at natural parameters, a few hundred of them, as the panel takes it."""
-    some = thinned(theta)
-    return lambda s1, s2: equal_probability(s1, s2, *some)
+def fitted_curve(draws: Draws, subject: str) -> Curve:
+    """P of the counted answer of pairs at a few hundred of a subject's draws, as the panel takes it."""
+    return Predictor.of(draws, subject, most=CURVE_DRAWS).equal
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
 
 
+class Line(NamedTuple):
+    """A curve along a panel, and the answers to which it belongs.
+
+    How both are drawn; which pairs these are and where every pair stands along the panel, shape (pairs,) each; how far to the side their
+    marks are set; places along the curve and the pairs there, shape (points,) each.
+    """
+
+    mark: Mark
+    at: BoolArray
+    place: FloatArray
+    side: float
+    x: FloatArray
+    s1: FloatArray
+    s2: FloatArray
+
+
+def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
+    """Curves of a panel: of both orders and of equal stimuli over the stronger one, with one weaker one (ln); or by the first stimulus."""
+    if counts.task == WHICH_STRONGER:
+        return _by_first(counts, points)
+    stronger, shown, order = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker), presentation_order(counts)
+    low, high = float(stronger[shown].min(initial=weaker)), float(stronger[shown].max(initial=weaker))
+    x, alike = (np.linspace(start, max(high, weaker + 1e-9), points) for start in (weaker, low))
+    fixed = np.full_like(x, weaker)
+    along = {0: (alike, alike, alike), -1: (x, fixed, x), 1: (x, x, fixed)}
+    found = (Line(mark, shown & (order == side), stronger, side, *along[side]) for side, mark in ORDERS.items())
+    return [line for line in found if line.at.any()]
+
+
+def _by_first(counts: Subject, points: int) -> list[Line]:
+    """P('second') over s2 - s1 by the first stimulus, of which neighbouring ones are taken together where there are more than six."""
+    firsts, place = np.unique(counts.s1), counts.s2 - counts.s1
+    pad = 0.05 * max(float(np.ptp(place)), 1e-9)
+    x, groups = np.linspace(place.min() - pad, place.max() + pad, points), np.array_split(firsts, min(len(firsts), MOST_PANELS))
+    middle, colours = 0.5 * (len(groups) - 1), colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
+    found = []
+    for i, group in enumerate(groups):
+        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))).replace("-", "−")
+        mark, fixed = Mark(to_hex(colours[i]), "osD^vh"[i], f"$s_1$ = {ends}"), np.full_like(x, group[len(group) // 2])
+        found.append(Line(mark, np.isin(counts.s1, group), place, i - middle, x, fixed, fixed + x))
+    return found
+
+
 def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, size: float = 5.5, beside: Curve | None = None) -> Axes:
     """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
-    `equal` goes from the stimuli of pairs, shape (pairs,) each, to P(equal), shape (draws, pairs); None draws no curve. `beside` is another
-    such curve, of which the mean is drawn, dashed.
+    Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
+    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve. `beside` is another such
+    curve, of which the mean is drawn, dashed.
     """
     refuse_intervals([counts], "panel of both orders")
-    stronger, shown = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker)
-    pairs = pairs_along(counts, weaker, 120)
-    for order, mark in ORDERS.items():
-        at = shown & (presentation_order(counts) == order)
-        if at.any():
-            x, s1, s2 = pairs[order]
-            if equal is not None:
-                _draw_band(ax, x, equal(s1, s2), mark.colour, 0.3 * size)
-            if beside is not None:
-                ax.plot(x, beside(s1, s2).mean(axis=0), color=mark.colour, lw=0.25 * size, ls=(0, (3, 2)))
-            _draw_points(ax, stronger[at], counts, at, mark, size=size, aside=_ASIDE * order * size)
-    ax.set(xlabel="stronger stimulus (ln intensity)", ylim=(-0.03, 1.03))
+    bands = _BANDS if counts.task == SAME_DIFFERENT else _BANDS[1:]  # wide ones of many curves would hide each other
+    for line in lines_along(counts, weaker, 120):
+        if equal is not None:
+            _draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
+        if beside is not None:
+            ax.plot(line.x, beside(line.s1, line.s2).mean(axis=0), color=line.mark.colour, lw=0.25 * size, ls=(0, (3, 2)))
+        _draw_points(ax, line.place[line.at], counts, line.at, line.mark, size=size, aside=_ASIDE * line.side * size)
+    if counts.task == WHICH_STRONGER:
+        ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label="one half: PSE")
+        ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
+    ax.set(xlabel=_ALONG[counts.task], ylim=(-0.03, 1.03))
     return ax
 
 
@@ -182,10 +240,15 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
 
 
 def _draw_means(ax: Axes, counts: Subject, x: FloatArray, equal: FloatArray) -> None:
-    """The mean P(equal) of every pair as a bar at its place, from draws, shape (draws, pairs)."""
+    """The mean P of every pair as a bar at its place, from draws, shape (draws, pairs)."""
     order = presentation_order(counts)
     for sign, mark in ORDERS.items():
         ax.plot(x[order == sign], equal.mean(axis=0)[order == sign], "_", color=mark.colour, ms=SMALL)
+
+
+def _panels(counts: Subject) -> Sequence[float]:
+    """The weaker stimulus of every panel; of 'which is stronger' there is one for all pairs."""
+    return [0.0] if counts.task == WHICH_STRONGER else _weaker_stimuli(counts).tolist()
 
 
 def _weaker_stimuli(counts: Subject) -> FloatArray:
@@ -204,25 +267,11 @@ def main_weaker(counts: Subject) -> float | None:
 
 def which_weaker(counts: Subject, weaker: float | None) -> str:
     """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
-    return "" if weaker is None or len(_weaker_stimuli(counts)) < 2 else _said_weaker(weaker)
+    return "" if weaker is None or len(_panels(counts)) < 2 else _said_weaker(weaker)
 
 
 def _said_weaker(weaker: float) -> str:
     return f"weaker stimulus {weaker:.3g}".replace("-", "−")
-
-
-def pairs_along(counts: Subject, weaker: float, points: int) -> dict[int, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Places along :func:`order_panel`, and the pairs (s1, s2) there of which each order has a curve, each of shape (points,)."""
-    low, high = shown_range(counts, weaker)
-    x, alike = (np.linspace(start, max(high, weaker + 1e-9), points) for start in (weaker, low))
-    fixed = np.full_like(x, weaker)
-    return {0: (alike, alike, alike), -1: (x, fixed, x), 1: (x, x, fixed)}
-
-
-def shown_range(counts: Subject, weaker: float) -> tuple[float, float]:
-    """The weakest and the strongest stimulus along the panel of one weaker stimulus, that one included."""
-    stronger = np.maximum(counts.s1, counts.s2)[_in_order_panel(counts, weaker)]
-    return float(stronger.min(initial=weaker)), float(stronger.max(initial=weaker))
 
 
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
@@ -232,9 +281,11 @@ def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 
-def _draw_band(ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6) -> None:
-    """Mean over draws (the first axis of q) and central 60 % and 95 % bands."""
-    for low, high, opacity in _BANDS:
+def _draw_band(
+    ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6, bands: Sequence[tuple[float, float, float]] = _BANDS
+) -> None:
+    """Mean over draws (the first axis of q) and bands, by default central 60 % and 95 % ones."""
+    for low, high, opacity in bands:
         ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
     ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
@@ -257,7 +308,7 @@ def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: 
 
 
 def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Predictor | None) -> Figure:
-    """Answers and curves at each of up to six intervals, and below, gain and P(equal) of one pair over the interval."""
+    """Answers and curves at each of up to six intervals, and below, gain and P of one pair over the interval."""
     tested, weaker = counts.intervals, main_weaker(counts)
     shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
     across = min(3, max(1, len(shown)))
@@ -273,8 +324,8 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Pre
         low = float(here.s1.min()) if own is None else own
         order_panel(ax, here, _at(fitted, isi), low, size=4.5, beside=None if beside is None else _at(beside, isi))
         about = which_weaker(counts, low)
-        ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel="stronger stimulus (ln)", yticks=[0.0, 0.5, 1.0])
-        ax.set_ylabel("P('equal')" if i % across == 0 else "")
+        ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel=_ALONG[counts.task].replace(" intensity", ""), yticks=[0.0, 0.5, 1.0])
+        ax.set_ylabel(chance(counts.task) if i % across == 0 else "")
         dress(ax)
     if rows:
         legend_below(figure, size=8.0)
@@ -285,7 +336,7 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Pre
 
 
 def _at(fitted: Predictor, isi: float) -> Curve:
-    """P(equal) of pairs at one interval."""
+    """P of the counted answer of pairs at one interval."""
     return lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi))
 
 
@@ -299,7 +350,7 @@ def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
 
 
 def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
-    """P(equal) in both orders over the interval of the pair whose answers tell most, with the answers a little beside their interval."""
+    """P in both orders over the interval of the pair whose answers tell most, with the answers a little beside their interval."""
     x, (weak, strong) = _dress_intervals(ax, counts.intervals), _usual_pair(counts)
     assert counts.isi is not None
     for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
@@ -308,7 +359,7 @@ def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
         if at.any():
             _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
-    ax.set(xlim=(x[0], x[-1]), ylabel="P('equal')", ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
+    ax.set(xlim=(x[0], x[-1]), ylabel=chance(counts.task), ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
     ax.set_title(f"stimuli {about}".replace("-", "−"))
     dress(ax)
 
@@ -326,7 +377,7 @@ def _dress_intervals(ax: Axes, tested: tuple[float, ...]) -> FloatArray:
 
 
 def _usual_pair(counts: Subject) -> tuple[float, float]:
-    """Of the pairs of different stimuli met at most intervals, the one whose answers are nearest to half 'equal'; else an equal pair."""
+    """Of the pairs of different stimuli met at most intervals, that whose answers are nearest to half and half; else an equal pair."""
     low, high = np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
     found = []
     for weak, strong in sorted(set(zip(low.tolist(), high.tolist(), strict=True))):

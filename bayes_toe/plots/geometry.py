@@ -13,17 +13,18 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from bayes_toe.classical.frequencies import presentation_order
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import refuse_intervals
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.geometry import axis_band, axis_properties, plane
-from bayes_toe.plots.curves import over_panel, thinned
+from bayes_toe.model.closed_form import evolved_mean
+from bayes_toe.model.geometry import axis_properties
+from bayes_toe.plots.curves import fitted_curve, over_panel
 from bayes_toe.plots.style import (
     LETTERS,
     ORDERS,
     PAGE,
     SMALL,
     STRONGER_FIRST,
+    chance,
     dress,
     dress_bar,
     even_columns,
@@ -44,26 +45,29 @@ _QUANTITIES = {
 }
 
 
-def plane_axes(counts: Subject, theta: Natural, ax: Axes) -> Axes:
-    """P('equal') of any pair in grey, the symmetry axis with its central 60 %, and the pairs that were presented. Source: Fig. 5.
+def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
+    """P('equal'), or P('second'), of any pair in grey, the symmetry axis with its central 60 %, and the pairs presented. Source: Fig. 5.
 
     Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its levels 0.25, 0.5 and 0.75. Dashed: the diagonal, which
     would be the axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
+    counts, fitted = draws.subject(subject), fitted_curve(draws, subject)
     refuse_intervals([counts], "plane of pairs")
     both = np.concatenate([counts.s1, counts.s2])
     pad = max(0.18 * float(np.ptp(both)), 0.1)
     low, high = float(both.min()) - pad, float(both.max()) + pad
     side = np.linspace(low, high, _CELLS)
-    some = Natural(*(values.ravel() for values in thinned(theta)))
-    grid, half = plane(side, side, some), 0.5 * float(side[1] - side[0])
+    mean = np.stack([fitted(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side], axis=1)
+    half = 0.5 * float(side[1] - side[0])
     ends = (low - half, high + half)  # of an image whose outermost pixels are centred on the ends of the grid
-    ax.imshow(grid.q, origin="lower", extent=(*ends, *ends), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
-    ax.contour(side, side, grid.q, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
+    ax.imshow(mean, origin="lower", extent=(*ends, *ends), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
+    ax.contour(side, side, mean, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
-    line = axis_band(some, side, levels=(0.2, 0.5, 0.8))
-    ax.plot(side, line.s2[1], color=AXIS, lw=1.5, label="symmetry axis")
-    for edge in (line.s2[0], line.s2[2]):
+    low_edge, middle, high_edge = np.quantile(
+        evolved_mean(side[:, None], *(draws.values(subject, name).ravel() for name in ("mu1", "gamma"))), [0.2, 0.5, 0.8], axis=1
+    )
+    ax.plot(side, middle, color=AXIS, lw=1.5, label="symmetry axis")
+    for edge in (low_edge, high_edge):
         ax.plot(side, edge, ":", color=AXIS, lw=0.9)
     order, crowded = presentation_order(counts), counts.n_pairs > 60
     for kind, mark in ORDERS.items():
@@ -85,12 +89,12 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
     panels = first_panels(figure.add_gridspec(down, across), len(subjects))
     for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
-        plane_axes(draws.subject(subject), draws.natural(subject), ax)
+        plane_axes(draws, subject, ax)
         ax.set_title(over_panel(draws, subject), fontsize=LETTERS)
         if i % across:
             ax.set_ylabel("")
     bar = figure.colorbar(ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
-    dress_bar(bar, "P('equal')")
+    dress_bar(bar, chance(draws.task))
     legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
     return figure
 

@@ -19,7 +19,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.plots.curves import main_weaker, which_weaker
+from bayes_toe.plots.curves import fitted_curve, main_weaker, which_weaker
 from bayes_toe.plots.style import (
     BAND,
     COLUMN,
@@ -127,7 +127,7 @@ def map_figure(
 
     Letters go up with the prior mean, and are the same in map and panels.
     """
-    mu1 = [float(central(draws, name).mu1) for name in draws.names]
+    mu1 = [central(draws, name)["mu1"] for name in draws.names]
     chosen = farthest(mu1, MOST_INSETS)
     order = sorted(range(len(mu1)) if len(mu1) <= MOST_NAMED else chosen, key=lambda i: mu1[i])
     letters = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
@@ -160,7 +160,7 @@ def study_map_axes(
     return map_axes(
         posterior_clouds(draws) if clouds is None else clouds,
         ax,
-        sigma_l={name: float(central(draws, name).sigma_l) for name in draws.names},
+        sigma_l={name: central(draws, name)["sigma_l"] for name in draws.names},
         stimuli=np.concatenate([values for counts in subjects for values in (counts.s1, counts.s2)]),
         names=names,
         mass=mass,
@@ -200,11 +200,11 @@ def _draw_insets(figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapp
     panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
     for i, (name, letter) in enumerate(letters.items()):
         counts = draws.subject(name)
-        ax, about = answers_axes(counts, draws.natural(name), panels[i], size=2.8), which_weaker(counts, main_weaker(counts))
+        ax, about = answers_axes(counts, fitted_curve(draws, name), panels[i], size=2.8), which_weaker(counts, main_weaker(counts))
         ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=7.0 if about else 2.0)
         last = i + _ACROSS >= len(letters)
-        ax.set_xlabel("stronger stimulus" if last else "", fontsize=SMALL)
-        ax.set_ylabel("" if i % _ACROSS else "P('equal')", fontsize=SMALL)
+        ax.set_xlabel(ax.get_xlabel().replace(" (ln intensity)", "") if last else "", fontsize=SMALL)
+        ax.set_ylabel("" if i % _ACROSS else ax.get_ylabel(), fontsize=SMALL)
     legend_below(figure, size=SMALL)
 
 

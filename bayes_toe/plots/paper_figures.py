@@ -15,11 +15,12 @@ from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmet
 from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.study import refuse_intervals
+from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes, filter_span
 from bayes_toe.plots.curves import over_panel
@@ -27,7 +28,7 @@ from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure, without_pointwise
-from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, dress, legend_above, new_figure
+from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, chance, dress, legend_above, new_figure
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
 
@@ -66,7 +67,7 @@ def material_of(
     require_update(draws, "the paper's figures")
     refuse_intervals(study, "the paper's figures")
     require_mass(mass)
-    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study))
+    table = AsymmetryTable(tuple(subject_asymmetry(subject) for subject in study), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
     evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
     return Material(without_pointwise(draws), evidence, table, chosen, mass, truth)
@@ -101,7 +102,7 @@ def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figur
     figure = new_figure(1.9 + COLUMN, high)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4)))
     clearest = min((one for row in table for one in row.comparisons), key=lambda one: one.p_value)
-    order_axes(clearest, figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]))
+    order_axes(clearest, figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]), share_of=table.share_of)
     asymmetry_axes(table, figure.add_subplot(grid[:, 1]))
     figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
@@ -112,7 +113,11 @@ def filter_figure(draws: Draws, subject: str) -> Figure:
 
     The pair is the one with the largest asymmetry, or the widest where none was presented in both orders.
     """
-    counts, (mu1, sigma_p, sigma_l, q0) = draws.subject(subject), map(float, central(draws, subject))
+    counts, middle = draws.subject(subject), central(draws, subject)
+    mu1, sigma_p, sigma_l = (middle[name] for name in ("mu1", "sigma_p", "sigma_l"))
+    posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
+    assert isinstance(posterior, Posterior)
+    x = np.median(points, axis=0, keepdims=True)
     largest, widest = subject_asymmetry(counts).maximal, int(np.argmax(np.abs(counts.s1 - counts.s2)))
     pair = (float(counts.s1[widest]), float(counts.s2[widest])) if largest is None else (largest.s_weak, largest.s_strong)
     weak, strong = sorted(pair)
@@ -120,7 +125,10 @@ def filter_figure(draws: Draws, subject: str) -> Figure:
     figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
     lows, highs = zip(*(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True)
     for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
-        filter_axes(s1, s2, mu1, sigma_p, sigma_l, q0, span=(min(lows), max(highs)), ax=ax)
+        shown = posterior.for_subject(Subject.from_counts(subject, [s1], [s2], [0], [1], task=counts.task))
+        z, p = shown.distance(x).item(), float(np.exp(shown.log_answers(x)[0].item()))
+        said = f"$z$ = {z:.2f}, {chance(counts.task)} = {p:.2f}".replace("-", "−")
+        filter_axes(s1, s2, mu1, sigma_p, sigma_l, span=(min(lows), max(highs)), said=said, ax=ax)
     figure.suptitle(over_panel(draws, subject), fontsize=SMALL)
     return figure
 

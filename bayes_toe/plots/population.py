@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.study import Study, Subject
@@ -20,7 +19,7 @@ from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.groups.regressors import Regressor
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.curves import CURVE_DRAWS, Curve, main_weaker, order_panel, pairs_along, which_weaker
+from bayes_toe.plots.curves import CURVE_DRAWS, Curve, lines_along, main_weaker, order_panel, which_weaker
 from bayes_toe.plots.style import (
     BAD,
     BAND,
@@ -30,10 +29,10 @@ from bayes_toe.plots.style import (
     LABELS,
     LETTERS,
     MARKED,
-    ORDERS,
     PAGE,
     POSTERIOR,
     SMALL,
+    chance,
     dress,
     even_columns,
     first_panels,
@@ -198,7 +197,7 @@ def _forest_height(found: Population) -> float:
 
 
 def new_subject(ax: Axes, found: Population) -> None:
-    """What a new subject answers in both orders, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
+    """P of the counted answer of a new subject, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
 
     With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
     met most often; of several weaker stimuli the one in most pairs, which the panel then names.
@@ -210,14 +209,13 @@ def new_subject(ax: Axes, found: Population) -> None:
     equal, reference = _curve(found, isi), main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)
-    for order, (x, s1, s2) in pairs_along(everyone, low, 60).items():
-        if (presentation_order(everyone) == order).any():
-            colour, q = ORDERS[order].colour, equal(s1, s2)
-            outer, inner, inner_high, outer_high = np.quantile(q, (0.05, 0.25, 0.75, 0.95), axis=0)
-            ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
-            ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
-            ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
-    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=f"P({study.task.yes!r})")
+    for line in lines_along(everyone, low, 60):
+        x, colour, q = line.x, line.mark.colour, equal(line.s1, line.s2)
+        outer, inner, inner_high, outer_high = np.quantile(q, (0.05, 0.25, 0.75, 0.95), axis=0)
+        ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
+        ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
+        ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
+    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(study.task))
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
     if about := which_weaker(everyone, low):
@@ -235,7 +233,7 @@ def _main_interval(study: Study) -> float | None:
 
 
 def _curve(found: Population, isi: float | None) -> Curve:
-    """The same of pairs for draws of a new subject."""
+    """P of the counted answer of pairs for draws of a new subject."""
     columns, k = found.regressors.x, len(found.names)
     some = slice(None, None, max(1, found.chains.mean[..., 0].size // CURVE_DRAWS))
     eta = found.new_subject().reshape(-1, k)[some]

@@ -12,7 +12,7 @@ from bayes_toe.data.study import Study
 from bayes_toe.experiments.prior_predictive import RARELY, PriorPrediction, prior_predictive
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, Record
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import LETTERS, ORDERS, PAGE, dress, legend_above, new_figure
+from bayes_toe.plots.style import LETTERS, ORDERS, PAGE, chance, dress, legend_above, new_figure
 
 _OUTER, _INNER = "#E3E3E3", "#BDBDBD"
 _BANDS = ((0.05, 0.95, _OUTER, "prior, 5 to 95 %"), (0.25, 0.75, _INNER, "prior, 25 to 75 %"))
@@ -21,11 +21,11 @@ _BANDS = ((0.05, 0.95, _OUTER, "prior, 5 to 95 %"), (0.25, 0.75, _INNER, "prior,
 def prior_predictive_figure(
     study: Study, prior: Prior | str | None = None, model: str | Record = PREDICTIVE_UPDATE.name, *, seed: int = 0
 ) -> Figure:
-    """P(equal) of every pair over observers drawn from the prior, beside what the subjects did.
+    """P('equal'), or P('second'), of every pair over observers drawn from the prior, beside what the subjects did.
 
     Left: median and central 50 and 90 %; points: each subject's frequency; pairs from left to right by s2 - s1, so the stronger stimulus
     first on the left. In designs of more than 40 pairs those of one order with similar distances are taken together. Right: each observer's
-    largest P(equal) against the subjects' largest shares; its words count who calls every pair equal in less than 5 %.
+    largest P against the subjects' largest shares; its words count who gives that answer to every pair in less than 5 %.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _bands(found: PriorPrediction, ax: Axes) -> None:
             size = 4.5 if subjects == 1 else 3.2 if subjects <= 16 else 2.2
             style: dict[str, Any] = {"color": mark.colour, "mec": "white", "mew": 0.3}
             ax.plot(where + beside[who], share, mark.marker, ms=size, clip_on=False, label=mark.label, zorder=3, **style)
-    ax.set(xlim=(-0.6, len(x) - 0.4), ylim=(0.0, 1.0), ylabel="P('equal')")
+    ax.set(xlim=(-0.6, len(x) - 0.4), ylim=(0.0, 1.0), ylabel=chance(found.pairs.task))
     ax.set_xticks(x, _names(found), rotation=90 if len(x) > 6 else 0)
     ax.set_xlabel("mean $s_2 - s_1$ of pairs taken together" if found.grouped else "pair, $s_1$ then $s_2$, ordered by $s_2 - s_1$")
     legend_above(ax, columns=3)
@@ -91,9 +91,11 @@ def _largest(found: PriorPrediction, ax: Axes) -> None:
     observed, top = found.largest_observed, share.max()
     ax.bar(edges[:-1], share, np.diff(edges), align="edge", color=_INNER, edgecolor="white", lw=0.4, label="prior")
     ax.plot(observed, np.full(len(observed), 1.08 * top), "|", ms=7.0, mew=0.9, color="black", label="subjects")
-    ax.set(xlim=(-0.02, 1.02), ylim=(0.0, 1.15 * top), xlabel="largest P('equal') over pairs", ylabel="prior's observers (%)")
+    ax.set(
+        xlim=(-0.02, 1.02), ylim=(0.0, 1.15 * top), xlabel=f"largest {chance(found.pairs.task)} over pairs", ylabel="prior's observers (%)"
+    )
     silent = float(f"{100 * np.mean(found.largest < RARELY):.2g}")  # two digits: what draws of a few thousand observers tell
     subjects = f"{np.sum(observed < RARELY)} of {len(observed)} subject{'' if len(observed) == 1 else 's'}"
-    said = f"all pairs 'equal' in < {100 * RARELY:g} %:\n{silent:g} % of the prior's observers,\n{subjects}"
+    said = f"all pairs '{found.pairs.task.yes}' in < {100 * RARELY:g} %:\n{silent:g} % of the prior's observers,\n{subjects}"
     legend_above(ax, columns=2, title=said)
     dress(ax)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpecBase
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -53,6 +54,11 @@ LABELS = {
     "exponent": r"exponent $\nu$",
     "icc": "intra-class\ncorrelation",
 }
+
+
+def chance(task: Task) -> str:
+    """What an axis of probabilities of the answer that a task counts is called."""
+    return f"P('{task.yes}')"
 
 
 class Mark(NamedTuple):

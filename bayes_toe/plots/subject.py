@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, subject_asymmetry
-from bayes_toe.classical.frequencies import collapse, universal_curve
+from bayes_toe.classical.frequencies import collapse
 from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
-from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.ladder import posterior_of
-from bayes_toe.plots.curves import main_weaker, natural_curve, order_panel, over_panel, shown_range, which_weaker
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.plots.curves import Curve, fitted_curve, lines_along, main_weaker, order_panel, over_panel, which_weaker
 from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
@@ -25,6 +25,7 @@ from bayes_toe.plots.style import (
     ORDERS,
     PAGE,
     SMALL,
+    chance,
     dress,
     even_columns,
     legend_below,
@@ -32,58 +33,62 @@ from bayes_toe.plots.style import (
 )
 
 _ACROSS = 3  # columns of one block of rows
+_OF_PRIOR = ("mu1", "sigma_p", "sigma_l")
 _SHADOWS = 40  # draws whose priors are shown behind the central one
 
 
-def central(draws: Draws, subject: str) -> Natural:
-    """One point in the middle of a subject's draws: medians of the identified coordinates, as natural parameters of shape ().
+def central(draws: Draws, subject: str) -> Mapping[str, float]:
+    """One point in the middle of a subject's draws: medians of the identified coordinates, as quantities by name.
 
     Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade off.
     """
-    posterior = posterior_of(draws.subject(subject))
-    x = unconstrained(draws.natural(subject), posterior.sbar).reshape(-1, 4)
-    return posterior.natural(np.median(x, axis=0))
+    points = draws.points(subject)
+    found = draws.posterior(subject).quantities(np.median(points.reshape(-1, points.shape[-1]), axis=0))
+    return {name: float(value) for name, value in found.items()}
 
 
-def answers_axes(counts: Subject, theta: Natural, ax: Axes, *, size: float = 4.0) -> Axes:
+def answers_axes(counts: Subject, curve: Curve, ax: Axes, *, size: float = 4.0) -> Axes:
     """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 60 % and 95 % bands.
 
     Points, of so many points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the
     subject's comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
+    Of 'which is stronger' over s2 - s1 by the first stimulus, without stars.
     """
     reference = main_weaker(counts)
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
-    order_panel(ax, counts, natural_curve(theta), low, size=size)
-    left, right = shown_range(counts, low)
-    pad = max(0.06 * (right - left), 0.05)
-    ax.set(xlim=(left - pad, right + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel="P('equal')")
-    for one in subject_asymmetry(counts).comparisons:
+    order_panel(ax, counts, curve, low, size=size)
+    places = np.concatenate([line.x[[0, -1]] for line in lines_along(counts, low, 2)])
+    pad = max(0.06 * float(np.ptp(places)), 0.05)
+    ax.set(xlim=(places.min() - pad, places.max() + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
+    for one in subject_asymmetry(counts).comparisons if counts.task == SAME_DIFFERENT else ():
         if one.s_weak == reference and one.p_adjusted < LEVEL:
             ax.text(one.s_strong, 1.09, "*", ha="center", va="center_baseline", fontsize=2.5 * size)
     return dress(ax)
 
 
-def prior_axes(counts: Subject, theta: Natural, middle: Natural, ax: Axes) -> Axes:
+def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     """Fitted prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli. Source: Fig. 3, middle row.
 
-    Thick at `middle`, see :func:`central`, thin at some of the draws; triangles: stimuli; bar: likelihood noise, 2 sigma_l wide.
+    Thick in their middle, see :func:`central`, thin at some of the draws; triangles: stimuli; bar: likelihood noise, 2 sigma_l wide.
     """
+    counts, middle = draws.subject(subject), central(draws, subject)
     refuse_intervals([counts], "panel of the prior")
     stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
-    prior = steady_prior(middle.mu1, middle.sigma_p, middle.sigma_l)
+    prior = steady_prior(*(middle[name] for name in _OF_PRIOR))
     low, high = _reach(stimuli, prior)
     x, peak = np.linspace(low, high, 400), float(prior.density(prior.mean))
-    every = max(1, theta.mu1.size // _SHADOWS)
-    some = steady_prior(*(np.ravel(values)[every // 2 :: every, None] for values in (theta.mu1, theta.sigma_p, theta.sigma_l)))
+    drawn = [np.ravel(draws.values(subject, name)) for name in _OF_PRIOR]
+    every = max(1, drawn[0].size // _SHADOWS)
+    some = steady_prior(*(values[every // 2 :: every, None] for values in drawn))
     ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
     ax.fill_between(x, 0.0, prior.density(x) / peak, color=BELIEF, alpha=0.18, lw=0)
     ax.plot(x, prior.density(x) / peak, color=BELIEF, lw=1.4)
     ax.plot(stimuli, np.full_like(stimuli, -0.09), "^", ms=4.0, color="black", mec="white", mew=0.4, clip_on=False)
-    centre, noise = float(stimuli.mean()), float(middle.sigma_l)
+    centre, noise = float(stimuli.mean()), middle["sigma_l"]
     ax.plot([centre - noise, centre + noise], [-0.3, -0.3], color="#333333", lw=2.2, solid_capstyle="butt")
     ax.text(centre + noise + 0.015 * (high - low), -0.3, r"$\sigma_\ell$", ha="left", va="center", fontsize=SMALL)
     ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[], xlabel="stimulus (ln intensity)", ylabel="prior density")
-    ax.set_title(rf"$\mu_1$ = {float(middle.mu1):.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−"))
+    ax.set_title(rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−"))
     dress(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
@@ -102,17 +107,20 @@ def _reach(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
     return max(min(first - 0.15 * span, low), first - 4.0 * span), min(max(last + 0.15 * span, high), last + 4.0 * span)
 
 
-def collapse_axes(counts: Subject, theta: Natural, ax: Axes) -> Axes:
+def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     """Both orders over the normalised distance (s2 - mu_2)/w, where they fall on one curve q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
 
-    Horizontal bars hold 60 % of the draws; vertical ones are the standard deviation of the Laplace estimator over q0.
+    Horizontal bars hold 60 % of the draws; vertical ones are the standard deviation of the Laplace estimator over q0. The curve is that of
+    the medians; of 'which is stronger' nothing is divided.
     """
+    posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
+    assert isinstance(posterior, Posterior)
+    counts = posterior.subject
     refuse_intervals([counts], "collapse of both orders")
-    posterior = posterior_of(counts)
-    found = collapse(posterior, unconstrained(Natural(*map(np.ravel, theta)), posterior.sbar), mass=0.6)
+    found = collapse(posterior, points, mass=0.6)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
-    ax.plot(x, universal_curve(x), color="#333333", lw=1.2)
+    ax.plot(x, posterior.yes_at_distance(np.median(points, axis=0, keepdims=True), x)[0] / found.top, color="#333333", lw=1.2)
     crowded, style = counts.n_pairs > 60, dict[str, Any]()
     for order, mark in ORDERS.items():
         at = found.order == order
@@ -121,8 +129,8 @@ def collapse_axes(counts: Subject, theta: Natural, ax: Axes) -> Axes:
             style = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": 4.0, "elinewidth": 0.8}
             style |= {"fmt": mark.marker, "color": mark.colour, "mec": "white", "mew": 0.4}
             ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, **style)
-    top = max(1.14, 1.04 * float((found.ratio + found.error).max()))
-    ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=r"P('equal')$/q_0$")
+    top, divided = max(1.14, 1.04 * float((found.ratio + found.error).max())), "$/q_0$" if found.top < 1.0 else ""
+    ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=chance(counts.task) + divided)
     return dress(ax)
 
 
@@ -136,10 +144,10 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     for ax in (ax for axes in columns[len(subjects) :] for ax in axes):
         ax.remove()
     for place, (subject, (top, middle, bottom)) in enumerate(zip(subjects, columns, strict=False)):
-        counts, theta = draws.subject(subject), draws.natural(subject)
-        answers_axes(counts, theta, top)
-        prior_axes(counts, theta, central(draws, subject), middle)
-        collapse_axes(counts, theta, bottom)
+        counts = draws.subject(subject)
+        answers_axes(counts, fitted_curve(draws, subject), top)
+        prior_axes(draws, subject, middle)
+        collapse_axes(draws, subject, bottom)
         about = which_weaker(counts, main_weaker(counts))
         top.set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
         for ax in (top, middle, bottom) if place % across else ():

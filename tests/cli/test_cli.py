@@ -110,7 +110,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
     assert "no model describes the answers of 1 (bent)" in said
     [line] = [line for line in said.splitlines() if line.startswith("look ")]
     assert line.startswith("look bent: no model describes the answers: ")
-    assert "called equal" in line
+    assert "answered equal" in line
     places = [said.index(words) for words in ("answer: ", "order effect of every subject", "look bent", "next: ")]
     assert places == sorted(places)
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")

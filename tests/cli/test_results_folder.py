@@ -154,3 +154,20 @@ def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(
     opened(file, 1)
     assert loads == [file, file]
     opened.cache_clear()
+
+
+def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
+    out = write_results(stronger, tmp_path / "out", workers=1)
+    text = re.sub(r"data:image[^\"]*", "", page(out)) + (out / "methods.md").read_text(encoding="utf-8")
+    for other in ("'equal'", "called equal", "P(equal)", "q0", "half-width", "48 models"):
+        assert other not in text, other
+    for own in (
+        "over 12 models",
+        "point of subjective equality",
+        "just noticeable difference",
+        "P('second')",
+        "lapse_rate",
+        "% answered second",
+    ):
+        assert own in text, own
+    assert sorted(path.name for path in (out / "corner").iterdir()) == ["plain.png", "pulled.png"]

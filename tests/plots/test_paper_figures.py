@@ -21,6 +21,7 @@ from bayes_toe.model.coordinates import Natural, unconstrained
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.asymmetry import asymmetry_height, order_axes
 from bayes_toe.plots.beliefs import filter_axes
+from bayes_toe.plots.curves import fitted_curve
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import gamma_figure, plane_axes
 from bayes_toe.plots.map import farthest, map_figure, posterior_clouds
@@ -105,7 +106,7 @@ def test_the_filter_view_shows_the_four_beliefs(pair):
 
 
 def test_stars_stand_where_the_orders_differ(analysis, table):
-    ax = answers_axes(analysis.study["A"], analysis.draws.natural("A"), one_panel())
+    ax = answers_axes(analysis.study["A"], fitted_curve(analysis.draws, "A"), one_panel())
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
     assert stars == pytest.approx([one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05])
     assert stars
@@ -115,17 +116,17 @@ def test_the_prior_is_drawn_at_its_mean_with_the_stimuli(analysis):
     counts, middle = analysis.study["A"], central(analysis.draws, "A")
     for name in ("mu1", "sigma_p", "sigma_l", "q0"):
         low, high = np.quantile(analysis.draws.values("A", name), [0.3, 0.7])
-        assert low < float(getattr(middle, name)) < high
-    ax = prior_axes(counts, analysis.draws.natural("A"), middle, one_panel())
+        assert low < middle[name] < high
+    ax = prior_axes(analysis.draws, "A", one_panel())
     [thick] = [line for line in ax.lines if line.get_linewidth() == 1.4]
     x, density = thick.get_data()
-    assert x[np.argmax(density)] == pytest.approx(float(middle.mu1), abs=0.02)
+    assert x[np.argmax(density)] == pytest.approx(middle["mu1"], abs=0.02)
     [marks] = [line for line in ax.lines if line.get_marker() == "^"]
     assert marks.get_xdata() == pytest.approx(np.unique(counts.s1))
 
 
 def test_both_orders_collapse_on_one_curve(analysis):
-    ax = collapse_axes(analysis.study["A"], analysis.draws.natural("A"), one_panel())
+    ax = collapse_axes(analysis.draws, "A", one_panel())
     curve = next(line for line in ax.lines if len(line.get_xdata()) == 300)
     posterior = posterior_of(analysis.study["A"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
@@ -160,7 +161,7 @@ def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(ana
     ax = max(FIGURES["figure_4_map"](material).axes, key=lambda one: len(one.patches))
     assert ax.get_title(loc="left") == "ellipses: 50 % of the draws each"
     assert "holding 50 % of the posterior draws" in captions(material)
-    order = sorted("ABC", key=lambda name: float(central(analysis.draws, name).mu1))
+    order = sorted("ABC", key=lambda name: central(analysis.draws, name)["mu1"])
     assert {text.get_text() for text in ax.texts} - {""} == {f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)}
     known = material_of(analysis, truth={"A": {"mu1": -9.0, "sigma_p": 0.25}, "B": {"mu1": 1.0}})
     ax = max(FIGURES["figure_4_map"](known).axes, key=lambda one: len(one.patches))
@@ -194,7 +195,7 @@ def test_names_on_the_map_are_not_written_over_each_other():
 
 def test_the_plane_shows_axis_and_tested_pairs(analysis):
     counts, theta = analysis.study["A"], analysis.draws.natural("A")
-    ax = plane_axes(counts, theta, one_panel())
+    ax = plane_axes(analysis.draws, "A", one_panel())
     axis = next(line for line in ax.lines if line.get_label() == "symmetry axis")
     x, y = axis.get_data()
     assert (y[-1] - y[0]) / (x[-1] - x[0]) == pytest.approx(float(np.median(gain(theta.gamma))), abs=0.05)
