@@ -77,10 +77,15 @@ def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(CO
     (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
     for command in commands:
         seeded = [] if command == "asymmetry" else ["--seed", str(seed), "--workers", "1"]
-        words = [sys.executable, "-m", "bayes_toe", command, str(study), *reading, *COMMANDS[command][0], *seeded, "--overwrite"]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+        words = [command, str(study), *reading, *COMMANDS[command][0], *seeded, "--overwrite"]
+        done = call(*words, cwd=folder)
         if done.returncode not in (0, 3):
             raise SystemExit(f"{' '.join(words)}: exit code {done.returncode}: {done.stderr}")
+
+
+def call(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """A command, as a user calls it."""
+    return subprocess.run([sys.executable, "-m", "bayes_toe", *words], cwd=cwd, capture_output=True, text=True)
 
 
 def _numbers(folder: Path) -> Iterator[pd.DataFrame]:

@@ -60,7 +60,7 @@ def _fitted_for(target):
     return module.FittedProposal(made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1)
 
 
-def _worst_moment(move, target, index, runs=24):
+def _worst_moment(move, target, index, runs=16):
     """The largest |t| of means and variances over so many ensembles; they start from the target itself, which a wrong move leaves."""
     import emcee
 
@@ -86,8 +86,8 @@ def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     fitted = _fitted_for(target)
     move = moves(fitted, fitted.draws)[index][0]
     assert type(move).__name__ != "DESnookerMove"
-    # 8 looks at a t distribution with 23 degrees of freedom, 6 parametrisations: |t| < 4.6 has a false-alarm rate near 0.6 %.
-    assert _worst_moment(move, target, index) < 4.6
+    # 8 looks at a t distribution with 15 degrees of freedom, 6 parametrisations: |t| < 5 has a false-alarm rate near 0.8 %.
+    assert _worst_moment(move, target, index) < 5.0
 
 
 @pytest.mark.parametrize("wrong", ["snooker", "global"])

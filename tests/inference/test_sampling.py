@@ -158,8 +158,8 @@ def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_st
         for name in other.study.names:
             assert np.array_equal(analysis.draws.points(name), other.draws.points(name))
             assert analysis.evidence[name] == other.evidence[name]
-    changed = bt.run(small_study.select(["B"]), draws=2000, seed=6, workers=1)
-    assert not np.array_equal(changed.draws.points("B"), alone.draws.points("B"))
+    changed = bt.sample(small_study.select(["B"]), draws=2000, seed=6, workers=1)
+    assert not np.array_equal(changed.points("B"), alone.draws.points("B"))
 
 
 def test_subjects_whose_names_differ_in_case_are_two():

@@ -32,7 +32,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.posterior import Posterior
 
-STUDIES, FEWER = 20, 6  # the fewer are enough for errors as large as these
+STUDIES, FEWER = 10, 6  # the fewer are enough for errors as large as these
 
 
 def ranks_under(prior, studies=STUDIES):

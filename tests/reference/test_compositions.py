@@ -33,7 +33,11 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         assert case["method"] == METHOD
 
 
-@pytest.mark.parametrize("key", sorted(CASES))
+#: Some seconds each: two subjects are enough.
+DEAR = ("update + sloped + both ways + exponent + beta-binomial", "update + sloped + both ways + differencing + sloped peak")
+
+
+@pytest.mark.parametrize("key", [key for key in sorted(CASES) if not (key.endswith(DEAR) and key.startswith(("S01", "one order")))])
 def test_evidence_agrees_within_four_standard_errors(key):
     # Errors of the references are from eight runs (7 degrees of freedom): a false alarm in one of three such sets; the seeds are fixed.
     (name, model), case = key.split(": "), CASES[key]

@@ -5,6 +5,7 @@ from pathlib import Path
 import frozen
 import pandas as pd
 import pytest
+from commands import inside
 
 import bayes_toe
 
@@ -15,6 +16,12 @@ BUNDLED = Path(bayes_toe.__file__).parent / "data" / "example_study.csv"
 @pytest.fixture(scope="module")
 def table():
     return pd.read_csv(TABLE, keep_default_na=False, na_values=[""])
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """Numbers do not depend on the process that makes them."""
+    monkeypatch.setattr(frozen, "call", inside)
 
 
 def held(folder, table, study, subjects, commands, reading=()):
@@ -31,11 +38,11 @@ def held(folder, table, study, subjects, commands, reading=()):
 
 
 def test_bundled_subjects(tmp_path, table):
-    held(tmp_path, table, BUNDLED, ("S01", "S06", "S12"), ("run", "fit", "asymmetry"))
+    held(tmp_path, table, BUNDLED, ("S01", "S06"), ("run", "compare", "fit", "asymmetry"))
 
 
 def test_listeners_to_morse_signals(tmp_path, table, real_data):
-    held(tmp_path, table, real_data / "morse_rothkopf_1957" / "dots.csv", ("dots",), ("run", "compare", "fit", "asymmetry"))
+    held(tmp_path, table, real_data / "morse_rothkopf_1957" / "dots.csv", ("dots",), ("run", "fit", "asymmetry"))
 
 
 def test_a_feeler_of_vibrations(tmp_path, table, real_data):

@@ -48,7 +48,7 @@ def parts(fitted, count):
         yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
 
 
-@pytest.mark.parametrize(("name", "fits"), [("S01", 25), ("one order missing", 25)])
+@pytest.mark.parametrize(("name", "fits"), [("S01", 10), ("one order missing", 10)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
     posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
