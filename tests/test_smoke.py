@@ -1,14 +1,14 @@
 """The whole column on a small study, command by command: each ends well and writes what it promises."""
 
 import pytest
-from commands import call
+from commands import inside
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A study of two synthetic subjects, and all that commands make of it."""
     place = tmp_path_factory.mktemp("column")
-    assert call("simulate", "-o", "study.csv", "--subjects", 2, "--batches", 20, "--seed", 3, cwd=place).returncode == 0
+    assert inside("simulate", "-o", "study.csv", "--subjects", 2, "--batches", 20, "--seed", 3, cwd=place).returncode == 0
     return place
 
 
@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
 )
 def test_the_column(folder, words, outputs):
     seeded = words[0] in {"run", "sample", "evidence", "compare", "population", "fit"}
-    done = call(*words, *(["--seed", 1] if seeded else []), cwd=folder)
+    done = inside(*words, *(["--seed", 1] if seeded else []), cwd=folder)
     assert done.returncode in {0, 3}, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     for name in outputs:

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from one_subject import sample_model
 from reference.hard_cases import hard_cases
-from scipy.special import logsumexp, roots_legendre
+from scipy.special import logsumexp
 from typer.testing import CliRunner
 
 import bayes_toe as bt
@@ -15,7 +15,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, steady_prior, update
+from bayes_toe.model.beliefs import Gaussian, comparison_distance, update
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import (
     MODELS,
@@ -81,29 +81,6 @@ def test_mean_reverting_memory_is_its_filter_at_each_interval():
 
 
 # --- Evidence ---------------------------------------------------------------------------------------
-
-
-def test_evidence_without_lapses_agrees_with_brute_force():
-    # A tensor of Gauss-Legendre nodes in (mu1, sigma_p, gamma), the filter's equations one after the other.
-    prior = bt.Prior(mu1_sd=1.0, reference_interval=1.0)
-
-    def brute_force(orders):
-        (u, wu), (v, wv), (g, wg) = (roots_legendre(n) for n in orders)
-        mesh = np.meshgrid(6.0 * u, 2.5 * (1 + v), (1 + g) / 2, indexing="ij")
-        mu1, sigma_p, sigma_l = mesh[0], mesh[1], mesh[1] * np.sqrt(mesh[2])
-        total = np.ones(mu1.shape)
-        for s1, s2, k, n, isi in zip(WEAK.s1, WEAK.s2, WEAK.n_yes, WEAK.n_trials, WEAK.isi, strict=True):
-            evolved = evolve(update(steady_prior(mu1, sigma_p * np.sqrt(isi), sigma_l), s1, sigma_l), sigma_p, isi)
-            q = 2.0 ** -np.square(comparison_distance(evolved, s2, sigma_l))
-            total *= q**k * (1 - q) ** (n - k)
-        density = np.exp(-0.5 * mu1**2 - 0.5 * sigma_p**2) / np.pi  # Normal(0, 1) times HalfNormal(1)
-        return float(np.log(np.einsum("i,j,k,ijk", 6.0 * wu, 2.5 * wv, wg / 2, density * total)))
-
-    coarse, fine = brute_force((150, 150, 20)), brute_force((220, 220, 30))
-    assert fine == pytest.approx(coarse, abs=1e-4)
-    value, error = evidence_of(WEAK, model_named("no lapses"), prior)
-    assert error < 0.005
-    assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
 
 
 def test_evidence_of_the_mean_reverting_memory_is_the_prior_average_of_its_filter():
