@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations
 from textwrap import wrap
 from typing import Any, NamedTuple, cast
@@ -27,7 +26,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior, prior_draws
+from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
@@ -157,13 +156,7 @@ class _Shown:
 
 def prior_values(target: Answering) -> Mapping[str, FloatArray]:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
-    if isinstance(target, Posterior):
-        return _of_design(target.model, target.prior, target.sbar)
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
-
-
-#: Draws from the prior are the same for all subjects of a design, one after the other.
-_of_design = lru_cache(maxsize=1)(prior_draws)
 
 
 def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> list[Span]:
@@ -176,11 +169,11 @@ def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> li
 
 def support(target: Answering, name: str) -> Span:
     """Where a quantity can lie."""
-    if name in ("mu1", "offset"):
+    if name in ("mu1", "offset", "pse_shift"):
         return -np.inf, np.inf
     if name in ("gamma", "rho") or name.startswith("q"):
         return 0.0, 1.0
-    if name.startswith("sigma") or name == "width":
+    if name.startswith("sigma") or name in ("width", "jnd"):
         return 0.0, np.inf
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
 

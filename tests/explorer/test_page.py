@@ -190,7 +190,7 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetr
     done = inside("explore", "posterior.nc", "-o", "a.html", "--truth", "truth.csv", "--subject", "A", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "explorer in a.html" in done.stdout
-    assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {"q0": 0.9, "width": 0.3}
+    assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {"q0": 0.9, "width": 0.3, "jnd": 0.3}
     again = inside("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
     assert again.returncode == 2
     assert "a.html: exists" in again.stderr
