@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import entr, logsumexp
+from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.verdict import Verdict
@@ -22,6 +22,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior, stored_prior
+from bayes_toe.planning.information import entropy, told
 from bayes_toe.planning.judging import judged
 from bayes_toe.planning.observers import prior_of
 from bayes_toe.planning.particles import ENOUGH, Particles
@@ -147,15 +148,16 @@ class Adaptive:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
         share = {name: p for name, p in self.probabilities.items() if self._clouds[name].possible}
         found = [(p, *self._judged(name)) for name, p in share.items()]
-        mean = [(p, weights @ answers) for p, weights, answers, _ in found]
-        total = np.sum([p * q for p, q in mean], axis=0)
+        weights = np.concatenate([p * own for p, own, _, _ in found])
+        answers = np.concatenate([one for _, _, one, _ in found], axis=1)
+        if self.about == PARAMETERS:
+            return np.asarray(entropy(weights @ answers) - weights @ np.concatenate([each for *_, each in found]))
         if self.about == WHICH_MODEL:
-            rest = sum(p * _entropy(q) for p, q in mean)
-        elif self.about == PARAMETERS:
-            rest = sum(p * (weights @ entropy) for p, weights, _, entropy in found)
-        else:
-            rest = self._left_by_quantity(*found[0][1:3])
-        return np.asarray(_entropy(total) - rest)
+            return told(answers, weights, np.repeat(np.arange(len(found)), [len(own) for _, own, _, _ in found]))
+        [cloud] = self._clouds.values()
+        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[: self._judges])[self.about]
+        order = np.argsort(values)  # in bins of equal probability
+        return told(answers, weights, (_BINS * np.cumsum(weights[order]) * (1.0 - 1e-9)).astype(np.intp)[np.argsort(order)])
 
     # --- What is known ----------------------------------------------------------------------------------
 
@@ -307,29 +309,9 @@ class Adaptive:
         cloud = self._clouds[name]
         if name not in self._seen or self._seen[name][0] != cloud.generation:
             answers = np.exp(np.stack(cloud.target(self.pairs.unanswered).log_answers(cloud.x[: self._judges])))
-            self._seen[name] = cloud.generation, answers, _entropy(answers)
+            self._seen[name] = cloud.generation, answers, entropy(answers)
         weights = cloud.log_weight[: self._judges]
         return np.exp(weights - logsumexp(weights)), *self._seen[name][1:]
-
-    def _left_by_quantity(self, weights: FloatArray, answers: FloatArray) -> FloatArray:
-        """Entropy that is left where the quantity is known, as far as bins of equal probability tell it."""
-        [cloud] = self._clouds.values()
-        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[: self._judges])[self.about]
-        order = np.argsort(values)
-        bins = np.empty(len(values), np.int64)
-        bins[order] = np.minimum((_BINS * np.cumsum(weights[order])).astype(np.int64), _BINS - 1)
-        membership = np.where(bins == np.arange(_BINS)[:, None], weights, 0.0)
-        share = membership.sum(axis=1)
-        some = share > 0
-        return np.asarray(share[some] @ _entropy(membership[some] @ answers / share[some, None]))
-
-
-def _entropy(answers: FloatArray) -> FloatArray:
-    """Of an answer with these probabilities of one and the other, (2, ...) -> (...), nats.
-
-    Of both, because 1 less a sum of weighted ones that are all 1 may be below 0 by rounding.
-    """
-    return np.asarray(entr(answers).sum(axis=0))
 
 
 def _design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:

@@ -1,4 +1,4 @@
-"""What single trials tell about assumed observers, in closed form: Fisher information of one answer to each of many pairs.
+"""What single trials tell: about assumed observers the Fisher information of one answer to each of many pairs, in closed form.
 
 An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q. With the prior's curvature and the
 information of all trials it makes a normal approximation of the posterior, of covariance C, at each observer's true values. The model is
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from scipy.special import expit, log_ndtr
+from scipy.special import entr, expit, log_ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.comparison.words import NAMED
@@ -182,6 +182,25 @@ def _of_one(model: Model, pairs: StudyDesign, observer: Observer, prior: Prior) 
     bends, vectors = np.linalg.eigh(-hessian(single.prior_gradient, x)[0])
     bent = (vectors * np.maximum(bends, 0.0)) @ vectors.T  # where a prior bends upward it holds nothing
     return gradient * np.exp(0.5 * (value - log_other))[:, None], bent, x[0]
+
+
+def entropy(answers: FloatArray) -> FloatArray:
+    """Of an answer with these probabilities of one and the other, (2, ...) -> (...), nats.
+
+    Of both, because 1 less a sum of weighted ones that are all 1 may be below 0 by rounding.
+    """
+    return np.asarray(entr(answers).sum(axis=0))
+
+
+def told(answers: FloatArray, weights: FloatArray, which: IndexArray) -> FloatArray:
+    """Expected information of one answer to each pair about the group of which an observer is, nats, shape (pairs,).
+
+    Of draws of observers the probabilities of both answers, (2, draws, pairs), weights that sum to 1 and groups, (draws,).
+    """
+    members = np.where(which == np.unique(which)[:, None], weights, 0.0)
+    share = members.sum(axis=1)
+    members, share = members[share > 0], share[share > 0]
+    return np.asarray(entropy(weights @ answers) - share @ entropy(members @ answers / share[:, None]))
 
 
 # --- Exchange -------------------------------------------------------------------------------------

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import entr, logsumexp, softmax
+from scipy.special import logsumexp, softmax
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
@@ -19,6 +18,7 @@ from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.planning.information import told
 from bayes_toe.planning.judging import Weighed, judged, weighed
 from bayes_toe.planning.study_design import StudyDesign, all_pairs
 from bayes_toe.seeds import generator, root_seed
@@ -112,7 +112,10 @@ class _Job:
         people = observers(found, _PREDICTED, rng)
         same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
         every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
-        best = np.sort(np.argsort(-_told(every, people))[:_PAIRS])
+        yes = np.array([one.equal(*every.columns)[0] for one in people])
+        orders = np.array([ORDERS.index(dict(one.target.model.levels)["order"]) for one in people])
+        worth = told(np.stack([yes, 1.0 - yes]), np.full(_PREDICTED, 1.0 / _PREDICTED), orders)
+        best = np.sort(np.argsort(-worth)[:_PAIRS])
         judges = likeliest(found)
         return MoreTrials(subject.name, *(self._fewest(one, people, judges) for one in (same, every.some(best))))
 
@@ -156,19 +159,6 @@ def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predi
         posterior, x, weights = found.draws[place]
         made.append(Predictor(posterior, x[rng.choice(len(x), 1, p=softmax(weights))]))
     return made
-
-
-def _told(pairs: StudyDesign, people: Sequence[Predictor]) -> FloatArray:
-    """Expected information of one answer to each pair about the order's effect, nats, shape (pairs,)."""
-    equal = np.array([one.equal(*pairs.columns)[0] for one in people])
-    orders = np.array([dict(one.target.model.levels)["order"] for one in people])
-    groups = [equal[orders == level] for level in ORDERS]
-    left = sum(len(group) / len(people) * _entropy(group.mean(axis=0)) for group in groups if len(group))
-    return np.asarray(_entropy(equal.mean(axis=0)) - left)
-
-
-def _entropy(q: FloatArray) -> FloatArray:
-    return np.asarray(entr(q) + entr(1.0 - q))
 
 
 def _together(one: Subject, other: Subject) -> Subject:
