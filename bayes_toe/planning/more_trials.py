@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -121,13 +123,8 @@ class _Job:
 
     def _fewest(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model]) -> Tried:
         """The fewest trials of those tried that decide, or the most: the middle number first, then upward or downward from it."""
-        tried: dict[int, Tried] = {}
-        low, high = 0, len(TIMES) - 1
-        while low < high:
-            middle = (low + high) // 2
-            tried[middle] = self._tried(design, people, judges, TIMES[middle])
-            low, high = (low, middle) if tried[middle].decided >= ENOUGH else (middle + 1, high)
-        return tried.get(low) or self._tried(design, people, judges, TIMES[low])
+        tried = cache(partial(self._tried, design, people, judges))
+        return tried(TIMES[bisect_left(TIMES[:-1], True, key=lambda times: tried(times).decided >= ENOUGH)])
 
     def _tried(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model], times: float) -> Tried:
         trials = max(design.n_pairs, round(times * self.subject.total_trials))
