@@ -115,6 +115,20 @@ def test_stored_draws_are_not_sampled_again(folder):
     assert "STUDY.csv: missing, allowed: a file, or --posterior" in inside("population", "-o", "none.nc", cwd=folder).stderr
 
 
+def test_which_is_stronger(tmp_path, monkeypatch):
+    bt.example_study("2afc").select(["S01", "S02", "S03"]).frame().to_csv(tmp_path / "stronger.csv", index=False)
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", lambda *given: with_convergence(drawn(*given)))
+    done = inside("population", "stronger.csv", *OPTIONS, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in done.stdout
+    found = bt.load(tmp_path / "population.nc")
+    assert (found.study.task.yes, found.names) == ("second", ("offset", "gain", "width", "lapse_rate"))
+    refused = inside("population", "stronger.csv", "-o", "other.nc", "--model", "update + misses", *OPTIONS, cwd=tmp_path)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "'misses' is of the task 'same/different', and asked was 'which is stronger'" in refused.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"stronger.csv", *(name.replace("group", "population") for name in FILES)}
+
+
 def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypatch):
     def short(joint, names, *given):
         bad = {(kind, -1, j): Convergence(9.0, 8.0, 1.5) for kind in ("mean", "sd") for j in range(len(names))}
