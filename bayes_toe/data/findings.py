@@ -68,12 +68,8 @@ class Finding:
     subject : str
         Whom it concerns; empty for the whole study.
     code : str
-        What kind of finding it is: one of :data:`DOUBTS` or "few_trials"; from a look at the file
-        (:mod:`bayes_toe.experiments.answers_check`) "raw_stimuli", "far_from_prior", "column_alike" or "columns_ignored"; from a look at
-        the design (:mod:`bayes_toe.experiments.checks`) "few_pairs", "rounding", "all_equal", "all_different", "only_equal_pairs",
-        "no_equal_pairs", "one_first_stimulus", "one_order", "one_interval", "design_rank", "repeated_trials", "prior_scale",
-        "all_alike", "no_easy_pairs", "only_easy_pairs", "long_intervals", "names_differ_in_case", "names_look_alike" (but for invisible
-        characters, or how characters are composed) or "names_are_formulas" (to a spreadsheet).
+        What kind of finding it is: one of :data:`DOUBTS`, "few_trials", or what a look at the file
+        (:mod:`bayes_toe.experiments.answers_check`) or at the design (:mod:`bayes_toe.experiments.checks`) calls it.
     message : str
         One sentence that says what to conclude.
     option : str

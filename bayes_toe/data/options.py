@@ -48,7 +48,7 @@ class ReadOptions:
         the sign of s2 - s1.
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
-    ignore : sequence of str
+    ignore : str or sequence of str
         Columns isi, block or trial that are not read although they are there: without isi pairs are pooled over the intervals.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
@@ -77,7 +77,7 @@ class ReadOptions:
     second_code: str | None = None
     first_code: str | None = None
     correct: str | None = None
-    ignore: Sequence[str] = ()
+    ignore: Sequence[str] | str = ()
 
     def __post_init__(self) -> None:
         for key in (*(f"{answer}_code" for answer in _ANSWERS), "correct"):
@@ -85,6 +85,7 @@ class ReadOptions:
             object.__setattr__(self, key, None if text is None else text.strip())
         for key in ("columns", "where"):
             object.__setattr__(self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()})
+        object.__setattr__(self, "ignore", (self.ignore,) if isinstance(self.ignore, str) else tuple(self.ignore))
         problems = []
         if self.intensity is not None and not (math.isfinite(self.intensity) and self.intensity > 0):
             problems.append(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")

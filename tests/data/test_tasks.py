@@ -61,6 +61,7 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
 def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
     path = written(tmp_path, "subject,s1,s2,Delay,response,block", "a,0,1,2,second,1", "a,0,1,4,first,2")
     timed, pooled = (bt.read_study(path, bt.ReadOptions(columns={"isi": "Delay"}, ignore=some)) for some in ((), ("isi", "block")))
+    assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
     assert (timed["a"].n_pairs, pooled["a"].n_pairs, pooled.intervals) == (2, 1, ())
     assert [note for note in pooled.notes if "ignore" in note] == [
         f"column {one} not read, as --ignore has it" for one in ("Delay", "block")
