@@ -67,7 +67,7 @@ def test_run_writes_everything(results):
     assert {p.name for p in (out / "corner").iterdir()} == {"A.png", "B.png"}
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in (out / "corner").iterdir())
     summary = pd.read_csv(out / "summary.csv", dtype={"subject": str}, keep_default_na=False)
-    assert set(summary.parameter) == {"mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width"}
+    assert set(summary.parameter) == {"mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd"}
     assert (summary.r_hat < 1.01).all()
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     assert "seed 1" in printed
