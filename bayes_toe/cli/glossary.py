@@ -31,7 +31,7 @@ _TERMS = {
     "an order effect",
     "JND": "just noticeable difference: {jnd}; of the answers that depend on the stimuli, as a difference of natural-log intensities",
     "PSE": "point of subjective equality: the second stimulus that seems as strong as the first; how far it is from the first is the shift "
-    "that an order effect makes",
+    "that an order effect makes; pse_shift is that at the mean first stimulus",
     "best model": "the one of the {models} with the highest evidence",
     "not described": f"predictive p, or the p-value of the deviance, of the best model is below {MISFIT:g}",
     "robust": "neither effect nor kind changes where the scales of the order effect in the prior are halved and doubled",
@@ -94,7 +94,8 @@ def glossary(task: Task) -> Glossary:
     "a free frequency of 'second' for every pair: nothing connects the pairs"
     """
     known = {"yes": task.yes, "models": len(models_of(task).space), "jnd": _JND[task], "share_of": SHARE_OF[task]}
-    terms = {term: words.format_map(known) for term, words in _TERMS.items()}
+    absent = () if task == SAME_DIFFERENT else ("maximum likelihood", "bootstrap")  # a fit of the paper's task alone
+    terms = {term: words.format_map(known) for term, words in _TERMS.items() if term not in absent}
     reported = (name for block in models_of(task).update.free for name in block.names.reported)
     terms |= {name: f"{symbol(name)}: {meaning(name, task)}" for name in reported}
     words = "|".join(map(re.escape, sorted([*terms, *_ALSO], key=len, reverse=True)))

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
@@ -28,6 +29,8 @@ from bayes_toe.model.target import DOMINATED, contraction
 from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, prior_values, spans_of
 from bayes_toe.plots.style import MARKED
 
+#: What is the same in all pairs of a slice.
+FIXED = {SAME_DIFFERENT: "weaker", WHICH_STRONGER: "first"}
 #: Quantities of one entry; only free frequencies of a large design are more.
 MOST_QUANTITIES = 16
 #: Of every curve; with straight lines between them a bell is a bell.
@@ -78,7 +81,7 @@ class Entry:
         return len(self.names) + 2 + POINTS * curves
 
     def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
-        """What the page holds of it: about so many draws, and curves of so many weaker stimuli at most."""
+        """What the page holds of it: about so many draws, and so many slices of curves at most."""
         x = self.x.reshape(-1, self.x.shape[-1])
         kept = np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
@@ -129,7 +132,7 @@ class Entry:
                 "order": presentation_order(counts).tolist(),
                 "estimate": laplace_estimate(counts.n_yes, counts.n_trials).tolist(),
                 "error": laplace_error(counts.n_yes, counts.n_trials).tolist(),
-                "higher": np.maximum(counts.s1, counts.s2).tolist(),
+                "along": along(counts).tolist(),
             },
             "slices": [
                 {
@@ -234,9 +237,11 @@ class Slice:
     """Pairs with one weaker stimulus (ln), at one interval (seconds): what one panel of curves shows.
 
     Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,); and the orders that have a curve: -1
-    weaker first, 1 stronger first, 0 equal stimuli of several intensities.
+    weaker first, 1 stronger first, 0 equal stimuli of several intensities. Of 'which is stronger' pairs with one first stimulus, s2 - s1
+    along the curve, which is one, 0.
     """
 
+    task: Task
     weaker: float
     isi: float | None
     pairs: IndexArray
@@ -245,19 +250,21 @@ class Slice:
 
     def title(self, several: bool) -> str:
         """What tells it from others."""
-        words = [f"weaker stimulus {self.weaker:.3g}"] if several else []
+        words = [f"{FIXED[self.task]} stimulus {self.weaker:.3g}"] if several else []
         return ", ".join(words + ([] if self.isi is None else [f"interval {self.isi:g} s"])).replace("-", "−")
 
     def equal(self, fitted: Predictor) -> FloatArray:
-        """P(equal) of every draw, shape (orders, POINTS, draws)."""
+        """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
         fixed = np.full_like(self.x, self.weaker)
         presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
+        if self.task == WHICH_STRONGER:
+            presented = {0: (fixed, fixed + self.x)}
         seconds = None if self.isi is None else np.full_like(self.x, self.isi)
         return np.stack([fitted.equal(*presented[order], seconds).T for order in self.orders])
 
 
 def slices(counts: Subject, most: int) -> list[Slice]:
-    """The slices with the most trials of different stimuli, at most so many, in the order of weaker stimulus and interval."""
+    """The slices with the most trials of different stimuli, at most so many, in the order of fixed stimulus and interval."""
     chosen = [key for key, _ in _trials(counts).most_common(most)]
     return [_slice(counts, low, isi) for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))]
 
@@ -268,8 +275,8 @@ def slice_count(counts: Subject) -> int:
 
 
 def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
-    """Trials of different stimuli by weaker stimulus and interval; without any, of all stimuli at once."""
-    weaker, order = np.minimum(counts.s1, counts.s2), presentation_order(counts)
+    """Trials of different stimuli by fixed stimulus and interval; without any, of all stimuli at once."""
+    weaker, order = _fixed(counts), presentation_order(counts)
     seconds = [None] * counts.n_pairs if counts.isi is None else counts.isi.tolist()
     found: Counter[tuple[float, float | None]] = Counter()
     for low, isi, kind, count in zip(weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True):
@@ -278,16 +285,29 @@ def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
     return found or Counter({(float(weaker.min()), seconds[0]): 1})
 
 
+def _fixed(counts: Subject) -> FloatArray:
+    """What a slice has one of: the weaker stimulus of every pair, or the first one, shape (pairs,)."""
+    return counts.s1 if counts.task == WHICH_STRONGER else np.minimum(counts.s1, counts.s2)
+
+
+def along(counts: Subject) -> FloatArray:
+    """Where every pair stands along its slice: at its stronger stimulus, or at s2 - s1, shape (pairs,)."""
+    return counts.s2 - counts.s1 if counts.task == WHICH_STRONGER else np.maximum(counts.s1, counts.s2)
+
+
 def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
-    low, high, order = np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2), presentation_order(counts)
-    shown = (low == weaker) | ((order == 0) & (high >= weaker))
-    if isi is not None:
-        shown &= np.asarray(counts.isi) == isi
+    low, high, order = _fixed(counts), along(counts), presentation_order(counts)
+    at = np.ones(counts.n_pairs, bool) if isi is None else np.asarray(counts.isi) == isi
+    if counts.task == WHICH_STRONGER:
+        pad = _BEYOND * max(float(np.ptp(high)), 1e-9)
+        x = np.linspace(high.min() - pad, high.max() + pad, POINTS)
+        return Slice(counts.task, weaker, isi, np.flatnonzero(at & (low == weaker)), x, (0,))
+    shown = at & ((low == weaker) | ((order == 0) & (high >= weaker)))
     top = max(float(high[shown].max()), weaker + 1e-9)
     x = np.linspace(weaker, top + _BEYOND * (top - weaker), POINTS)
     orders = [one for one in (-1, 1) if (order[shown] == one).any()]
     several = len(np.unique(high[shown & (order == 0)])) > 1 or not orders
-    return Slice(weaker, isi, np.flatnonzero(shown), x, (*orders, 0) if several else tuple(orders))
+    return Slice(counts.task, weaker, isi, np.flatnonzero(shown), x, (*orders, 0) if several else tuple(orders))
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:

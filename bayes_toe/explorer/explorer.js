@@ -212,7 +212,7 @@ window.explorer = (() => {
       const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
       const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length)).filter(pair => slice.isi === null || p.isi[pair] === slice.isi);
       const take = (key, list) => list.map(pair => p[key][pair]);
-      fill(`answers-${letter}-${kind}`, { x: take("higher", drawn), estimate: take("estimate", drawn), s1: take("s1", drawn), s2: take("s2", drawn),
+      fill(`answers-${letter}-${kind}`, { x: take("along", drawn), estimate: take("estimate", drawn), s1: take("s1", drawn), s2: take("s2", drawn),
         low: drawn.map(pair => p.estimate[pair] - p.error[pair]), high: drawn.map(pair => p.estimate[pair] + p.error[pair]), k: take("k", drawn), n: take("n", drawn) });
       fill(`pairs-${letter}-${kind}`, { s1: take("s1", every), s2: take("s2", every), k: take("k", every), n: take("n", every),
         fill: every.map(pair => { const grey = Math.round(255 - 215 * p.k[pair] / p.n[pair]); return `rgb(${grey},${grey},${grey})`; }) });
@@ -369,7 +369,7 @@ window.explorer = (() => {
       at(`name-${letter}`).textContent = titled(letter, found);
       const words = found.ends2 === null ? ["This model connects no pairs: it has no curve and no axis."] : [];
       if (found.reference !== null) words.push(`Quantities and axis are those at ${written(found.reference)} s.`);
-      if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} weaker stimuli with the most trials.`);
+      if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} ${index.fixed} stimuli with the most trials.`);
       at(`words-${letter}`).textContent = words.join(" ");
     }
     spans();

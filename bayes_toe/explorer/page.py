@@ -17,7 +17,7 @@ from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.explorer.entry import Entry, entries_of, in_group, island, outlined, prior_of, quantiles
+from bayes_toe.explorer.entry import FIXED, Entry, entries_of, in_group, island, outlined, prior_of, quantiles
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.plots.corner import spans_of
 from bayes_toe.version import __version__
@@ -127,7 +127,7 @@ def explore(
     ------
     InputError
         If Bokeh is not installed, there are no draws, an unknown subject is asked for, the population is of another model, or there are
-        more than 200 posteriors of subjects.
+        more than 200 posteriors of subjects, or two tasks.
     """
     require_bokeh()
     return page(entries(draws, subjects=subjects, truths=truths, population=population), population)
@@ -203,6 +203,9 @@ def page(found: Sequence[Entry], population: Population | None = None, progress:
         if progress is not None:
             progress(name)
     names = list(dict.fromkeys(name for entry in found for name in entry.names))
+    task = found[0].target.subject.task
+    if any(entry.target.subject.task != task for entry in found):
+        raise InputError("explore: found draws of two tasks, allowed: one in a page")
     others = sorted(range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place))
     index = {
         "entries": told,
@@ -211,11 +214,12 @@ def page(found: Sequence[Entry], population: Population | None = None, progress:
         "priors": [prior for _, prior in priors.values()],
         "group": None if population is None else _group(population),
         "symbols": {name: symbol(name) for name in names},
-        "meanings": {name: meaning(name) for name in names},
+        "meanings": {name: meaning(name, task) for name in names},
         "slots": SLOTS,
+        "fixed": FIXED[task],
         "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
     }
-    before, after = _frame().split(_ISLANDS)
+    before, after = _frame(task).split(_ISLANDS)
     scripts = (
         f'<script type="application/json" id="{name}">{content}</script>\n' for name, content in [("index", island(index)), *islands]
     )
@@ -277,13 +281,13 @@ def _group(group: Population) -> dict[str, Any]:
 
 
 @cache
-def _frame() -> str:
-    """The page without its posteriors: the same for all."""
+def _frame(task: Task) -> str:
+    """The page without its posteriors: the same for all of a task."""
     from bokeh.embed import file_html
     from bokeh.resources import INLINE
 
     from bayes_toe.explorer.panels import corner_names, document
 
     own = {name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "explorer.js")}
-    variables = {"style": own["page.css"], "script": own["explorer.js"], "islands": _ISLANDS, "corner": corner_names()}
-    return str(file_html(document(), INLINE, "Explore a posterior", template=own["page.html"], template_variables=variables))
+    variables = {"style": own["page.css"], "script": own["explorer.js"], "islands": _ISLANDS, "corner": corner_names(), "yes": task.yes}
+    return str(file_html(document(task), INLINE, "Explore a posterior", template=own["page.html"], template_variables=variables))

@@ -30,6 +30,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
@@ -44,11 +45,11 @@ GROUP, PRIOR = "#C9A227", "#8A8A8A"
 #: Pixels around panels; more where explorer.js puts numbers beside them.
 AROUND = 3
 _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
-_ANSWERS = [("", "$name"), ("first, second", "@s1{0.000}, @s2{0.000}"), ("'equal'", "@k of @n")]
+_ALONG = {SAME_DIFFERENT: "stronger stimulus (ln intensity)", WHICH_STRONGER: "s₂ − s₁ (ln intensity)"}
 _BAND = ("x", "all", "kept", "low", "high")
 
 
-def document() -> Document:
+def document(task: Task) -> Document:
     """All figures; their names are also those of the places where the page embeds them."""
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
@@ -56,7 +57,7 @@ def document() -> Document:
     corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     made = Document()
     with made.models.freeze():  # otherwise all models are collected anew with every root
-        for root in (*corner, *(make(sources, letter) for letter in LETTERS for make in (_curves, _plane))):
+        for root in (*corner, *(make(sources, letter, task) for letter in LETTERS for make in (_curves, _plane))):
             made.add_root(root)
     return made
 
@@ -147,10 +148,16 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     return made
 
 
-def _curves(sources: _Sources, letter: str) -> Any:
-    """P(equal) of both orders over the stronger stimulus, with the answers."""
+def _hover(renderers: list[Any], task: Task) -> HoverTool:
+    """A pair under the mouse, and how often it was answered so."""
+    shown = [("", "$name"), ("first, second", "@s1{0.000}, @s2{0.000}"), (f"'{task.yes}'", "@k of @n")]
+    return HoverTool(renderers=renderers, tooltips=shown, limit=2)
+
+
+def _curves(sources: _Sources, letter: str, task: Task) -> Any:
+    """P of the counted answer of both orders over the stronger stimulus, or over s2 - s1, with the answers."""
     made = _plot(f"curves-{letter}", [], x_range=Range1d(0, 1, name=f"stronger-{letter}"), y_range=Range1d(-0.03, 1.03))
-    made.xaxis.axis_label, made.yaxis.axis_label = "stronger stimulus (ln intensity)", "P(equal)"
+    made.xaxis.axis_label, made.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
     _small_words(made)
     points = []
     for order, (kind, marker) in KINDS.items():
@@ -160,7 +167,7 @@ def _curves(sources: _Sources, letter: str) -> Any:
         made.add_glyph(answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5))
         point = Scatter(x="x", y="estimate", marker=marker, fill_color=colour, line_color="white", size=10 if kind == "equal" else 8)
         points.append(made.add_glyph(answers, point, name=ORDERS[order].label))
-    made.add_tools(HoverTool(renderers=points, tooltips=_ANSWERS, limit=2))
+    made.add_tools(_hover(points, task))
     made.add_layout(Title(text="", name=f"curves-title-{letter}", text_font_size="12px", text_font_style="normal", standoff=2), "above")
     return made
 
@@ -172,8 +179,8 @@ def _band(made: Any, source: ColumnDataSource, colour: str) -> None:
     made.add_glyph(source, Line(x="x", y="kept", line_color=colour, line_width=2.5))
 
 
-def _plane(sources: _Sources, letter: str) -> Any:
-    """The plane of stimuli: pairs that were presented, filled by how often they were called equal, and the axis of symmetry."""
+def _plane(sources: _Sources, letter: str, task: Task) -> Any:
+    """The plane of stimuli: pairs that were presented, filled by how often the counted answer was given, and the axis of symmetry."""
     side = Range1d(0, 1, name=f"plane-{letter}-range")
     made = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
     made.xaxis.axis_label, made.yaxis.axis_label = "first stimulus (ln intensity)", "second stimulus"
@@ -187,7 +194,7 @@ def _plane(sources: _Sources, letter: str) -> Any:
         size = 12 if kind == "equal" else 10
         point = Scatter(x="s1", y="s2", marker=marker, line_color=ORDERS[order].colour, line_width=2, fill_color="fill", size=size)
         points.append(made.add_glyph(pairs_of, point, name=ORDERS[order].label))
-    made.add_tools(HoverTool(renderers=points, tooltips=_ANSWERS, limit=2))
+    made.add_tools(_hover(points, task))
     return made
 
 
