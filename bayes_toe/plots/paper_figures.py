@@ -16,6 +16,7 @@ from bayes_toe.classical.ellipse import MASS, require_mass
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
@@ -263,7 +264,8 @@ def captions(material: Material) -> str:
     missing, draws = left_out(material), material.draws
     lines = [
         f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}",
-        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but q0 and gamma are "
+        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but "
+        f"{draws.task.lapses} and gamma are "
         "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
         material.asymmetry.population().describe().capitalize() + ".",
     ]
@@ -274,29 +276,43 @@ def captions(material: Material) -> str:
         "first": material.subjects[0],
         "mass": f"{100.0 * material.mass:.3g} %",
         "truth": " Squares: true values." if material.truth else "",
+        "chance": chance(draws.task),
+        "share_of": material.asymmetry.share_of,
+        **_OF_TASK[draws.task],
     }
     for name, text in _CAPTIONS.items():
         lines.append(f"**{name}.** " + (f"Left out: {missing[name]}." if name in missing else text.format(**words)))
     return "\n\n".join(lines) + "\n"
 
 
+#: What captions say of either task.
+_OF_TASK = {
+    SAME_DIFFERENT: {
+        "curves": f"bands: central 60 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm)",
+        "divided": ", divided by the median q0, and the curve 2^(-z^2),",
+    },
+    WHICH_STRONGER: {
+        "curves": "bands: central 60 % of the posterior; a curve for each first stimulus, which crosses one half (dotted) at its point of "
+        "subjective equality (PSE)",
+        "divided": " and the curve at the medians",
+    },
+}
 _CAPTIONS = {
-    "figure_1c_asymmetry": "Left: P('equal') of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
+    "figure_1c_asymmetry": "Left: P({share_of}) of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
     "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of every comparison with its standard "
     f"deviation; within a subject from the weakest pair above to the strongest below. Filled: p < {LEVEL:g}, Holm's correction over the "
     "subject's comparisons; large: the largest of the subject.",
     "figure_2_filter": "Beliefs of {first} (medians of the identified coordinates) in the pair with its largest asymmetry, in both orders. "
     "Violet: the belief; dotted: the belief of the row above; dashed: likelihood of the stimulus (triangle); arrow: shift of the mean from "
     "mu_2 to mu_f, which decides; both columns have one range. Heights go with the root of the precision. z is the normalised distance.",
-    "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; bands: central "
-    f"60 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm). Middle: prior at the medians of the "
-    "identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l wide; an arrow points to a prior "
-    "beyond the panel. Bottom: the same answers, divided by the median q0, over the normalised distance (posterior median, horizontal "
-    "bars 60 % of the draws); curve: 2^(-z^2). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
+    "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
+    "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l "
+    "wide; an arrow points to a prior beyond the panel. Bottom: the same answers{divided} over the normalised distance (posterior median, "
+    "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
     "figure_4_map": "Ellipses: around the densest part, holding {mass} of the posterior draws of (mu_1, sigma_p); dots: their centres; "
     "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
     "subjects whose prior means lie farthest out.{truth}",
-    "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of P('equal'), with its levels 0.25, 0.5 and 0.75; solid: median of the "
+    "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "
     "medians of gamma of all subjects.",

@@ -15,6 +15,7 @@ import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slice_count, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import FitSummary
 
 
@@ -194,3 +195,17 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetr
     again = inside("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
     assert again.returncode == 2
     assert "a.html: exists" in again.stderr
+
+
+def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
+    subject, fitted = stronger.study["pulled"], Predictor.of(stronger.draws, "pulled", most=50)
+    found = slices(subject, 3)
+    assert [one.orders for one in found] == [(0,)] * 3
+    middle = found[1]
+    assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
+    assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
+    [curve] = middle.equal(fitted)
+    np.testing.assert_allclose(curve[3], fitted.equal(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0])
+    told = page(entries(stronger.draws)).html
+    assert "P(second)" in told
+    assert "'equal'" not in told.partition('<section id="answers"')[2].partition("</section>")[0]

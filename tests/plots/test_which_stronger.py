@@ -60,6 +60,15 @@ def test_no_figure_speaks_of_another_task(stronger):
     assert len(drawn) == 10
 
 
+def test_captions_speak_of_it_too(stronger, tmp_path):
+    said = (bt.plots.write_figures(stronger, tmp_path / "figures", formats=["svg"], workers=1) / "captions.md").read_text(encoding="utf-8")
+    assert "'equal'" not in said
+    assert "q0" not in said
+    assert "P('second')" in said
+    assert "P(wrong) of the comparison" in said
+    assert "point of subjective equality" in said
+
+
 def test_asymmetry_is_of_wrong_answers(stronger):
     counts, one = stronger.study["pulled"], bt.asymmetry(stronger.study)["pulled"].comparisons[-1]
     first, second = ((counts.s1 == a) & (counts.s2 == b) for a, b in ((1.0, 1.25), (1.25, 1.0)))
