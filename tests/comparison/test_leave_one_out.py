@@ -195,7 +195,7 @@ LOG_P = np.full((200, 2), -0.7)
         ((LOG_P[:50], LOG_P[:50], [1, 1], [2, 2]), {}, "at least 100 draws"),
         ((LOG_P, LOG_P + 1, [1, 1], [2, 2]), {}, "log_different: a log probability"),
         ((LOG_P * np.nan, LOG_P, [1, 1], [2, 2]), {}, "log_equal: a log probability is NaN"),
-        ((LOG_P, LOG_P, [3, 1], [2, 2]), {}, "0 <= n_equal"),
+        ((LOG_P, LOG_P, [3, 1], [2, 2]), {}, "0 <= n_yes <= n_trials"),
         ((LOG_P, LOG_P, [0, 0], [0, 0]), {}, "not all 0"),
         ((LOG_P, LOG_P, [1, 1], [2, 2]), {"unit": "subject"}, "unit='subject'"),
     ],
