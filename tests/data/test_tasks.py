@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from scipy.io import savemat
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -47,6 +48,16 @@ def test_answers_second_and_first_are_read(tmp_path, head, rows, options, n_yes,
     assert (study["a"].n_yes.tolist(), study["a"].n_trials.tolist()) == (n_yes, n_trials)
     again = bt.read_study(study.frame())
     assert (again.task, again["a"].n_yes.tolist()) == (WHICH_STRONGER, n_yes)
+
+
+def test_other_sources_tell_their_task_alike(tmp_path):
+    columns = {"s1": np.array([0.0, 0.3, 0.0]), "s2": np.array([0.3, 0.0, 0.0]), "hit": np.array([True, False, True])}
+    savemat(tmp_path / "trials.mat", {"subject": "M", **columns})
+    for source in (tmp_path / "trials.mat", pd.DataFrame({"subject": "M", **columns})):
+        study = bt.read_study(source, bt.ReadOptions(correct="hit"))
+        assert (study.task, study["M"].n_yes.tolist()) == (WHICH_STRONGER, [1, 1])
+    with pytest.raises(bt.InputError, match=r"ReadOptions\(second_code='1'\) .*, ReadOptions\(correct='response'\)"):
+        bt.read_study(pd.DataFrame({"subject": "M", **columns, "response": [True] * 3}))
 
 
 def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
