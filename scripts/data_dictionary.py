@@ -336,7 +336,7 @@ FILES = (
     File(
         "power_data_sets.csv", "`power`", "simulated observer", DATA_SET_COLUMNS, [SubjectEvidence], _PLANNED | {
             "effect": "What the verdict says of an effect.", "kind_named": "And of its kind.",
-            **{f"log_evidence_{one}": f"Log evidence (nats) of {said}, the mean over its 16 models." for one, said in
+            **{f"log_evidence_{one}": f"Log evidence (nats) of {said}, the mean over its models." for one, said in
                (("none", "no order effect"), ("constant_error", "a constant error"), ("update", "a pull"))},
             **{f"{name}_90": f"Width of the 90 % interval of {name} under the update." for name in ("gain", "mu1", "width")},
         },

@@ -29,7 +29,7 @@ from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.planning.study_design import StudyDesign, each_once
+from bayes_toe.planning.study_design import StudyDesign, each_once, nobody
 from bayes_toe.seeds import generator
 
 #: Kinds of observers by the word for them in files, and in sentences.
@@ -143,6 +143,7 @@ def observers_from(
 
     Examples
     --------
+    >>> from bayes_toe.planning.study_design import paper_study_design
     >>> observers = observers_from(None, 2, seed=1)
     >>> [one.kind for one in observers]
     ['none', 'none', 'constant error', 'constant error', 'update', 'update']
@@ -281,7 +282,7 @@ def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, 
 
 def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int, task: Task) -> Iterator[Observer]:
     for kind, model in plain(task).items():
-        target = Posterior(_pair(task), model, prior, middle)
+        target = Posterior(nobody(task), model, prior, middle)
         for name in (f"{kind} {number + 1}" for number in range(size)):
             x = target.sample_prior(generator(seed, name, "observer"), 1)
             yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval, task)
@@ -311,11 +312,6 @@ def _of_draws(path: Path, size: int, seed: int, task: Task) -> Iterator[Observer
             yield Observer(name, like, model.name, _needed(target, x, kept), target.sbar, target.reference, task)
 
 
-def _pair(task: Task) -> Subject:
-    """For what depends on no pair."""
-    return Subject("observer", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64), task=task)
-
-
 def _needed(target: Posterior, x: FloatArray, of: Posterior) -> dict[str, float]:
     """Of a point of the target, (1, k), the quantities that a model with fewer parts, or the same, is written in."""
     found = target.quantities(x)
@@ -338,7 +334,7 @@ def assumed(
     Raises
     ------
     InputError
-        If the source is not allowed, or all observers of a kind would practically never say 'equal' in a design.
+        If the source is not allowed, or all observers of a kind would practically always answer alike in a design.
     """
     if size < 1:
         raise InputError(f"data_sets={size}: allowed is at least 1")

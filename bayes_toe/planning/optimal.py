@@ -18,7 +18,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, Information, exchanged, information
 from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
 from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
-from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, all_pairs, each_once, paper_study_design
+from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, all_pairs, each_once, nobody, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -330,7 +330,7 @@ def _sd(known: Information, total: FloatArray) -> float:
 def _hopeless(levels: FloatArray, trials: int, people: Sequence[Observer], why: str) -> InputError:
     """What is said of a range or a number of trials with which even the best design tells next to nothing."""
     updates, span = of_kind(people, UPDATE), float(np.ptp(levels))
-    targets = [(one, one.target(paper_study_design(task=one.task).unanswered)) for one in updates]
+    targets = [(one, one.target(nobody(one.task))) for one in updates]
     known = [target.quantities(one.point(target)) for one, target in targets]
     pull, width, toward = (float(np.mean([one[name] for one in known])) for name in ("pull", "width", "mu1"))
     away = pull * max(levels[0] - toward, toward - levels[-1])  # of the nearest stimulus

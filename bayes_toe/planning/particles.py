@@ -13,6 +13,7 @@ from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.planning.study_design import nobody
 
 #: Share of the draws that counted when they were made, below which they are made anew.
 ENOUGH = 0.5
@@ -46,8 +47,7 @@ class Particles:
     @classmethod
     def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
         """Before any answer."""
-        nobody = Subject("prior", np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.ones(1, np.int64), task=model.task)
-        target = Posterior(nobody, model, prior, centre, interval)
+        target = Posterior(nobody(model.task), model, prior, centre, interval)
         x = target.sample_prior(rng, draws)
         return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))
 

@@ -140,6 +140,11 @@ def all_pairs(levels: FloatArray, isi: Sequence[float] = (), task: Task = SAME_D
     return each_once(*np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T, task=task)
 
 
+def nobody(task: Task) -> Subject:
+    """A subject who met one pair, for what depends on the task alone."""
+    return each_once([0.0], [0.0], task=task).unanswered
+
+
 def apportioned(share: FloatArray, trials: int) -> IntArray:
     """Whole numbers of at least 1 that add up to `trials`, as near to shares of it as they can be.
 
