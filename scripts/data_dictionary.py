@@ -182,7 +182,7 @@ VERDICT = {
     "robust": "`yes` where the prior's scales of the order, halved and doubled, change neither the side of the verdict nor the kind; else `no`.",
     "p_none": f"{COMMON['p_none'][:-1]}; over {len(SPACE)} models.",
     "log_bayes_factor_effect": "Log Bayes factor of an effect, both kinds equally probable, against none, nats.",
-    "size_q50": "Posterior median of the size of the effect, in half-widths of the curve; 0 where P(none) is above one half.",
+    "size_q50": "Posterior median of the size of the effect, in just noticeable differences; 0 where P(none) is above one half.",
     "best_model": "The model with the highest evidence.",
     "predictive_p": "Posterior predictive p-value of its deviance; it does not describe the answers below 0.01.",
     "deviance_p": "P-value of its deviance; the same below 0.01; empty without degrees of freedom.",

@@ -49,7 +49,7 @@ KINDS = {"none": "none", "constant error": "constant error", "update": "pull"}
 
 
 def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, float]:
-    """Answers of one simulated observer, and the true size of the order effect in half-widths of the curve."""
+    """Answers of one simulated observer, and the true size of the order effect in just noticeable differences."""
     rng, pairs = generator(seed, design, order, name), bt.example_study().subjects[0]
     harsh = design == "harsh"
     values = {

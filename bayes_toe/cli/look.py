@@ -219,7 +219,7 @@ def predict(
     subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
-    """Posterior of P(equal), mean and quantiles, for pairs and intervals that need not have been tested.
+    """Posterior of P(equal), or P(second), mean and quantiles, for pairs and intervals that need not have been tested.
 
     [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
     """

@@ -54,7 +54,7 @@ class Predictor:
         return cls(target, x if most is None else x[:: max(1, len(x) // most)])
 
     def equal(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
-        """P(equal) of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
+        """P of the answer that the task counts, of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
         keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
         pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
         once = np.ones(len(pairs), np.int64)
@@ -72,7 +72,7 @@ class Predictor:
         return self.target.distance(self.x)
 
     def yes_at_distance(self, z: FloatArray) -> FloatArray:
-        """P(equal) at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
+        """The same at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
         return self.target.yes_at_distance(self.x, z)
 
 

@@ -40,7 +40,7 @@ class Judgement:
     """What the program says of one subject's answers; all that power, designs and rules of stopping know of them.
 
     Log evidence of no order effect, a constant error, the update, each over its models (nats), None where one is withheld; the
-    probability of an effect above a fifth of the curve's half-width; and, where they were asked for and can be told, the widths of the
+    probability of an effect above a fifth of the JND; and, where they were asked for and can be told, the widths of the
     90 % intervals of gain, mu1 and width under the update.
     """
 

@@ -86,7 +86,7 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     """One :func:`plane_axes` a subject, at most three in a row, with the scale of grey."""
     across = even_columns(len(subjects), _ACROSS)
     down = -(-len(subjects) // across)
-    figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.4)
+    figure = new_figure(_WIDTHS[across], _HEIGHTS[across] * down + 0.6)
     panels = first_panels(figure.add_gridspec(down, across), len(subjects))
     for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
         plane_axes(draws, subject, ax)

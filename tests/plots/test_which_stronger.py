@@ -76,3 +76,13 @@ def test_asymmetry_is_of_wrong_answers(stronger):
     assert (one.n_equal_weak_first, one.n_equal_strong_first) == wrong
     assert one.asymmetry > 0.2  # remembered as weaker, a strong first stimulus seems the weaker one
     assert "n_wrong_weak_first" in bt.asymmetry(stronger.study).frame()
+
+
+def test_with_intervals_there_are_psychometric_curves_at_each(stronger):
+    counts = stronger.study["pulled"]
+    both = [np.tile(getattr(counts, name), 2) for name in ("s1", "s2", "n_yes", "n_trials")]
+    one = bt.Subject("both", *both, isi=np.repeat([0.5, 2.0], counts.n_pairs), task=counts.task)
+    figure = bt.plots.curves(bt.sample(bt.Study([one]), draws=300, seed=1, workers=1), "both")
+    assert [ax.get_title() for ax in figure.axes] == ["0.5 s", "2 s", "", "stimuli 0.25 and 0.5"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["P('second')", "", "gain K", "P('second')"]
+    require_legible(figure)
