@@ -69,6 +69,8 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
     >>> none = Verdict("B", (0.9, 0.05, 0.05), (), -2.9, 0.0, 0.0, "none", None, data=(Doubt("near chance"),))
     >>> study_sentence([has, none])
     '1 of 2 subjects has an order effect (a pull), 1 probably has none; the data of 1 are in doubt (B)'
+    >>> study_sentence([Verdict("C", (0.5, 0.3, 0.2), (), 0.0, 0.0, 0.0, "none", None), none])
+    '1 of 2 subjects has at most a negligible order effect, 1 probably has none; the data of 1 are in doubt (B)'
     """
     if len(verdicts) == 1:
         return f"{verdicts[0].subject} {verdicts[0].describe()}"
@@ -80,7 +82,11 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
         among = f" of {counted(len(verdicts), 'synthetic subject' if synthetic else 'subject')}" if not parts else ""
         verb = _DO[word][found[word] > 1]
         if not parts:
-            verb = verb.replace(" one", " an order effect").replace(" none", " no order effect")
+            verb = (
+                verb.replace("negligible one", "negligible order effect")
+                .replace(" one", " an order effect")
+                .replace(" none", " no order effect")
+            )
         parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
     said = [", ".join(parts)]
     for whose, why in (

@@ -40,7 +40,7 @@ class PopulationRow(NamedTuple):
     ----------
     parameter : str
         A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, a comparison, or
-        :data:`ORDER_EFFECT`, of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
+        'order effect', of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
         from there, in just noticeable differences.
     quantity : {"mean", "sd", "correlation", "effect", "asymmetry", "new_subject"}
     level : str
