@@ -29,6 +29,7 @@ from bayes_toe.plots.style import (
     LABELS,
     LETTERS,
     MARKED,
+    ORDERS,
     PAGE,
     POSTERIOR,
     SMALL,
@@ -197,7 +198,7 @@ def _forest_height(found: Population) -> float:
 
 
 def new_subject(ax: Axes, found: Population) -> None:
-    """P of the counted answer of a new subject, mean and central 50 and 90 % over draws; points: all subjects' answers taken together.
+    """P of the counted answer of a new subject, mean and central 50 % over draws, of few curves 90 %; points: all answers together.
 
     With covariates, a new subject that has those of a random one of the study. Of pairs at several intervals those at the one that was
     met most often; of several weaker stimuli the one in most pairs, which the panel then names.
@@ -209,18 +210,21 @@ def new_subject(ax: Axes, found: Population) -> None:
     equal, reference = _curve(found, isi), main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)
-    for line in lines_along(everyone, low, 60):
+    lines = lines_along(everyone, low, 60)
+    few = len(lines) <= len(ORDERS)  # dotted ends of many curves would hide each other
+    for line in lines:
         x, colour, q = line.x, line.mark.colour, equal(line.s1, line.s2)
         outer, inner, inner_high, outer_high = np.quantile(q, (0.05, 0.25, 0.75, 0.95), axis=0)
         ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
-        ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
+        if few:
+            ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
         ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(study.task))
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
     if about := which_weaker(everyone, low):
         ax.set_xlabel(f"stronger stimulus (ln), {about}")
-    legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %, dotted 90 %; points: all answers{at}")
+    legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %{', dotted 90 %' * few}; points: all answers{at}")
     dress(ax)
 
 

@@ -9,6 +9,7 @@ from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.classical.frequencies import laplace_estimate
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
 from bayes_toe.plots.population import MOST_NAMED_IN_GROUP, forest, marked
@@ -93,6 +94,16 @@ def test_other_models_and_studies_with_intervals(model, k, isi):
     shown = [ax.get_xlabel() for ax in figure.axes[: len(found.names)]]
     assert len(set(shown)) == len(found.names)
     assert ("at 2 s" in figure.axes[len(shown)].get_legend().get_title().get_text()) == (isi is not None)
+
+
+def test_psychometric_curves_of_many_first_stimuli_have_no_dotted_ends():
+    eta = np.array([0.0, -0.2, -1.2, -1.8]) + 0.1 * np.arange(3)[:, None]
+    found = made_population(eta, model="free weighting", task=WHICH_STRONGER)
+    ax = bt.plots.population_figure(found).axes[4]
+    curves = [line.get_ls() for line in ax.lines if len(line.get_xdata()) == 60]
+    assert (set(curves), len(curves)) == ({"-"}, 5)
+    assert "mean, 50 %; points" in ax.get_legend().get_title().get_text()
+    assert ax.get_ylabel() == "P('second')"
 
 
 def test_effects_say_their_direction():
