@@ -52,5 +52,5 @@ def _cells(one: Verdict) -> dict[Any, Any]:
         "size": number(one.size_q50),
         "fit": one.fit,
         "data": ", ".join(doubt.kind for doubt in one.data) or "-",
-        "robust": one.robust or "-",
+        "robust": "no, P(none) {:.2f}-{:.2f}".format(*one.p_none_range) if one.robust == "no" else one.robust or "-",
     }

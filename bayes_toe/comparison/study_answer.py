@@ -41,6 +41,7 @@ class SavedVerdict:
     data: tuple[str, ...]
     robust: str
     p_orders: tuple[float, ...] | None
+    first_seems: str = ""
 
     @classmethod
     def of(cls, row: Mapping[Any, Any]) -> SavedVerdict:
@@ -89,6 +90,9 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
             )
         parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
     said = [", ".join(parts)]
+    felt = {how: [one.subject for one in verdicts if one.first_seems == how] for how in ("stronger", "weaker")}
+    sides = [f"{how} to {len(whose)} ({listed(whose, _NAMES)})" for how, whose in felt.items() if whose]
+    said += [f"by constant errors the first stimulus seems {' and '.join(sides)}"] if sides else []
     for whose, why in (
         ([one.subject for one in verdicts if one.fit == "not described"], "no model describes the answers of {}"),
         ([one.subject for one in verdicts if one.data], "the data of {} are in doubt"),

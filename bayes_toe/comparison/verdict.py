@@ -100,6 +100,8 @@ class Verdict:
         What the data have against them; see :mod:`bayes_toe.data.findings`.
     notes : tuple of str
         What is withheld, and why.
+    p_first_stronger : float or None
+        Under a constant error, the probability that it makes the first stimulus seem stronger.
     """
 
     subject: str
@@ -113,6 +115,7 @@ class Verdict:
     p_none_scattered: float | None = None
     data: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
+    p_first_stronger: float | None = None
 
     @property
     def p_none(self) -> float | None:
@@ -146,6 +149,19 @@ class Verdict:
     def kind(self) -> str:
         """Constant error or pull, either perhaps with 'probably' before it; 'open'; empty where no effect is said."""
         return "" if self.p_orders is None else _kind(self.p_orders)
+
+    @property
+    def first_seems(self) -> str:
+        """What a constant error that is named makes of the first stimulus, 'stronger' or 'weaker'; empty where that is not known."""
+        if not self.kind.endswith("constant error") or self.p_first_stronger is None:
+            return ""
+        return "stronger" if self.p_first_stronger >= NONE else "weaker" if self.p_first_stronger <= HAS else ""
+
+    @property
+    def p_none_range(self) -> tuple[float, float]:
+        """Smallest and largest P(none) as the prior's scales of the order are halved and doubled; NaN where there is none."""
+        cases = [p[0] for p in (self.p_orders, *self.varied) if p] or [float("nan")]
+        return min(cases), max(cases)
 
     @property
     def fit(self) -> str:
@@ -200,7 +216,9 @@ class Verdict:
             words = words.replace("an order", "a small order") if self.at_most_small else words
             if self.kind == "open":
                 return f"{words}, which kind is open (P of an effect {compared(1.0 - none)})"
-            named = self.kind.replace(likely, f"a {likely}")
+            named = self.kind.replace(likely, f"a {likely}") + (
+                f", the first stimulus seems {self.first_seems}" if self.first_seems else ""
+            )
             return f"{words}: {named} (P of an effect {compared(1.0 - none)}, that it is a {likely} {compared(of[likely])})"
         if self.at_most_small and self.effect != "negligible":
             words += ", and at most a negligible one"
@@ -216,8 +234,7 @@ class Verdict:
             said.append("whether the models describe the answers cannot be told")
         said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
         if self.robust == "no":
-            cases = [p for p in (self.p_orders, *self.varied) if p]
-            low, high = (f(p[0] for p in cases) for f in (min, max))
+            (low, high), cases = self.p_none_range, [p for p in (self.p_orders, *self.varied) if p]
             moved = f"P of none {low:.2f} to {high:.2f}" if len({_side(p).removeprefix("probably ") for p in cases}) > 1 else "another kind"
             said.append(f"the prior has a say: {moved} as its scales are halved and doubled")
         return said
@@ -274,6 +291,7 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         fit,
         data=tuple(data),
         notes=found.notes,
+        p_first_stronger=_first_stronger(found, values),
     )
     if made.fit == "not described":
         scattering = [compose(subject.task, **{**dict(model.levels), "spread": "beta-binomial"}) for model in space]
@@ -330,3 +348,12 @@ def _sizes(found: SpaceEvidence, values: FloatArray) -> tuple[FloatArray, FloatA
             weights.append(fitted.draws.shares * p[i] * p[places].sum() / p[known].sum())
     joined = np.concatenate(weights)
     return np.concatenate(sizes), joined / joined.sum()
+
+
+def _first_stronger(found: SpaceEvidence, values: FloatArray) -> float | None:
+    """Posterior probability of a positive constant error, which makes the first stimulus seem stronger; None where none was sampled."""
+    places = [i for i in places_by_order(found.models)[1] if i in found.sampled]
+    if not places:
+        return None
+    drawn = [found.sampled[i].fitted.draws for i in places]  # the offset is the first coordinate
+    return float(softmax(values[places]) @ [draws.shares @ (draws.x[:, 0] > 0.0) for draws in drawn])
