@@ -177,7 +177,7 @@ def sample(
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> found = sample(Study([one]), model="constant bias", draws=500, seed=1, workers=1)
     >>> found.model, found.parameters
-    ('constant bias', ('q0', 'width', 'offset'))
+    ('constant bias', ('q0', 'width', 'offset', 'pse_shift', 'jnd'))
     """
     made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress, keep=keep)
     for name, reason in made.failed.items():

@@ -248,7 +248,7 @@ class Draws:
         >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
         >>> data = sample(Study([one]), draws=100, seed=1, workers=1).to_arviz()
         >>> sorted(data["posterior"].data_vars)
-        ['gain', 'gamma', 'mu1', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
+        ['gain', 'gamma', 'jnd', 'mu1', 'pse_shift', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
         """
         import arviz  # as slow to load as everything else together
 
