@@ -148,7 +148,7 @@ def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Coll
 
 
 def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
-    _require_several(name, f"{values[0]:g}", values.min() < values.max())
+    _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
     unit = float(np.abs(values).max())  # squares of numbers beyond 1e154 are beyond the largest float
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
     about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
