@@ -137,8 +137,8 @@ def test_the_population_replaced_by_their_own_prior_gives_their_own_posteriors(s
     alone = [unpooled(one, PREDICTIVE_UPDATE, NARROW, 0.25, 2000, 6) for one in study]
     assert all(one.trusted for one in alone)
     sampler = Hamiltonian(density, np.concatenate([one.eta[:16] for one in alone], axis=1), 0.4 * np.ones(12), 12, chains)
-    sampler.warm_up((40, 60))
-    drawn = sampler.advance(250).x.transpose(1, 0, 2).reshape(16, -1, 3, 4)
+    sampler.warm_up((100, 150))
+    drawn = sampler.advance(500).x.transpose(1, 0, 2).reshape(16, -1, 3, 4)
     draws = bt.sample(study, seed=8, draws=2000, workers=1, prior=NARROW)
     scores = []
     for i, name in enumerate(study.names):
