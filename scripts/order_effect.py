@@ -26,12 +26,12 @@ import bayes_toe as bt
 from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.study_answer import study_sentence
 from bayes_toe.comparison.verdict import verdict
-from bayes_toe.comparison.words import EFFECTS, ORDERS, SMALL
+from bayes_toe.comparison.words import EFFECTS, SMALL
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import population
 from bayes_toe.inference.prediction import effect_size
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.ladder import ORDERS, posterior_of
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order

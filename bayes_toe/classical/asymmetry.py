@@ -31,7 +31,7 @@ from scipy.stats import boschloo_exact, hypergeom
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.classical.covariates import CovariateTable, covariate_tests
-from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate, wrong_answers
+from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
@@ -270,7 +270,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
     """Those of many subjects, all comparisons in one call of the tests."""
     orders = [_orders(subject) for subject in subjects]
-    counts = [np.stack([wrong_answers(one), one.n_trials]) for one in subjects]
+    counts = [np.stack([one.task.wrong(one.s2 - one.s1, one.n_yes, one.n_trials), one.n_trials]) for one in subjects]
     weak, strong = (np.concatenate([one[:, at[:, i]] for one, (at, _) in zip(counts, orders, strict=True)], axis=1) for i in (0, 1))
     tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
     q, error = ((of(*weak), of(*strong)) for of in (laplace_estimate, laplace_error))

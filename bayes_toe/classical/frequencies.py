@@ -14,7 +14,6 @@ from scipy.special import log_expit
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.inference.predictive_checks import require_draws
 from bayes_toe.model.closed_form import LN2
@@ -54,22 +53,6 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0)))
 
 
-def wrong_answers(subject: Subject) -> IntArray:
-    """How often each pair got the wrong answer, shape (pairs,); of 'which is stronger?' equal stimuli have none, and count as 0.
-
-    Examples
-    --------
-    >>> wrong_answers(Subject("S01", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10])).tolist()
-    [1, 4]
-    >>> wrong_answers(Subject("S01", [0.0, 0.3], [0.3, 0.0], [9, 4], [10, 10], task=WHICH_STRONGER)).tolist()
-    [1, 4]
-    """
-    k, rest, step = subject.n_yes, subject.n_trials - subject.n_yes, subject.s2 - subject.s1
-    if subject.task == WHICH_STRONGER:
-        return np.where(step > 0, rest, np.where(step < 0, k, 0))
-    return np.where(step == 0, rest, k)
-
-
 def accuracy(subject: Subject) -> float:
     """Share of correct answers among those that can be, 0..1; NaN where there is none.
 
@@ -80,9 +63,9 @@ def accuracy(subject: Subject) -> float:
     >>> accuracy(Subject("S01", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]))
     0.75
     """
-    judged = (subject.s1 != subject.s2) | (subject.task != WHICH_STRONGER)
-    n = int(subject.n_trials[judged].sum())
-    return 1.0 - float(wrong_answers(subject).sum()) / n if n else float("nan")
+    difference = subject.s2 - subject.s1
+    wrong, n = subject.task.wrong(difference, subject.n_yes, subject.n_trials), subject.n_trials[subject.task.right(difference) != 0].sum()
+    return float(1.0 - wrong.sum() / n) if n else float("nan")
 
 
 def presentation_order(subject: Subject) -> IntArray:

@@ -11,9 +11,10 @@ import numpy as np
 
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.comparison.verdict import Verdict
-from bayes_toe.comparison.words import EFFECTS, KINDS, ORDERS, compared
+from bayes_toe.comparison.words import EFFECTS, KINDS, compared
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.inference.predictive_checks import PairFit
+from bayes_toe.model.ladder import ORDERS
 
 #: What a number of subjects do, one and several, by the word of the effect.
 _DO = {

@@ -22,7 +22,6 @@ from bayes_toe.comparison.words import (
     KINDS,
     NAMED,
     NONE,
-    ORDERS,
     PROBABLY_HAS,
     PROBABLY_NAMED,
     PROBABLY_NONE,
@@ -37,7 +36,7 @@ from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
-from bayes_toe.model.ladder import models_of
+from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior

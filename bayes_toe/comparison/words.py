@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-#: The levels of the order part, as probabilities name them, and what sentences call them.
-ORDERS = ("none", "constant error", "update")
+#: What sentences call the levels of the order part that are effects.
 KINDS = {"constant error": "constant error", "update": "pull"}
 #: P(none) up to which an effect is said, and probably; the same from the other side; share of a kind from which it is named, and probably.
 HAS, PROBABLY_HAS, PROBABLY_NONE, NONE = 0.05, 0.25, 0.75, 0.95

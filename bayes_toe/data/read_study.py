@@ -24,7 +24,7 @@ from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_
 from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, said_intervals
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task, task_counted, task_named, task_of
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.validation import (
     bare_names,
@@ -314,7 +314,8 @@ def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:
 
 def _count_study(rows: _Rows) -> Study:
     table, subject, trials = rows.table, rows.subject, rows.columns["n_trials"]
-    task = next(one for one in TASKS if one.count in rows.columns)
+    task = task_counted(rows.columns)
+    assert task is not None  # the header was checked
     given = rows.columns[task.count]
     k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (given, trials))
     rows.require_pairs(np.ones(len(n), np.bool_))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.errors import InputError
 
 
@@ -49,6 +51,17 @@ class Task:
         """
         return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
 
+    def wrong(self, difference: FloatArray, n_yes: IntArray, n_trials: IntArray) -> IntArray:
+        """How often the wrong answer was given, where the counted one was so often, of s2 - s1; 0 where neither is wrong. Broadcasts.
+
+        Examples
+        --------
+        >>> WHICH_STRONGER.wrong(np.array([-1, 0, 1]), np.array([2, 2, 2]), np.array([5, 5, 5])).tolist()
+        [2, 0, 3]
+        """
+        right = self.right(difference)
+        return np.where(right > 0, n_trials - n_yes, np.where(right < 0, n_yes, 0))
+
 
 #: 'Were they the same or different?': the paper's task.
 SAME_DIFFERENT = Task("same/different", "equal", "different", "q0")
@@ -73,6 +86,11 @@ def task_of(given: Task | str) -> Task:
     if found is None:
         raise InputError(f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})")
     return found
+
+
+def task_counted(columns: Container[Any]) -> Task | None:
+    """The task whose answer these columns count; None where none does."""
+    return next((task for task in TASKS if task.count in columns), None)
 
 
 def task_named(text: str) -> Task | None:

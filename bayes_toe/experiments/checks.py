@@ -255,7 +255,7 @@ def _right_answers(subject: Subject) -> _Rule:
         )
         return
     difference = np.round(subject.s2 - subject.s1, 9)
-    right = np.where(difference > 0, subject.n_yes, subject.n_trials - subject.n_yes)
+    right = subject.n_trials - subject.task.wrong(difference, subject.n_yes, subject.n_trials)
     sizes, place = np.unique(np.abs(difference), return_inverse=True)
     shares = np.bincount(place.ravel(), right) / np.bincount(place.ravel(), subject.n_trials)  # over both orders, whatever is preferred
     shares = shares[sizes > 0]

@@ -23,7 +23,7 @@ import xarray as xr
 
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
@@ -205,7 +205,7 @@ def _population(tree: xr.DataTree) -> Population:
     drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
     record = json.loads(str(constant["record"].values))
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
-    task = {one.name: one for one in TASKS}[study.pop("task", SAME_DIFFERENT.name)]
+    task = task_of(study.pop("task", SAME_DIFFERENT))
     counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
     subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))

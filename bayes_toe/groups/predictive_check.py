@@ -126,9 +126,8 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
 
 def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
     """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs), and what is asked of it."""
-    task = subjects[0].task
-    right, n = task.right(crowd.s2 - crowd.s1), crowd.n_trials
-    wrong, weights = np.where(right > 0, n - n_yes, n_yes), np.zeros(crowd.s1.shape)  # of pairs in a subject's mean of q(c, r) - q(r, c)
+    task, difference, n = subjects[0].task, crowd.s2 - crowd.s1, crowd.n_trials
+    wrong, weights = task.wrong(difference, n_yes, n), np.zeros(crowd.s1.shape)  # of pairs in a subject's mean of q(c, r) - q(r, c)
     for row, one in zip(weights, subjects, strict=True):
         seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
         at = {key: i for i, key in enumerate(zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True))}
@@ -139,10 +138,10 @@ def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterat
     if met.sum() > 1:
         shares = (wrong[:, met] + 1.0) / (n[met] + 2.0)  # Laplace's estimator, Eq. e:2b
         yield "mean asymmetry", (weights[met] * shares).sum(axis=2), ("spread", "farthest")
-    judged = np.where(right == 0, 0, n)
+    judged = np.where(task.right(difference) == 0, 0, n)
     some = judged.any(axis=1)
     if some.sum() > 1:
-        yield "accuracy", 1.0 - np.where(right == 0, 0, wrong)[:, some].sum(axis=2) / judged[some].sum(axis=1), ("spread",)
+        yield "accuracy", 1.0 - wrong[:, some].sum(axis=2) / judged[some].sum(axis=1), ("spread",)
     yield f"share of {task.yes!r}", n_yes.sum(axis=2) / n.sum(axis=1), ("skewness", "farthest")
 
 

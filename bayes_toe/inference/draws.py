@@ -23,7 +23,7 @@ import xarray as xr
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject, as_name
-from bayes_toe.data.tasks import TASKS, Task
+from bayes_toe.data.tasks import Task, task_counted
 from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
@@ -159,7 +159,9 @@ class Draws:
     @property
     def task(self) -> Task:
         """What the subjects were asked."""
-        return next(one for one in TASKS if one.count in self.tree["observed_data"])
+        found = task_counted(self.tree["observed_data"])
+        assert found is not None  # as the layout has it
+        return found
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""

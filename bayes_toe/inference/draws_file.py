@@ -23,7 +23,7 @@ import xarray as xr
 from bayes_toe.cluster import aside
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
@@ -284,10 +284,10 @@ def _misfits(tree: xr.DataTree, at_once: bool) -> Iterator[str]:
     drawn, judged, observed, _ = ([*map(str, group["subject"].values)] for group in groups.values())
     if not drawn or not drawn == judged == list(dict.fromkeys(observed)) or len({*drawn}) < len(drawn):
         yield "posterior, sample_stats and observed_data are not of the same subjects"
-    count = next((one.count for one in TASKS if one.count in groups["observed_data"]), SAME_DIFFERENT.count)
-    if count not in groups["observed_data"]:
-        yield f"no variable observed_data/{count} over (obs)"
-    elif not groups["observed_data"].drop_vars(count).equals(groups["constant_data"].drop_vars("n_trials")):
+    task = task_counted(groups["observed_data"])
+    if task is None:
+        yield f"no variable observed_data/{SAME_DIFFERENT.count} over (obs)"
+    elif not groups["observed_data"].drop_vars(task.count).equals(groups["constant_data"].drop_vars("n_trials")):
         yield "observed_data and constant_data are of other pairs"
 
 

@@ -5,8 +5,7 @@ import pytest
 from commands import inside
 
 import bayes_toe as bt
-from bayes_toe.comparison.words import ORDERS
-from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.ladder import ORDERS, SPACE
 from bayes_toe.planning.judging import Weighed
 from bayes_toe.planning.more_trials import ENOUGH, REPETITIONS, MoreTrials, Tried, likeliest
 from bayes_toe.planning.observers import observers_from
