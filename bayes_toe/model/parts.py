@@ -19,7 +19,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.distributions import Uniform
-from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, Propagator, mean_reversion, random_walk
+from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, CurveScale, Propagator, mean_reversion, random_walk
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
 from bayes_toe.model.memory import Memory, Update
 from bayes_toe.model.parameters import NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
@@ -28,13 +28,14 @@ from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
 #: q0, or the peak of the differencing model.
 PEAK = Single("q0", Logit())
-#: Weight of the first stimulus, from none to twice that of the second, around "no effect" at 1 without preference.
+#: Share by which the first stimulus is drawn to the middle of them.
 CONTRACTION = Single("pull", Logit(), fixed=Uniform(1.0), starts=(-1.5, 0.5))
+#: Weight of the first stimulus, from none to twice that of the second, around "no effect" at 1 without preference.
 GAIN = Single("gain", Logit(2.0), fixed=Uniform(2.0), starts=(-0.8, 0.4))
 #: Share of answers given without regard to the stimuli.
 LAPSE_RATE = Single("lapse_rate", Logit(), starts=(-3.0, -0.5))
-_OF_UPDATE = Pull("logit_pull", 0.0, MAX_PULL, centre="mu1")
-_OF_MEMORY = Pull("logit_pull", 0.0, 1.0, centre="mu1")
+#: What the width of each task's curve is.
+CURVE_SCALES: Mapping[Task, CurveScale] = {SAME_DIFFERENT: OF_EQUAL, WHICH_STRONGER: OF_SECOND}
 
 
 @dataclass(frozen=True)
@@ -80,23 +81,17 @@ class Level:
 #: paper's.
 PARTS: Mapping[str, tuple[Level, ...]] = {
     "order": (
-        Level(
-            "update",
-            "memory is updated by a prior and diffuses",
-            (Update(),),
-            ("predictive update",),
-            _OF_UPDATE,
-            random_walk(OF_EQUAL),
-            task=SAME_DIFFERENT,
-        ),
-        Level(
-            "update",
-            "memory is updated by a prior and diffuses",
-            (Update(OF_SECOND),),
-            ("predictive update",),
-            _OF_UPDATE,
-            random_walk(OF_SECOND),
-            task=WHICH_STRONGER,
+        *(
+            Level(
+                "update",
+                "memory is updated by a prior and diffuses",
+                (Update(scale),),
+                ("predictive update",),
+                Pull("logit_pull", 0.0, MAX_PULL, centre="mu1"),
+                random_walk(scale),
+                task=task,
+            )
+            for task, scale in CURVE_SCALES.items()
         ),
         Level("none", "no order effect", (WIDTH,), ("symmetric",)),
         Level("constant error", "the second stimulus is judged with a constant error", (OFFSET, WIDTH), ("constant bias",)),
@@ -106,23 +101,17 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
             (OFFSET, GAIN, WIDTH),
             pull=Pull("logit_gain", 1.0, -2.0),  # p = 1 - K, K = 2 expit
         ),
-        Level(
-            "mean-reverting",
-            "memory decays toward the prior mean (Ornstein-Uhlenbeck)",
-            (Memory(),),
-            ("mean-reverting memory",),
-            _OF_MEMORY,
-            mean_reversion(OF_EQUAL),
-            task=SAME_DIFFERENT,
-        ),
-        Level(
-            "mean-reverting",
-            "memory decays toward the prior mean (Ornstein-Uhlenbeck)",
-            (Memory(OF_SECOND),),
-            ("mean-reverting memory",),
-            _OF_MEMORY,
-            mean_reversion(OF_SECOND),
-            task=WHICH_STRONGER,
+        *(
+            Level(
+                "mean-reverting",
+                "memory decays toward the prior mean (Ornstein-Uhlenbeck)",
+                (Memory(scale),),
+                ("mean-reverting memory",),
+                Pull("logit_pull", 0.0, 1.0, centre="mu1"),
+                mean_reversion(scale),
+                task=task,
+            )
+            for task, scale in CURVE_SCALES.items()
         ),
         Level(
             "contraction",
@@ -235,9 +224,10 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
         raise InputError(f"part {unknown[0]!r}; allowed: {', '.join(parts)}")
     chosen = {part: level_named(part, levels[part], task) if part in levels else of[0] for part, of in parts.items()}
     order, lapses, curve = chosen["order"], chosen["lapses"], chosen["curve"]
-    if curve.link is DIFFERENCING and PEAK not in lapses.free:
+    free = tuple(block for part in _WRITTEN if part in chosen for block in chosen[part].free)
+    if curve.link is DIFFERENCING and PEAK not in free:
         raise InputError(f"model '{curve.name} + {lapses.name}': where every equal pair is called equal the criterion has no end")
-    if PEAK_SLOPE in chosen.get("peak", order).free and PEAK not in lapses.free:
+    if PEAK_SLOPE in free and PEAK not in free:
         raise InputError(f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope")
     departures = [level for part, level in chosen.items() if part == "order" or level is not parts[part][0]]
     text = " + ".join(level.name for level in departures)
@@ -245,7 +235,7 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
     return Model(
         name,
         about,
-        tuple(block for part in _WRITTEN if part in chosen for block in chosen[part].free),
+        free,
         order.pull,
         lapses.lapsing(curve.link),
         chosen["spread"].spread,

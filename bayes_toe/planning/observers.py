@@ -22,9 +22,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND
 from bayes_toe.model.ladder import ORDERS, model_named, models_of
-from bayes_toe.model.parts import compose, parts_of
+from bayes_toe.model.parts import CURVE_SCALES, compose, parts_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
@@ -47,7 +46,6 @@ SHARED: Mapping[Task, Mapping[str, tuple[float, float]]] = {
     SAME_DIFFERENT: {"width": (0.25, 0.35), "q0": (0.85, 0.98)},
     WHICH_STRONGER: {"width": (0.15, 0.30), "lapse_rate": (0.02, 0.10)},
 }
-_POWERS = {SAME_DIFFERENT: OF_EQUAL.power, WHICH_STRONGER: OF_SECOND.power}
 _SECOND = 1.0  # reference interval where nothing has intervals, seconds
 PRIOR = "prior"  # the source of observers that is no file
 MIXED, _SHARE = "mixed", "share"
@@ -272,7 +270,7 @@ def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, 
     if "pull" not in rest:
         return rest
     p, gain = rest.pop("pull"), 1.0 - values["pull"]
-    sigma_p = rest.pop("width") * gain ** _POWERS[task]
+    sigma_p = rest.pop("width") * gain ** CURVE_SCALES[task].power
     mu1 = at + rest.pop("offset") / p if "offset" in rest else rest.pop("mu1")
     return {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * float(np.sqrt(p)) / gain, **rest}
 
