@@ -76,10 +76,7 @@ def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, fl
     sigma_p = values["width"] * (1.0 - pull) ** 1.5
     values |= {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(gamma)}
     asked = Subject(name, pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
-    posterior = posterior_of(asked, model=" + ".join(parts))
-    x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
-    q = np.exp(posterior.log_answers(x)[0][0])
-    return Subject(name, pairs.s1, pairs.s2, rng.binomial(TRIALS, q), asked.n_trials), float(effect_size(posterior, x)[0])
+    return answered(asked, " + ".join(parts), values, rng)
 
 
 def comparing_observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, float]:
@@ -97,10 +94,15 @@ def comparing_observer(design: str, order: str, name: str, seed: int) -> tuple[S
     sigma_p = values["width"] * (1.0 - pull)
     values |= {"mu1": rng.normal(s1.mean(), 1.2 * s1.std()), "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(pull) / (1.0 - pull)}
     asked = Subject(name, s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER)
-    posterior = posterior_of(asked, model=" + ".join(parts))
+    return answered(asked, " + ".join(parts), values, rng)
+
+
+def answered(asked: Subject, model: str, values: dict[str, float], rng: np.random.Generator) -> tuple[Subject, float]:
+    """What an observer with these quantities under a model answers to the pairs of a subject, and the true size of the order effect."""
+    posterior = posterior_of(asked, model=model)
     x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
-    answered = rng.binomial(trials, np.exp(posterior.log_answers(x)[0][0]))
-    return replace(asked, n_yes=answered), float(effect_size(posterior, x)[0])
+    given = rng.binomial(asked.n_trials, np.exp(posterior.log_answers(x)[0][0]))
+    return replace(asked, n_yes=given), float(effect_size(posterior, x)[0])
 
 
 def row(design: str, order: str, i: int, seed: int) -> dict[str, object]:
@@ -122,9 +124,7 @@ def members(kind: str, i: int, seed: int) -> bt.Study:
         error = {"constant error": rng.normal(0.12, 0.05), "opposite errors": (-1) ** j * rng.normal(0.2, 0.05)}.get(kind, 0.0)
         values = {"offset": error, "gain": 1.0 - pull, "width": np.exp(rng.normal(-1.2, 0.2)), "q0": rng.beta(20, 2)}
         asked = Subject(f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
-        posterior = posterior_of(asked, model="free weighting")
-        q = np.exp(posterior.log_answers(posterior.points({key: np.asarray(value) for key, value in values.items()})[None])[0][0])
-        made.append(Subject(asked.name, pairs.s1, pairs.s2, rng.binomial(TRIALS, q), asked.n_trials))
+        made.append(answered(asked, "free weighting", values, rng)[0])
     return bt.Study(made)
 
 

@@ -16,15 +16,14 @@ from bayes_toe.data.messages import counted, listed
 from bayes_toe.inference.predictive_checks import PairFit
 from bayes_toe.model.ladder import ORDERS
 
-#: What a number of subjects do, one and several, by the word of the effect.
-_DO = {
-    "has": ("has an order effect", "have an order effect"),
-    "probably has": ("probably has one", "probably have one"),
-    "undecided": ("is undecided", "are undecided"),
-    "negligible": ("has at most a negligible one", "have at most a negligible one"),
-    "probably none": ("probably has none", "probably have none"),
-    "none": ("has none", "have none"),
-    "": ("has no verdict", "have no verdict"),
+#: What one subject does, after a clause that named the order effect, by the word of the effect; before that :data:`EFFECTS` has it.
+_AGAIN = {
+    "probably has": "probably has one",
+    "undecided": "is undecided",
+    "negligible": "has at most a negligible one",
+    "probably none": "probably has none",
+    "none": "has none",
+    "": "has no verdict",
 }
 _NAMES = 5  # of subjects in a line
 #: One sentence on the table of Appendix C.
@@ -82,13 +81,8 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
         if not found[word]:
             continue
         among = f" of {counted(len(verdicts), 'synthetic subject' if synthetic else 'subject')}" if not parts else ""
-        verb = _DO[word][found[word] > 1]
-        if not parts:
-            verb = (
-                verb.replace("negligible one", "negligible order effect")
-                .replace(" one", " an order effect")
-                .replace(" none", " no order effect")
-            )
+        verb = _AGAIN[word] if parts else EFFECTS[word]
+        verb = verb.replace("has ", "have ").replace("is ", "are ") if found[word] > 1 else verb
         parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
     said = [", ".join(parts)]
     felt = {how: [one.subject for one in verdicts if one.first_seems == how] for how in ("stronger", "weaker")}
