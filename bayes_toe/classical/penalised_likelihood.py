@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.special import log_expit, logit
 
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.model.closed_form import LN2, MAX_PULL
 from bayes_toe.model.distributions import Normal
@@ -72,7 +73,7 @@ class Design:
     def of(cls, subject: Subject, prior: Prior) -> Design:
         """Pairs of a subject; of the prior only the normal of mu1 is used."""
         refuse_intervals([subject], "maximum-likelihood fit")
-        sbar = float(np.average(subject.s1, weights=subject.n_trials))
+        sbar = mean_first(subject)
         return cls(subject.s1, subject.s2, sbar, prior.at(subject).penalty)
 
     @property

@@ -25,6 +25,7 @@ from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_evidence
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.comparison.words import compared
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.messages import counted, listed, shown
 from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
@@ -37,7 +38,6 @@ from bayes_toe.inference.space import WINDOW
 from bayes_toe.model.ladder import model_named, models_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_fields import Stimuli
 
 if TYPE_CHECKING:
     import pandas as pd

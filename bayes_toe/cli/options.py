@@ -92,7 +92,8 @@ class StudyFileOrExample:
         str | None, _how_to_read("--correct", "A column that says right or wrong: second or first by the sign of s2 - s1.", "COLUMN")
     ] = None
     ignore: Annotated[
-        list[str] | None, _how_to_read("--ignore", "A column that is not read: isi pools pairs over it; repeatable.", "isi|block|trial")
+        list[str] | None,
+        _how_to_read("--ignore", "A column that is not read: isi pools pairs over it; repeatable.", "isi|block|trial|condition"),
     ] = None
     question: Annotated[
         str | None,
@@ -105,6 +106,12 @@ class StudyFileOrExample:
     columns: Annotated[
         str | None, _how_to_read("--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,...")
     ] = None
+    condition: Annotated[
+        str | None,
+        typer.Option("--condition", metavar="COLUMN", help="A condition that differs within subjects; default: a column condition."),
+    ] = None
+    reference: Annotated[str | None, typer.Option("--reference", metavar="LEVEL", help="The level with which others are compared.")] = None
+    named_levels: Annotated[bool, rare("--categorical-condition", help="Numbers of the condition are names of levels: no slope.")] = False
     turn: Annotated[
         list[str] | None,
         typer.Option("--turn", metavar=_WHOSE, help="Swap the two answers in these blocks, or in all; repeatable."),
@@ -139,6 +146,9 @@ class StudyFileOrExample:
             columns={} if self.columns is None else parse_columns(self.columns),
             where=parse_where(self.where or ()),
             subject_from=self.subject_from,
+            condition=self.condition,
+            reference=self.reference,
+            categorical=self.named_levels,
         )
         # Some shells leave a name with * to us.
         found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]

@@ -13,11 +13,11 @@ from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
-COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials", "isi", "block", "trial")
+COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials", "isi", "block", "trial", "condition")
 #: Columns by which counts are no other, but which are looked at before answers are pooled.
 LOOKED_AT = ("block", "trial")
 _COUNTS = ("n_equal", "n_second", "n_trials")
-_MAY_BE_IGNORED = ("isi", *LOOKED_AT)
+_MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
 _ANSWERS = {answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)}
 # Other spellings, in small letters and digits alone.
 _SPELLINGS = {
@@ -49,12 +49,19 @@ class ReadOptions:
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
     ignore : str or sequence of str
-        Columns isi, block or trial that are not read although they are there: without isi pairs are pooled over the intervals.
+        Columns isi, block, trial or condition that are not read although they are there: without isi pairs are pooled over the intervals.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
     subject_from : str, optional
         For files without a column of subjects: how they are named, with {} where the subject stands and * for any other text, such as
         "sub-{}_*.tsv"; with / the last folders are looked at, too.
+    condition : str, optional
+        The column of a condition that differs within subjects; by default one that is called condition, where there is one. With "isi"
+        intervals are levels, and no longer times.
+    reference : str, optional
+        The level with which others are compared; by default the first one, sorted.
+    categorical : bool
+        Whether levels that are numbers are names all the same, and not numbers of which there is a slope.
 
     Raises
     ------
@@ -78,9 +85,12 @@ class ReadOptions:
     first_code: str | None = None
     correct: str | None = None
     ignore: Sequence[str] | str = ()
+    condition: str | None = None
+    reference: str | None = None
+    categorical: bool = False
 
     def __post_init__(self) -> None:
-        for key in (*(f"{answer}_code" for answer in _ANSWERS), "correct"):
+        for key in (*(f"{answer}_code" for answer in _ANSWERS), "correct", "condition", "reference"):
             text = getattr(self, key)
             object.__setattr__(self, key, None if text is None else text.strip())
         for key in ("columns", "where"):
@@ -127,7 +137,8 @@ class ReadOptions:
 
     def name(self, ours: str) -> str:
         """What the file calls a column of ours."""
-        return self.columns.get(ours, self.correct if ours == "correct" and self.correct else ours)
+        given = {"correct": self.correct, "condition": self.condition}.get(ours)
+        return self.columns.get(ours, given if given else ours)
 
     @property
     def stimuli(self) -> tuple[str, str]:
@@ -290,7 +301,9 @@ def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
         answers = ["response", *counts]
     else:
         answers = [*(ours for ours in counts if ours != "n_trials"), "n_trials"] if counts != ["n_trials"] else ["n_equal", "n_trials"]
-    isi = ["isi"] if options.name("isi") in names else []
+    condition = ["condition"] if options.condition or options.name("condition") in names else []
+    isi = ["isi"] if options.name("isi") in names and not (condition and options.name("isi") == options.name("condition")) else []
+    isi += condition
     return ["subject", *options.stimuli, *answers, *(ours for ours in (*isi, *looked_at) if ours not in options.ignore)]
 
 

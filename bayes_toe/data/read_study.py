@@ -18,6 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.conditions import with_conditions, with_units
 from bayes_toe.data.findings import refuse_reversed
 from bayes_toe.data.messages import TWICE, bare, counted, listed, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
@@ -56,7 +57,8 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     tells the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
     column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``block``
     (any text) and ``trial`` (numbers, over all blocks or within each) change no count: they tell how answers are looked at before they are
-    pooled. Other columns are ignored.
+    pooled. A column ``condition`` (or another one that the options name) makes each subject at each of its levels a unit, ``S01@left``;
+    see :mod:`bayes_toe.data.conditions`. Other columns are ignored.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     options = ReadOptions() if options is None else options
     require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
     paths = list(path) if isinstance(path, list | tuple) else [path]
-    study = read_together(paths, partial(_read, options=options))
+    study = with_conditions(read_together(paths, partial(_read, options=options)), options)
     refuse_reversed(study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths)))
     return study
 
@@ -174,7 +176,8 @@ class _Rows:
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, stimuli and intervals without a number, in these rows."""
         positive = "a positive finite number"
-        require_texts(self.table, self.subject, asked)
+        for column in (self.subject, *([self.columns["condition"]] if "condition" in self.columns else [])):
+            require_texts(self.table, column, asked)
         for column, values in zip(self.shown[:2], self.keys, strict=False):
             require_numbers(self.table, column, asked & np.isnan(values), "a finite number" if self.options.intensity is None else positive)
         for column, values in zip(self.shown[2:], self.keys[2:], strict=True):
@@ -217,6 +220,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
             allowed = f"a file named as --subject-from {options.subject_from}"
             raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
         columns["subject"] = Column("subject", [who], np.zeros(len(table.rows), np.int64))
+    columns = with_units(table, columns, options.categorical)
     keys = [_stimulus(table, columns[ours], options.intensity) for ours in options.stimuli]
     if "isi" in columns:
         isi = numbers(table, columns["isi"])

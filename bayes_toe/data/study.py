@@ -19,15 +19,15 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.conditions import AT, Conditions, Stimuli, felt_together
 from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Beyond it, whole numbers are not exact in the floating point of the likelihood.
-LARGEST_COUNT = 2**53
 _KEYS = ("s1", "s2", "isi")  # what makes a pair
 _MOST_SHOWN = 8  # intervals listed one by one in a note
 
@@ -49,6 +49,10 @@ class Subject:
         study has one interval, which is then the unit of time.
     task : Task
         What was asked: same or different (the default), or which is stronger.
+    condition : str
+        Of a unit, a subject at a level of a condition, that level; its name is then the subject's with @ and the level.
+    felt : Stimuli, optional
+        Location and scales of the stimuli that the subject of a unit felt in all conditions; they stand in the place of the unit's own.
 
     Raises
     ------
@@ -69,6 +73,8 @@ class Subject:
     n_trials: IntArray
     isi: FloatArray | None = None
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
+    condition: str = field(default="", kw_only=True)
+    felt: Stimuli | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -165,6 +171,11 @@ class Subject:
         return replace(self, s1=self.s1[at], s2=self.s2[at], n_yes=self.n_yes[at], n_trials=self.n_trials[at], isi=None)
 
     @property
+    def person(self) -> str:
+        """Whose answers they are: the name, of a unit without its condition."""
+        return self.name.removesuffix(f"{AT}{self.condition}") if self.condition else self.name
+
+    @property
     def n_pairs(self) -> int:
         """Number of distinct ordered pairs; with intervals, of distinct ordered pairs and intervals."""
         return len(self.s1)
@@ -201,6 +212,8 @@ class Study:
         What the file told besides the counts, for a look before pooling; no inference uses it.
     changes : sequence of str
         What was turned and left out since it was read (:meth:`turn`, :meth:`leave_out`), as commands do it: "--turn 946:2,4".
+    conditions : Conditions, optional
+        Levels of a condition within subjects, where subjects are units such as S01@left.
 
     Examples
     --------
@@ -215,6 +228,7 @@ class Study:
     notes: tuple[str, ...] = ()
     reading: Reading = field(default_factory=Reading)
     changes: tuple[str, ...] = ()
+    conditions: Conditions | None = None
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
@@ -329,8 +343,10 @@ class Study:
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
         s1, s2, *isi = after.keys.T
-        left = [Subject.from_counts(subject.name, s1, s2, after.n_yes, after.n_trials, *isi, task=subject.task)] if len(s1) else []
+        made = [Subject.from_counts(subject.name, s1, s2, after.n_yes, after.n_trials, *isi, task=subject.task)] if len(s1) else []
+        left = [replace(one, condition=subject.condition) for one in made]
         subjects = tuple(one for old in self for one in (left if old is subject else [old]))
+        subjects = subjects if self.conditions is None else felt_together(subjects)
         if not subjects:
             raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
         known = {one.name: self.reading.answers[one.name] for one in subjects if one.name in self.reading.answers}
@@ -348,8 +364,8 @@ class Study:
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
 
-        Columns subject, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal or n_second, n_trials;
-        of a synthetic study also `synthetic`, which is 1.
+        Columns subject, condition of units, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal or n_second,
+        n_trials; of a synthetic study also `synthetic`, which is 1.
 
         Examples
         --------
@@ -359,9 +375,10 @@ class Study:
         import pandas as pd
 
         keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_yes", "n_trials")
-        owner = np.repeat(np.array(self.names, object), [one.n_pairs for one in self])
+        told = {"subject": [one.person for one in self], **({"condition": [one.condition for one in self]} if self.conditions else {})}
+        owner = {name: np.repeat(np.array(values, object), [one.n_pairs for one in self]) for name, values in told.items()}
         columns = {key if key != "n_yes" else self.task.count: np.concatenate([getattr(one, key) for one in self]) for key in keys}
-        return pd.DataFrame({"subject": owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
+        return pd.DataFrame({**owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
 
     def __repr__(self) -> str:
         trials = sum(one.total_trials for one in self)

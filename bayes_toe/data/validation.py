@@ -11,9 +11,10 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.study import LARGEST_COUNT
 from bayes_toe.data.text_table import Column, TextTable, read_table
 
+#: Beyond it, whole numbers are not exact in the floating point of the likelihood.
+LARGEST_COUNT = 2**53
 #: What a cell may say, in any case, where there is nothing to say.
 MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.

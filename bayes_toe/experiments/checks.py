@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
@@ -20,7 +21,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_fields import Stimuli
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
 from bayes_toe.model.closed_form import LN2, MAX_PULL, pull
 from bayes_toe.model.coordinates import IDENTIFIED, NATURAL
@@ -91,7 +92,7 @@ _NAMES = tuple(dict.fromkeys([*IDENTIFIED, *NATURAL]))
 
 def _points(subject: Subject) -> tuple[FloatArray, FloatArray]:
     """(l, d) of every pair in units of the design's largest extent, so that nothing depends on the units."""
-    lever = subject.s1 - np.average(subject.s1, weights=subject.n_trials)
+    lever = subject.s1 - mean_first(subject)
     step = subject.s2 - subject.s1
     extent = max(float(np.abs(lever).max()), float(np.abs(step).max()))
     return (lever / extent, step / extent) if extent > 0 else (lever, step)

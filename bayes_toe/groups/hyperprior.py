@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError, require_kind
@@ -29,7 +30,6 @@ from bayes_toe.model.prior_fields import (
     STIMULI,
     Kind,
     PriorField,
-    Stimuli,
     number_problems,
     real,
     shown,

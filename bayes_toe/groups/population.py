@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
@@ -41,7 +42,7 @@ from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.ladder import model_named
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import mean_first, prior_for
+from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
@@ -321,7 +322,7 @@ def _unpooled(
     kept: Kept,
 ) -> tuple[list[Unpooled], dict[str, str]]:
     """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
-    model, centre, seed = _model(settings.model, study.task), mean_first(study), settings.seed
+    model, centre, seed = _model(settings.model, study.task), mean_first(*study), settings.seed
     if posterior is None:
         jobs = [partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed) for name in who.subjects]
         done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
@@ -337,7 +338,7 @@ def _unpooled(
 
 def _sampled(study: Study, settings: GroupSettings, who: Regressors, alone: Sequence[Unpooled], failed: Mapping[str, str]) -> Population:
     """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
-    model, centre, group = _model(settings.model, study.task), mean_first(study), study.select(who.subjects)
+    model, centre, group = _model(settings.model, study.task), mean_first(*study), study.select(who.subjects)
     precision, location = np.stack([one.log_precision for one in alone]), np.stack([one.location for one in alone])
     about = NormalApproximation(precision, location, funnel_of(model, centre))
     likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))

@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from bayes_toe.data.conditions import from_kept, kept
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
@@ -144,6 +145,7 @@ def _constant(found: Population) -> xr.Dataset:
         "study": {
             "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
             "task": study.task.name,
+            "conditions": kept(study),
             **{key: getattr(study, key) for key in ("source", "synthetic", "notes", "changes")},
         },
         "settings": asdict(settings),
@@ -207,7 +209,8 @@ def _population(tree: xr.DataTree) -> Population:
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
     task = task_of(study.pop("task", SAME_DIFFERENT))
     counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
-    subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
+    conditions, units = from_kept(study.get("conditions", {}))
+    subjects, eta = tuple(Subject(**one, task=task, **units.get(one["name"], {})) for one in counts), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")
@@ -219,7 +222,9 @@ def _population(tree: xr.DataTree) -> Population:
     settings["hyperprior"] = Hyperprior((*values, *Hyperprior().values[len(values) : -1], together))  # parameters that there were not yet
     x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
     return Population(
-        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ())),
+        Study(
+            subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ()), conditions=conditions
+        ),
         GroupSettings(**settings),
         names,
         record["centre"],

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
@@ -31,7 +32,7 @@ _PRIOR_DRAWS, _EQUAL = 4000, 4000
 
 def centre_of(model: Model, subject: Subject, centre: float) -> float:
     """From where a subject's offset counts: the group's centre where mu1 is shared, its own mean first stimulus elsewhere."""
-    return centre if "mu1" in model.group else float(np.average(subject.s1, weights=subject.n_trials))
+    return centre if "mu1" in model.group else mean_first(subject)
 
 
 # --- The exact likelihood -------------------------------------------------------------------------

@@ -21,6 +21,7 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.conditions import Conditions, from_kept
 from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject, as_name
 from bayes_toe.data.tasks import Task, task_counted
@@ -154,7 +155,12 @@ class Draws:
         """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
         notes, changes = (tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line) for key in ("notes", "changes"))
         subjects = tuple(map(self.subject, self.names))
-        return Study(subjects, str(self.tree.attrs["source"]), self.synthetic, notes, changes=changes)
+        return Study(subjects, str(self.tree.attrs["source"]), self.synthetic, notes, changes=changes, conditions=self._conditions[0])
+
+    @cached_property
+    def _conditions(self) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
+        """Those of the study, and what is known of its units."""
+        return from_kept(json.loads(self.tree.attrs.get("conditions", "{}")))
 
     @property
     def task(self) -> Task:
@@ -168,7 +174,9 @@ class Draws:
         name = self._known(name)
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
-        return Subject(name, *(columns[key].values[self._places[name]] for key in keys), task=self.task)
+        return Subject(
+            name, *(columns[key].values[self._places[name]] for key in keys), task=self.task, **self._conditions[1].get(name, {})
+        )
 
     def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""

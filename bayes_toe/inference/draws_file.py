@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.cluster import aside
+from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
@@ -132,6 +133,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
         "changes": "\n".join(study.changes),
+        **({} if study.conditions is None else {"conditions": json.dumps(kept(study))}),
         "model": settings.model,
         "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
         "seed": settings.seed,

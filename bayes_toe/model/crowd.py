@@ -27,6 +27,7 @@ class Crowd:
     n_yes: IntArray
     n_trials: IntArray
     isi: FloatArray | None
+    felt: None = None
 
     @classmethod
     def of(cls, subjects: Sequence[Subject], centre: float, interval: float) -> Crowd:

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy.special import expit, logit
 
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -183,7 +184,7 @@ class Posterior:
     @cached_property
     def sbar(self) -> float:
         """Intensity from which the offset counts, natural-log units."""
-        return float(np.average(self.subject.s1, weights=self.subject.n_trials)) if self.centre is None else self.centre
+        return mean_first(self.subject) if self.centre is None else self.centre
 
     @cached_property
     def reference(self) -> float:

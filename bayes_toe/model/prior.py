@@ -25,13 +25,14 @@ from scipy.optimize import brentq
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
 from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, share
-from bayes_toe.model.prior_fields import STIMULI, PriorFields, Stimuli, number_problems, real, toml_table
+from bayes_toe.model.prior_fields import STIMULI, PriorFields, number_problems, real, toml_table
 
 AnyPrior = TypeVar("AnyPrior", bound="Prior")
 _NODES = 200  # of an integral over gamma

@@ -11,12 +11,9 @@ import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
-
-import numpy as np
+from typing import Any, Final, Literal
 
 from bayes_toe.data.messages import bare, quoted, visible
-from bayes_toe.data.study import Subject
 from bayes_toe.data.text_table import input_bytes
 from bayes_toe.errors import InputError
 
@@ -40,47 +37,6 @@ OF_STIMULI = {
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 #: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
 OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
-
-
-class Stimuli(NamedTuple):
-    """Location and scales of the stimuli that somebody felt, natural-log intensity; all are means over trials.
-
-    Attributes
-    ----------
-    mean : float
-        M, of all stimuli, first and second.
-    sd : float
-        R, their standard deviation.
-    step : float
-        D, root mean square of s2 - s1 over trials with different stimuli.
-    """
-
-    mean: float
-    sd: float
-    step: float
-
-    @classmethod
-    def of(cls, *subjects: Subject) -> Stimuli | None:
-        """Those of one subject, or of several together; None where no pair has different stimuli: there is no scale.
-
-        Examples
-        --------
-        >>> Stimuli.of(Subject("S", [0.0, 1.0], [3.0, 1.0], [1, 1], [5, 5]))
-        Stimuli(mean=1.25, sd=1.0897247358851685, step=3.0)
-        """
-        s1, s2, n = (np.concatenate([getattr(subject, name) for subject in subjects]) for name in ("s1", "s2", "n_trials"))
-        unequal = (s1 != s2) & (n > 0)
-        if not unequal.any():
-            return None
-        mean = float(np.average(0.5 * (s1 + s2), weights=n))
-        sd = float(np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n)))
-        step = float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal])))
-        return cls(mean, sd, step) if sd > 0.0 and step > 0.0 else None  # differences whose squares are below the smallest float
-
-    def number(self, symbol: str) -> float:
-        """What a key of :data:`OF_STIMULI` stands for."""
-        scales = {"2.5 R": 2.5 * self.sd, "0.5/R": 0.5 / self.sd, "D": self.step, "D/2": 0.5 * self.step}
-        return {"M": self.mean, "log D": float(np.log(self.step)), **scales}[symbol]
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,6 @@ def preset_or_file(given: str | Path | None) -> Prior:
     return read_prior(given)
 
 
-def mean_first(study: Study) -> float:
-    """Mean first stimulus of all trials, natural-log intensity."""
-    s1, n = (np.concatenate([getattr(subject, name) for subject in study]) for name in ("s1", "n_trials"))
-    return float(np.average(s1, weights=n))
-
-
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     """The prior with the reference interval of a study; without intervals, itself.
 

@@ -19,10 +19,10 @@ from bayes_toe.comparison.prior_sensitivity import (
     weighted_quantiles,
 )
 from bayes_toe.comparison.reweighting import REWEIGHTED
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.prior_fields import Stimuli
 
 CASES = hard_cases()
 HARD = ["funnel", "single pair", "perfect observer", "one batch"]  # "all equal" is known by hand, below

@@ -303,7 +303,7 @@ def test_parse_columns_refuses(text: str, found: str) -> None:
         parse_columns(text)
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
-    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, block, trial")
+    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, block, trial, condition")
 
 
 # --- Dialects -----------------------------------------------------------------------------------------

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 import bayes_toe as bt
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior, example_file, read_hyperprior
 from bayes_toe.model.prior import DEFAULT
-from bayes_toe.model.prior_fields import Stimuli
 from bayes_toe.records import packed, unpacked
 
 NAMES = tuple(GROUP_PARAMETERS)
@@ -32,7 +32,7 @@ def written(tmp_path):
 
 
 def test_what_the_stimuli_say_by_hand():
-    found, (mean, sd, step) = Hyperprior().for_study(study()), Stimuli.of(*study())
+    found, (mean, sd, step, _) = Hyperprior().for_study(study()), Stimuli.of(*study())
     numbers = found.numbers(["offset", "width", "noise_slope", "peak_slope", "mu1"])
     assert numbers.mean == pytest.approx([0.0, np.log(step), 0.0, 0.0, mean])
     assert numbers.mean_sd == pytest.approx([step / 2, 1.0, 0.5 / sd, 0.5 / sd, 2.5 * sd])

@@ -1,0 +1,90 @@
+"""Conditions within subjects: units, their scales, the design of levels, and what is refused."""
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.data.conditions import Conditions, Stimuli
+
+ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
+    f"{who},{s1},{s2},{answer},{level},{isi}\n"
+    for who in ("a", "b")
+    for level, isi, far in (("right", 2, 0.0), ("left", "1.0", 1.0))
+    for s1, s2, answer in ((far, far, "equal"), (far, 0.3 + far, "different"), (0.3 + far, far, "equal"))
+)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text=ROWS, **options):
+        path = tmp_path / "study.csv"
+        path.write_text(text, encoding="utf-8")
+        return bt.read_study(path, bt.ReadOptions(**options))
+
+    return read
+
+
+@pytest.mark.parametrize("levels", [("a", "b"), ("a", "b", "c"), tuple("abcde"), ("1", "4", "2")])
+def test_any_two_levels_differ_alike_and_effects_sum_to_nothing(levels):
+    x = Conditions("c", levels).design()
+    assert x.shape == (len(levels), len(levels) - 1)
+    np.testing.assert_allclose(x.sum(axis=0), 0.0, atol=1e-14)
+    apart = np.square(x[:, None] - x[None]).sum(axis=-1)
+    np.testing.assert_allclose(apart, 1.0 - np.eye(len(levels)), atol=1e-14)
+
+
+def test_numbers_have_a_slope_over_their_range():
+    found = Conditions("delay", ("4", "2", "8"), numeric=True)
+    assert found.comparisons == (("8", "2"),)
+    np.testing.assert_allclose(found.design()[:, 0], (np.array([4, 2, 8]) - 14 / 3) / 6)
+    np.testing.assert_allclose(found.design(("8", "2"))[:, 0] @ [1.0, -1.0], 1.0)
+
+
+def test_units_have_the_scales_of_their_subject(read):
+    found, whole = read(), read(ignore="condition")
+    assert found.names == ("a@left", "a@right", "b@left", "b@right")
+    assert [(one.person, one.condition) for one in found][:2] == [("a", "left"), ("a", "right")]
+    assert found.conditions == Conditions("condition", ("left", "right"))
+    for one in found:
+        assert one.felt == Stimuli.of(one) == pytest.approx(Stimuli.of(whole[one.person]))
+        own, of_whole = bt.model.posterior_of(one), bt.model.posterior_of(whole[one.person])
+        assert own.sbar == pytest.approx(of_whole.sbar) != pytest.approx(np.average(one.s1, weights=one.n_trials))
+        assert own.prior.mu1_mean == pytest.approx(of_whole.prior.mu1_mean)
+    assert found.turn("a@left")["a@left"].felt == found["a@left"].felt
+    again = bt.read_study(found.frame())
+    assert (again.names, again.conditions) == (found.names, found.conditions)
+    assert read(reference="right").conditions.comparisons == (("left", "right"),)
+
+
+def test_intervals_may_be_levels(read):
+    found = read(condition="isi")
+    assert found.intervals == ()
+    assert found.names[:2] == ("a@1", "a@2")
+    assert found.conditions.numeric
+    assert not read(condition="isi", categorical=True).conditions.numeric
+
+
+def test_what_does_not_differ_within_subjects_is_no_condition(read):
+    between = ROWS.replace("left", "right").splitlines()
+    text = "\n".join(line.replace("right", "left") if line.startswith("b,") else line for line in between)
+    found = read(text)
+    assert found.names == ("a", "b")
+    assert found.conditions is None
+    assert any("no condition within" in note for note in found.notes)
+    assert "@" not in "".join(found.reading.answers)
+    with pytest.raises(bt.InputError, match="every subject at one level"):
+        read(text, condition="condition")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        (ROWS.replace("left", "l@ft"), {}, "row 5, column condition: found 'l@ft', allowed: a name without @"),
+        (ROWS.replace("left", ""), {}, "row 5, column condition: found '', allowed: a text that is not empty"),
+        (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
+        (ROWS, {"condition": "hand"}, "column hand: missing"),
+    ],
+)
+def test_what_is_refused(read, text, options, said):
+    with pytest.raises(bt.InputError, match=said):
+        read(text, **options)
