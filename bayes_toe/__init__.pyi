@@ -7,6 +7,7 @@ from .analysis import sample as sample
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
 from .comparison.average import average_models as average_models
+from .comparison.contrast import contrast as contrast
 from .comparison.model_comparison import compare as compare
 from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .comparison.verdict import Verdict as Verdict

@@ -22,6 +22,7 @@ COMMANDS = {
     "More": (
         infer.sample,
         infer.evidence,
+        compare.contrast,
         compare.sensitivity,
         population.population,
         describe.asymmetry,

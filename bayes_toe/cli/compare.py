@@ -11,12 +11,13 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import MOST_NAMES, introduce, number, say, say_footnote, say_lines, say_note, say_table
+from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, safe, say, say_footnote, say_lines, say_note, say_notes, say_table
 from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_toe.comparison.contrast import ContrastTable, Difference
     from bayes_toe.comparison.model_comparison import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
@@ -60,6 +61,60 @@ def compare(
     say_comparison(task.console, table)
     task.say_written("written:", *files, seed=table.seed)
     task.leave_unless_whole(failed, {})
+
+
+def contrast(
+    *,
+    study: StudyFile,
+    output: Annotated[Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")] = Path("contrast.csv"),
+    model: Annotated[str | None, typer.Option("--model", help="Of every condition; default: a constant error and a pull.")] = None,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
+) -> None:
+    """What differs between conditions within every subject: constant error, pull, width; by how much, with Bayes factors.
+
+    [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
+    """
+    from bayes_toe.plots.contrast import contrast_figure
+    from bayes_toe.plots.figure_files import picture_beside, save_figure
+
+    files = [output, picture_beside(output)]
+    task.require_files(*files)
+    keep = task.partial(output)
+    read, prior = task.opened(study)
+    with task.progress("contrasting", len({one.person for one in read})) as tick:
+        table = bt.contrast(read, model=model, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+    with task.together(*files) as folder:
+        table.save(folder / output.name, **task.saving)
+        save_figure(contrast_figure(table, synthetic=read.synthetic), folder / files[-1].name)
+    task.finish(keep, table.failed)
+    say_contrast(task.console, table)
+    task.say_written("written:", *files, seed=table.seed)
+    task.leave_unless_whole(table.failed, {})
+
+
+def say_contrast(console: Console, table: ContrastTable) -> None:
+    """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
+    from bayes_toe.comparison.contrast import LEGEND
+
+    say(console, f"[bold]answer[/bold]: {safe(table.conditions.about)}")
+    for line in table.sentences():
+        say(console, f"  {safe(line)}")
+    decided = {row.subject for row in table if row.word.startswith("differs")}
+    rows = []
+    for name in chosen([one.subject for one in table.subjects], decided):
+        for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
+            own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
+            rows.append({"subject": name, "comparison": comparison} | {key: _said_difference(own[key]) for key in table.quantities})
+    say_table(console, "differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
+    say_footnote(console, f"{LEGEND}.")
+    say_notes(console, (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
+    say_notes(console, (f"{one.subject}: {note}" for one in table.subjects for note in one.notes))
+
+
+def _said_difference(row: Difference) -> str:
+    sign, factor = "" if row.p_direction is None else "+", None if row.log_bf_differs is None else float(np.exp(row.log_bf_differs))
+    low, middle, high = (format(value, f"{sign}.2f") for value in (row.q05, row.q50, row.q95))
+    return f"{middle} ({low}, {high}) {number(factor)}"
 
 
 def sensitivity(

@@ -1,5 +1,7 @@
 from .asymmetry import asymmetry_axes as asymmetry_axes
 from .comparison import comparison_figure as comparison_figure
+from .contrast import contrast_curves as contrast_curves
+from .contrast import contrast_figure as contrast_figure
 from .corner import corner as corner
 from .curves import curves as curves
 from .curves import plot_average as plot_average

@@ -1,0 +1,119 @@
+"""What differs between conditions: Bayes factors, words, signs, units, and the command."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import inside
+
+import bayes_toe as bt
+from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, ORDER_EFFECT, WORDS, joint_evidences, log_bayes_factor
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.model.prior import DEFAULT
+
+PAIRS = [(a, b) for a in (0.0, 0.4, 0.8, 1.2) for b in (a - 0.3, a + 0.3)]
+
+
+def answers(levels=("left", "right"), offsets=(0.08, -0.08), subjects="AB", trials=50, scale=1.0, shift=0.0):
+    """Subjects whose constant error depends on the condition."""
+    rng, s = np.random.default_rng(3), np.array(PAIRS)
+    rows = []
+    for who in subjects:
+        for level, offset in zip(levels, offsets, strict=True):
+            p = 1.0 / (1.0 + np.exp(-((s[:, 1] - s[:, 0]) - offset + 0.3 * (s[:, 0] - 0.6)) / 0.15))
+            k = rng.binomial(trials, p)
+            told = {"subject": who, "condition": level, "s1": scale * s[:, 0] + shift, "s2": scale * s[:, 1] + shift}
+            rows.append(pd.DataFrame({**told, "n_second": k, "n_trials": trials}))
+    return pd.concat(rows)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return bt.contrast(bt.read_study(answers()), seed=1, workers=1)
+
+
+def test_what_differs_is_found_with_its_sign_and_size(table):
+    assert list(table.frame().columns) == list(CONTRAST_COLUMNS)
+    assert [row.quantity for row in table][:4] == ["constant error", "pull", "width", ORDER_EFFECT]
+    for one in table.some("constant error"):
+        assert one.word == WORDS[0]
+        assert one.q05 < -0.16 < one.q95
+        assert one.p_direction > 0.99
+        assert one.robust == "yes"
+    for one in table.some(ORDER_EFFECT):
+        assert one.log_bf_differs > 3.0
+        assert one.p_direction is None
+        assert one.q05 < 0.16 < one.q95
+    assert {row.word for row in table.some("pull")} <= {*WORDS[2:]}
+    assert table.sentences()[0] == "constant error, of 2 subjects: differs 2"
+
+
+def test_the_other_reference_turns_signs_and_nothing_else(table):
+    other = bt.contrast(bt.read_study(answers(), bt.ReadOptions(reference="right")).select(["A@right", "A@left"]), seed=2, workers=1)
+    for one, turned in zip(table.rows, other, strict=False):
+        assert turned.comparison == "left - right"
+        sign = 1.0 if one.quantity == ORDER_EFFECT else -1.0
+        assert sign * turned.mean == pytest.approx(one.mean, abs=0.35 * one.sd)
+        assert turned.log_bf_differs == pytest.approx(one.log_bf_differs, abs=5 * np.hypot(one.log_bf_differs_se, turned.log_bf_differs_se))
+
+
+def test_another_unit_of_intensity_changes_no_bayes_factor(table):
+    other = bt.contrast(bt.read_study(answers(scale=3.0, shift=2.0)).select(["A@left", "A@right"]), seed=2, workers=1)
+    for one, same in zip(table.rows, other, strict=False):
+        assert same.mean == pytest.approx(one.mean * (1.0 if one.quantity == "pull" else 3.0), abs=3.0 * 0.35 * one.sd)
+        assert same.log_bf_differs == pytest.approx(one.log_bf_differs, abs=5 * np.hypot(one.log_bf_differs_se, same.log_bf_differs_se))
+
+
+def test_bayes_factors_by_hand():
+    study = bt.read_study(answers(subjects="A", trials=8))
+    known, _ = joint_evidences(study.subjects, study.conditions.design(), "contraction", DEFAULT, 1)
+    z = {"".join(sorted(key[0] for key in some)): np.exp(one.log_evidence + 60.0) for some, one in known.items()}
+    assert set(z) == {"", "c", "p", "w", "cp", "cw", "pw", "cpw"}
+    value, _ = log_bayes_factor(known, "pull")
+    assert np.exp(value) == pytest.approx((z["p"] + z["cp"] + z["pw"] + z["cpw"]) / (z[""] + z["c"] + z["w"] + z["cw"]))
+    value, _ = log_bayes_factor(known, ORDER_EFFECT)
+    differs = sum(z[key] for key in ("c", "p", "cp", "cw", "pw", "cpw"))
+    assert np.exp(value) == pytest.approx(differs / 3.0 / (z[""] + z["w"]))
+
+
+def test_three_levels_numbers_and_a_missing_one():
+    three = answers(("1", "2", "4"), (0.1, 0.0, -0.1), trials=20)
+    three = three[~((three.subject == "B") & (three.condition == "1"))]
+    slope = bt.contrast(bt.read_study(three), model="constant error + no lapses", seed=1, workers=1)
+    assert [(row.subject, row.comparison) for row in slope.some("constant error")] == [("A", "4 - 1")]
+    named = bt.contrast(bt.read_study(three, bt.ReadOptions(categorical=True)), model="constant error + no lapses", seed=1, workers=1)
+    assert [row.comparison for row in named.some("constant error")] == ["2 - 1", "4 - 1"]
+    assert slope.some("constant error")[0].mean < -0.05
+    assert slope.quantities == ("constant error", "width", ORDER_EFFECT)
+
+
+def test_what_is_refused():
+    whole = bt.read_study(answers(), bt.ReadOptions(ignore="condition"))
+    with pytest.raises(bt.InputError, match="no condition within subjects"):
+        bt.contrast(replace(whole))
+    with pytest.raises(bt.InputError, match="no quantities that conditions share"):
+        bt.contrast(bt.read_study(answers()), model="free frequencies")
+    assert whole.task == WHICH_STRONGER
+
+
+def test_the_figures_show_every_subject(table):
+    study = bt.read_study(answers())
+    forest, curves = bt.plots.contrast_figure(table), bt.plots.contrast_curves(study, table, "A")
+    assert [tick.get_text() for tick in forest.axes[0].get_yticklabels()] == ["A", "B"]
+    assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
+    with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
+        bt.plots.contrast_curves(study, table, "C")
+
+
+def test_the_command(tmp_path):
+    answers(trials=10).rename(columns={"condition": "hand"}).to_csv(tmp_path / "study.csv", index=False)
+    done = inside("contrast", "study.csv", "--condition", "hand", "--reference", "right", "--seed", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "left - right" in done.stdout
+    found = pd.read_csv(tmp_path / "contrast.csv")
+    assert found.comparison.unique().tolist() == ["left - right"]
+    assert (tmp_path / "contrast.png").exists()
+    done = inside("contrast", "study.csv", "--overwrite", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "found no condition within subjects, allowed: a column condition, or --condition COLUMN" in done.stderr
