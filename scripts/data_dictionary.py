@@ -18,6 +18,7 @@ from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, Subject
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
+from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, WORDS, Difference
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, sensitivity_columns
@@ -211,6 +212,20 @@ FILES = (
             "exact_how": "`sampled`, where there are frequencies.",
         },
     ),
+    File("contrast.csv", "`contrast`", "subject, quantity and comparison of two conditions", CONTRAST_COLUMNS, [Difference], {
+        "quantity": "`constant error`, `pull`, `width`, or `order effect`: constant error and pull together.",
+        "comparison": "A level less the one that it is held against, `right - left`; of numbers the largest less the smallest.",
+        "mean": "Mean of the difference, if the quantity differs: natural-log intensity, of a pull without unit; of the order effect the size of "
+        "the change, root mean square over the first stimuli shown.",
+        **{name: f"{quantile} % quantile of the same." for name, quantile in {"q05": 5, "q50": 50, "q95": 95}.items()},
+        "sd": "Standard deviation of the same.",
+        "p_direction": "Probability of the more probable sign; empty for a size.",
+        "log_bf_differs": "Log Bayes factor of a difference, between any levels, against none, nats; empty where an evidence is withheld.",
+        "log_bf_differs_se": "Its Monte Carlo standard error.",
+        "word": f"`{'`, `'.join(WORDS)}`: from Bayes factors of 20 and 3 on, either way.",
+        "robust": "`yes` where lapses that differ too leave the word as it is.",
+        "model": "Model of every condition.",
+    }),
     File(
         "sensitivity.csv", "`sensitivity`", "subject and value of the prior", sensitivity_columns(), [SensitivityRow],
         {f"{name}_{key}": f"{key[1:].lstrip('0')} % quantile of {name} under that prior." for name in _SHOWN for key in ("q05", "q50", "q95")}
@@ -381,7 +396,8 @@ HEAD = """# Data dictionary
 Every column of every file that `bayes-toe` writes; made by `scripts/data_dictionary.py`. Names are those that a command takes by default:
 with `-o NAME.csv` the others are `NAME_parts.csv` and so on. CSV files are UTF-8 with a comma and a decimal point, numbers read back to
 the same bits, and an empty cell is a value that does not exist or is withheld. With `-o NAME.parquet` the tables are Parquet files with the
-same columns. Logarithms are natural (nats). `methods_population.csv` has the columns of `population.csv`.
+same columns. Logarithms are natural (nats). `methods_population.csv` has the columns of `population.csv`. Of a study with a condition
+within subjects tables of single subjects have a column `condition` behind `subject`.
 """
 
 

@@ -53,7 +53,7 @@ def compare(
     with task.progress("comparing", len(read) * (len(models) if asked != "parts" else 1)) as tick:
         table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
     with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving)
+        table.save(folder / output.name, **task.saving_of(read))
         save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[-1].name)
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
@@ -147,7 +147,7 @@ def sensitivity(
         table = bt.sensitivity(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
     say_sensitivity(task.console, table)
     with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving)
+        table.save(folder / output.name, **task.saving_of(read))
         save_figure(sensitivity_figure(table, synthetic=read.synthetic), folder / files[1].name)
     task.say_written("written:", *files, seed=table.seed)
 

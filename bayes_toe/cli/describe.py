@@ -70,7 +70,7 @@ def asymmetry(
     table = bt.asymmetry(read)
     tests = None if people is None else table.covariate_tests(people)
     with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving)
+        table.save(folder / output.name, **task.saving_of(read))
         if tests is not None:
             tests.save(folder / beside.name, **task.saving)
     say_asymmetry(task.console, table)
@@ -101,7 +101,7 @@ def fit(
     say_doubts(task.console, read)
     with task.progress("fitting", len(read)) as tick:
         table = bt.fit(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
-    table.save(output, **task.saving)
+    table.save(output, **task.saving_of(read))
     say_fits(task.console, table)
     task.say_written("table in", output, seed=table.seed)
 

@@ -182,7 +182,7 @@ def evidence(
     read, prior = task.opened(study)
     with task.progress("evidence", len(read)) as tick:
         table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    table.save(output, **task.saving)
+    table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
     say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic, asked=read.task)
     say_appendix_c(task.console, table)

@@ -230,7 +230,7 @@ def predict(
     task.require_files(output)
     draws = load_draws(posterior)
     table = predict_pairs(draws, pairs, draws.names if subject is None else (subject,))
-    write_table(table, output, **task.saving)
+    write_table(table, output, **task.saving_of(draws.study))
     task.say_written(f"{len(table)} predictions in", output)
 
 

@@ -132,7 +132,7 @@ def _save(task: Task, found: Population, check: PredictiveCheck, files: Sequence
         draws, table, subjects, figure = (folder / path.name for path in files)
         found.save(draws, overwrite=task.overwrite)
         found.table.save(table, **task.saving)
-        pooled_subjects(found).save(subjects, **task.saving)
+        pooled_subjects(found).save(subjects, **task.saving_of(found.study))
         bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
 
 

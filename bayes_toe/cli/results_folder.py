@@ -139,8 +139,9 @@ def write_results(
         target, place = new.absolute(), Path(home)  # absolute, since a worker may be in another folder than this process
         draws.save(target / posterior)
         summary = analysis.summary()
-        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe)
-        analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe)
+        units = analysis.study.conditions is not None
+        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe, units=units)
+        analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe, units=units)
         if group is not None:
             _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
         write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
@@ -181,7 +182,7 @@ def opened(posterior: Path, changed: int) -> Draws:
 def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:
     table, members, picture, draws = (folder / name for name in GROUP_PRODUCTS)
     group.found.table.save(table, spreadsheet_safe=spreadsheet_safe)
-    pooled_subjects(group.found).save(members, spreadsheet_safe=spreadsheet_safe)
+    pooled_subjects(group.found).save(members, spreadsheet_safe=spreadsheet_safe, units=group.found.study.conditions is not None)
     picture.write_bytes(png(population_figure(group.found, group.check)))
     group.found.save(draws)
 

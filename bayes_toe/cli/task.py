@@ -199,6 +199,10 @@ class Task:
         """How tables are written."""
         return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
 
+    def saving_of(self, study: Study) -> dict[str, bool]:
+        """How tables of subjects are written: with the condition of each, where subjects are units."""
+        return {**self.saving, "units": study.conditions is not None}
+
     def say_written(self, what: str, *files: Path, seed: int | None = None, ending: str = "") -> None:
         """The seed and what was written."""
         beginning = "" if seed is None else f"seed {seed}; "

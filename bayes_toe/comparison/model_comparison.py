@@ -262,12 +262,12 @@ class ModelComparison(Table[ModelRow]):
         }
         return pd.DataFrame(columns)
 
-    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
         files, frames = (Path(path), *beside(path)), (self.frame(), self.study_frame(), self.parts_frame())
         with whole_together(*files, overwrite=overwrite) as folder:
             for frame, file in zip(frames, files, strict=True):
-                write_table(frame, folder / file.name, spreadsheet_safe=spreadsheet_safe)
+                write_table(frame, folder / file.name, spreadsheet_safe=spreadsheet_safe, units=units and "subject" in frame)
         return files[0]
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:

@@ -19,15 +19,12 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import bare, counted, listed, quoted
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import number
+from bayes_toe.data.validation import AT, number
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.study import Study, Subject
-
-#: What stands between a subject and a level.
-AT = "@"
 
 
 class Stimuli(NamedTuple):

@@ -19,10 +19,10 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.conditions import AT, Conditions, Stimuli, felt_together
+from bayes_toe.data.conditions import Conditions, Stimuli, felt_together
 from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.data.validation import LARGEST_COUNT
+from bayes_toe.data.validation import AT, LARGEST_COUNT
 from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 from bayes_toe.data.messages import as_html, listed, named_few, quoted
 from bayes_toe.data.study import as_name
 from bayes_toe.data.text_table import is_parquet, require_parquet
-from bayes_toe.data.validation import runs
+from bayes_toe.data.validation import AT, runs
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -77,9 +77,9 @@ class Table(ABC, Generic[Row]):
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its CSV file."""
 
-    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
+    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False) -> Path:
         """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
-        return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe)
+        return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe, units=units)
 
 
 def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
@@ -109,12 +109,14 @@ class SubjectTable(Table[SubjectRow]):
         return {row.subject: row for row in reversed(self.rows)}  # the first of equals
 
 
-def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False) -> Path:
+def write_table(
+    frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False
+) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
     Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). With `spreadsheet_safe`, an apostrophe is put before
     texts of a CSV file that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of
-    subjects again.
+    subjects again. With `units`, subjects are units such as S01@left, which become columns subject and condition.
 
     Raises
     ------
@@ -134,6 +136,10 @@ def write_table(frame: pd.DataFrame, path: str | Path, *, overwrite: bool = Fals
     """
     target = Path(path)
     require_parquet(target)
+    if units:
+        told = frame["subject"].str.partition(AT)
+        frame = frame.assign(subject=told[0])
+        frame.insert([*frame].index("subject") + 1, "condition", told[2])
     if spreadsheet_safe and not is_parquet(target):
 
         def inert(value: object) -> object:

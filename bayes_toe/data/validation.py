@@ -15,6 +15,8 @@ from bayes_toe.data.text_table import Column, TextTable, read_table
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53
+#: What stands between a subject and a level in the name of a unit.
+AT = "@"
 #: What a cell may say, in any case, where there is nothing to say.
 MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
@@ -140,12 +142,18 @@ def read_numbers(
 def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
     r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
 
+    Where there is a column condition subjects are units.
+
     Errors as of :func:`read_numbers`.
     """
-    table = _read(path, (*texts, *names))
+    table = _read(path, (*texts, *names), ("condition",))
     values = {name: _numbers(table, name, gaps=True) for name in names}
     table.problems.refuse()
-    return {name: _texts(table, name) for name in texts}, values
+    found = {name: _texts(table, name) for name in texts}
+    if "condition" in table.columns:
+        pairs = zip(found["subject"], _texts(table, "condition"), strict=True)
+        found["subject"] = [f"{who}{AT}{level}" if level else who for who, level in pairs]
+    return found, values
 
 
 def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ()) -> TextTable:

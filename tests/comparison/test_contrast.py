@@ -12,7 +12,7 @@ from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, ORDER_EFFECT, WORDS,
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import DEFAULT
 
-PAIRS = [(a, b) for a in (0.0, 0.4, 0.8, 1.2) for b in (a - 0.3, a + 0.3)]
+PAIRS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9) for b in (a - 0.3, a + 0.3)]
 
 
 def answers(levels=("left", "right"), offsets=(0.08, -0.08), subjects="AB", trials=50, scale=1.0, shift=0.0):
@@ -21,7 +21,7 @@ def answers(levels=("left", "right"), offsets=(0.08, -0.08), subjects="AB", tria
     rows = []
     for who in subjects:
         for level, offset in zip(levels, offsets, strict=True):
-            p = 1.0 / (1.0 + np.exp(-((s[:, 1] - s[:, 0]) - offset + 0.3 * (s[:, 0] - 0.6)) / 0.15))
+            p = 1.0 / (1.0 + np.exp(-((s[:, 1] - s[:, 0]) - offset + 0.3 * (s[:, 0] - 0.45)) / 0.15))
             k = rng.binomial(trials, p)
             told = {"subject": who, "condition": level, "s1": scale * s[:, 0] + shift, "s2": scale * s[:, 1] + shift}
             rows.append(pd.DataFrame({**told, "n_second": k, "n_trials": trials}))
@@ -114,6 +114,11 @@ def test_the_command(tmp_path):
     found = pd.read_csv(tmp_path / "contrast.csv")
     assert found.comparison.unique().tolist() == ["left - right"]
     assert (tmp_path / "contrast.png").exists()
+    done = inside("asymmetry", "study.csv", "--condition", "hand", "-o", "asymmetry.csv", cwd=tmp_path)
+    assert pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].drop_duplicates().to_numpy().tolist()[:2] == [
+        ["A", "left"],
+        ["A", "right"],
+    ]
     done = inside("contrast", "study.csv", "--overwrite", cwd=tmp_path)
     assert done.returncode == 2
     assert "found no condition within subjects, allowed: a column condition, or --condition COLUMN" in done.stderr

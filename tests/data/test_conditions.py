@@ -1,10 +1,13 @@
 """Conditions within subjects: units, their scales, the design of levels, and what is refused."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions, Stimuli
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.validation import read_rows
 
 ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
     f"{who},{s1},{s2},{answer},{level},{isi}\n"
@@ -88,3 +91,10 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
 def test_what_is_refused(read, text, options, said):
     with pytest.raises(bt.InputError, match=said):
         read(text, **options)
+
+
+def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
+    frame = pd.DataFrame({"model": ["m", "m"], "subject": ["a@left", "*"], "value": [1.0, 2.0]})
+    path = write_table(frame, tmp_path / "table.csv", units=True)
+    assert pd.read_csv(path, keep_default_na=False).columns.tolist() == ["model", "subject", "condition", "value"]
+    assert read_rows(path, ("subject",), ("value",))[0]["subject"] == ["a@left", "*"]
