@@ -25,6 +25,7 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
+from bayes_toe.comparison.contrast import word_of
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
@@ -140,6 +141,9 @@ def say_population(console: Console, found: Population, contradicted: Sequence[s
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
     for line in answer(found):
         say(console, line)
+    if differing := [effect(row, "comparison") for row in found.table.some("condition_effect")]:
+        say_table(console, "differences between conditions on average, mean (5 %, 95 %)", differing)
+        say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
     if effects := [effect(row) for row in found.table.some("effect")]:
         about = "; ".join(column.about for column in found.regressors.columns)
         say_table(console, f"effects of covariates, mean (5 %, 95 %): {safe(about)}", effects)
@@ -177,6 +181,7 @@ def answer(found: Population) -> list[str]:
         who = counted(len(found.study), "subject")
         lines = [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
         lines += [_direction(found, "[bold]direction[/bold]")] if average.has else []
+    lines += by_condition(found)
     contrasts = () if pairs is None else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
     return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
@@ -204,14 +209,40 @@ def _direction(found: Population, begin: str) -> str:
     return f"{begin}: {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
 
 
-def effect(row: PopulationRow) -> dict[Any, Any]:
-    """One effect of a covariate, as a table shows it."""
+#: Quantities as readers know them, by the group parameters that Bayes factors are of.
+_KNOWN_AS = {GROUP_PARAMETERS[name].label: known for name, known in (("mu1", "constant error"), ("gain", "pull"), ("gamma", "pull"))}
+_KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
+
+
+def by_condition(found: Population) -> list[str]:
+    """What differs between conditions on average, a line a comparison, with markup."""
+    rows, lines = found.table.some("condition_effect"), list[str]()
+    for level in dict.fromkeys(row.level for row in rows):
+        own, said = {row.parameter: row for row in rows if row.level == level}, list[str]()
+        for label, row in own.items():
+            name = _KNOWN_AS.get(label, label)
+            if row.p_direction is not None and (row.bf_no_difference, row.bf_below) != (None, None):
+                said.append(f"{name} {_interval(own.get(name, row))}, {_said_word(row)} (Bayes factor of no difference {row.of_none})")
+        lines.append(f"[bold]{safe(level)}[/bold] on average: {'; '.join(said)}")
+    return lines
+
+
+def _said_word(row: PopulationRow) -> str:
+    """The word of a Bayes factor of no difference, or of a bound."""
+    none = row.bf_below if row.bf_no_difference is None else row.bf_no_difference
+    return word_of(None if none is None else -math.log(none) if none > 0.0 else math.inf)
+
+
+def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:
+    """One effect of a covariate, or of a condition, as a table shows it."""
     bound, words = row.bf_no_difference is None, conclusion(None)
     found = row.bf_below if bound else row.bf_no_difference
     if found is not None and row.of_none != "-":
         nats = -math.log(found) if found > 0.0 else math.inf  # for a difference; a factor may be below the smallest float
         words = f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
-    said = {"covariate": row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": _sign(row)}
+    if bound and found is None:
+        words = "-"
+    said = {of: row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": "-" if row.p_direction is None else _sign(row)}
     return {**said, "BF no difference": row.of_none, "evidence": words}
 
 

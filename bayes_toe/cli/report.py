@@ -203,6 +203,7 @@ def _group(group: Group) -> dict[str, Any]:
         (CORRELATED, correlations(found)),
         (f"medians (5 %, 95 %){Text.from_markup(reference(found)).plain}", naturals(found)),
         ("effects of covariates", [effect(row) for row in found.table.some("effect")]),
+        ("differences between conditions", [effect(row, "comparison") for row in found.table.some("condition_effect")]),
     ]
     return {
         "problems": [*found.problems, *group.check.warnings],

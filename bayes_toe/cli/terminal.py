@@ -147,7 +147,9 @@ def say_study(console: Console, study: Study) -> None:
     """What was read, and what there is to say of it."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
     trials = sum(subject.total_trials for subject in study)
-    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {len(study)} subject{'' if len(study) == 1 else 's'}, {trials} trials")
+    people = len({subject.person for subject in study})
+    among = "" if study.conditions is None else f" in {len(study.conditions.levels)} conditions"
+    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {people} subject{'' if people == 1 else 's'}{among}, {trials} trials")
     for note in study.notes:
         say(console, f"  {safe(note)}")
 

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Conditions, by_person
 from bayes_toe.data.messages import counted
-from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.study import Study, Subject, pooled, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError, WorkerError
@@ -309,13 +309,6 @@ def joint_evidences(units: Sequence[Subject], design: FloatArray, model: str, pr
     lapses = frozenset(["lapses"] if group & {*QUANTITIES["lapses"]} else [])
     known = {some: _sampled(same, maxima, units, design, some, seed) for some in sets}
     return known, {some: _sampled(same, maxima, units, design, some | lapses, seed) for some in sets} if lapses else known
-
-
-def pooled(units: Sequence[Subject]) -> Subject:
-    """All answers of a subject, whatever the condition."""
-    keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
-    columns = (np.concatenate([np.asarray(getattr(one, key)) for one in units]) for key in keys)
-    return Subject.from_counts(units[0].person, *columns, task=units[0].task)
 
 
 def _sampled(same: Posterior, maxima: Maxima, units: Sequence[Subject], design: FloatArray, some: frozenset[str], seed: int) -> _Sampled:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.conditions import Conditions, Stimuli, felt_together
+from bayes_toe.data.conditions import Conditions, Stimuli, by_person, felt_together
 from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import AT, LARGEST_COUNT
@@ -292,6 +292,11 @@ class Study:
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
         return replace(self, subjects=some, notes=notes, reading=Reading())
 
+    def without_conditions(self) -> Study:
+        """The study with each subject's answers in all conditions put together."""
+        subjects = tuple(map(pooled, by_person(self).values()))
+        return self if self.conditions is None else replace(self, subjects=subjects, reading=Reading(), conditions=None)
+
     def select(self, names: Sequence[str | int] | str | int) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
         asked = [names] if isinstance(names, str | int) else names
@@ -392,6 +397,13 @@ class Study:
         rows = [(one.name, one.n_pairs, one.total_trials, one.fraction_yes) for one in shown]
         columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
         return as_html(repr(self)[1:-1], pd.DataFrame(rows, columns=columns), len(self))
+
+
+def pooled(units: Sequence[Subject]) -> Subject:
+    """All answers of a subject, whatever the condition."""
+    keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
+    columns = (np.concatenate([np.asarray(getattr(one, key)) for one in units]) for key in keys)
+    return Subject.from_counts(units[0].person, *columns, task=units[0].task)
 
 
 def as_name(name: object) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from numbers import Integral
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.conditions import mean_first
+from bayes_toe.data.conditions import by_person, mean_first
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study
@@ -21,8 +21,9 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
+from bayes_toe.groups.differences import ConditionLikelihood, Differences
 from bayes_toe.groups.hyperprior import Hyperprior, hyperprior_of
-from bayes_toe.groups.joint import Joint, scatter_named
+from bayes_toe.groups.joint import Joint, Likelihood, scatter_named
 from bayes_toe.groups.population_file import save_population
 from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
 from bayes_toe.groups.regressors import Regressors, regressors
@@ -34,6 +35,7 @@ from bayes_toe.groups.subjects import (
     funnel_of,
     unpooled,
     unpooled_from_draws,
+    unpooled_posterior,
 )
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.draws import Draws
@@ -111,6 +113,8 @@ class Population:
         Subjects of the study that are not in the group, and why.
     rough : tuple of str
         Subjects of which too few of the draws behind `unpooled` count. What is said of the group does not rest on these.
+    differences : Differences, optional
+        What differs between conditions within subjects; everything else is then of a subject at the middle of the conditions.
     """
 
     study: Study
@@ -122,6 +126,7 @@ class Population:
     unpooled: FloatArray
     left_out: Mapping[str, str]
     rough: tuple[str, ...] = ()
+    differences: Differences | None = None
 
     @property
     def model(self) -> Model:
@@ -140,12 +145,18 @@ class Population:
 
     @cached_property
     def not_described(self) -> tuple[str, ...]:
-        """Subjects whose answers the model does not describe, with their parameters in the group: the rule of every table of fits."""
-        names = list[str]()
+        """Subjects, or units, whose answers the model does not describe, with their parameters in the group: the rule of all fits."""
+        names, k = list[str](), len(self.names)
         for i, name in enumerate(self.study.names):
-            posterior, eta = self.posterior(name), self.chains.eta[:, :, i].reshape(-1, len(self.names))
-            fit = summarise_fit(posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY)
-            names += [name] if fit.misfit else []
+            middle = self.chains.eta[:, :, i].reshape(-1, k)
+            parts = [(name, self.posterior(name), middle)]
+            if self.differences is not None and self.differences.chains is not None:
+                away = self.differences.chains.eta[:, :, i].reshape(len(middle), -1)
+                units = ((one, replace(parts[0][1], subject=one)) for one in self.differences.units[name])
+                parts = [(one.name, of, middle + away @ self.differences.at(one.condition, self.names)) for one, of in units]
+            for said, posterior, eta in parts:
+                fit = summarise_fit(posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY)
+                names += [said] if fit.misfit else []
         return tuple(names)
 
     @property
@@ -294,6 +305,12 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
         posterior = posterior if posterior.model == model_named(model, study.task).name else None
     people = None if covariates is None else read_covariates(covariates)
+    apart = None
+    if study.conditions is not None:
+        if people is not None or posterior is not None or correlations:
+            raise InputError("population: found a condition, allowed without covariates, posterior and correlations; --ignore condition")
+        apart = Differences.of(study.conditions, by_person(study), _model(model, study.task))
+        study, correlations = study.without_conditions(), False
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
         who = Regressors.none(study.names) if people is None else regressors(people, study.names, categorical=categorical)
@@ -302,10 +319,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
         if len(who.subjects) < _FEWEST:
             raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
-        alone, failed = _unpooled(study, settings, who, posterior, workers=workers, progress=progress, kept=kept)
+        alone, failed = _unpooled(study, settings, who, posterior, apart, workers=workers, progress=progress, kept=kept)
         if len(alone) < _FEWEST:
             raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-        made = _sampled(study, settings, who.without(failed), alone, failed)
+        made = _sampled(study, settings, who.without(failed), alone, failed, apart)
     for problem in made.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return made
@@ -316,6 +333,7 @@ def _unpooled(
     settings: GroupSettings,
     who: Regressors,
     posterior: Draws | None,
+    apart: Differences | None,
     *,
     workers: Workers,
     progress: Progress | None,
@@ -325,6 +343,9 @@ def _unpooled(
     model, centre, seed = _model(settings.model, study.task), mean_first(*study), settings.seed
     if posterior is None:
         jobs = [partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed) for name in who.subjects]
+        if apart is not None:
+            targets = [apart.posterior(name, study[name], model, settings.prior, centre) for name in who.subjects]
+            jobs = [partial(unpooled_posterior, target, _JUDGING, seed) for target in targets]
         done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
         return list(done), {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
     found = []
@@ -336,17 +357,32 @@ def _unpooled(
     return found, dict(posterior.failed)
 
 
-def _sampled(study: Study, settings: GroupSettings, who: Regressors, alone: Sequence[Unpooled], failed: Mapping[str, str]) -> Population:
+def _sampled(
+    study: Study,
+    settings: GroupSettings,
+    who: Regressors,
+    alone: Sequence[Unpooled],
+    failed: Mapping[str, str],
+    apart: Differences | None,
+) -> Population:
     """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
     model, centre, group = _model(settings.model, study.task), mean_first(*study), study.select(who.subjects)
     precision, location = np.stack([one.log_precision for one in alone]), np.stack([one.location for one in alone])
     about = NormalApproximation(precision, location, funnel_of(model, centre))
-    likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chain_count(len(group)))
-    scatter, numbers = scatter_named(settings.scatter), settings.hyperprior.numbers(model.group)
+    scatter, numbers, chains = scatter_named(settings.scatter), settings.hyperprior.numbers(model.group), chain_count(len(group))
+    likelihood: Likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chains)
+    names = model.group
+    if apart is not None:
+        likelihood = ConditionLikelihood(model, settings.prior, group.subjects, apart, centre, chains)
+        numbers = apart.numbers(numbers, settings.prior.at(*group))
+        names += tuple(f"difference in {name}" for name in apart.names)
     joint = Joint(likelihood, numbers, who.x, about, scatter, settings.correlations)
-    chains = sample_group(joint, model.group, group.names, settings.draws, generator(settings.seed, model.name, "population"))
-    own, rough = np.stack([one.eta for one in alone], axis=1), tuple(one.name for one in alone if not one.trusted)
-    return Population(group, settings, model.group, centre, who, chains, own, {**who.left_out, **failed}, rough)
+    found = sample_group(joint, names, group.names, settings.draws, generator(settings.seed, model.name, "population"))
+    if apart is not None:
+        found, apart = apart.split(found)
+    own = np.stack([one.eta[:, : len(model.group)] for one in alone], axis=1)
+    rough = tuple(one.name for one in alone if not one.trusted)
+    return Population(group, settings, model.group, centre, who, found, own, {**who.left_out, **failed}, rough, apart)
 
 
 def _model(name: str, task: Task) -> Model:

@@ -11,9 +11,9 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,14 +21,15 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.data.conditions import from_kept, kept
+from bayes_toe.data.conditions import Conditions, by_person, felt_together
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
 from bayes_toe.groups.chains import GroupChains, with_convergence
+from bayes_toe.groups.differences import Differences
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
@@ -131,6 +132,10 @@ def _posterior(found: Population) -> xr.Dataset:
     if found.regressors.columns:
         data["effect"] = ((*dims, "regressor", "parameter"), own.effects)
         coords["regressor"] = [column.label for column in found.regressors.columns]
+    if found.differences is not None and found.differences.chains is not None:
+        differing = found.differences.chains
+        data |= {"difference_mean": ((*dims, "entry"), differing.mean), "difference_sd": ((*dims, "entry"), differing.scatter)}
+        data["difference"] = ((*dims, "subject", "entry"), differing.eta)
     if own.correlated:
         data |= {"correlation": ((*dims, "parameter", "other"), own.correlation), "z": ((*dims, "pair"), own.z)}
         coords["other"] = list(found.names)
@@ -145,7 +150,6 @@ def _constant(found: Population) -> xr.Dataset:
         "study": {
             "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
             "task": study.task.name,
-            "conditions": kept(study),
             **{key: getattr(study, key) for key in ("source", "synthetic", "notes", "changes")},
         },
         "settings": asdict(settings),
@@ -153,6 +157,7 @@ def _constant(found: Population) -> xr.Dataset:
         "centre": found.centre,
         "regressors": {"columns": [one._asdict() for one in who.columns], "left_out": dict(who.left_out), "notes": who.notes},
         "chains": {key: getattr(own, key) for key in ("divergent", "reason", "gradients")},
+        "differences": None if found.differences is None else _differing(found.differences, keys),
         "left_out": dict(found.left_out),
         "rough": found.rough,
     }
@@ -162,6 +167,14 @@ def _constant(found: Population) -> xr.Dataset:
         data["x"] = (("subject", "regressor"), who.x)
         coords["regressor"] = [column.label for column in who.columns]
     return xr.Dataset(data, coords)
+
+
+def _differing(found: Differences, keys: Sequence[str]) -> dict[str, Any]:
+    """Conditions, what differs, and the answers of every subject in each condition."""
+    units = [one for own in found.units.values() for one in own]
+    counts = [{"name": one.name, "condition": one.condition} | {key: getattr(one, key).tolist() for key in keys} for one in units]
+    judged = None if found.chains is None else found.chains.subject_convergence.tolist()
+    return {"conditions": asdict(found.conditions), "names": found.names, "columns": found.columns, "units": counts, "judged": judged}
 
 
 def _attributes(found: Population, whole: bool) -> dict[str, Any]:
@@ -209,8 +222,7 @@ def _population(tree: xr.DataTree) -> Population:
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
     task = task_of(study.pop("task", SAME_DIFFERENT))
     counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
-    conditions, units = from_kept(study.get("conditions", {}))
-    subjects, eta = tuple(Subject(**one, task=task, **units.get(one["name"], {})) for one in counts), drawn["eta"].values
+    subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")
@@ -222,9 +234,7 @@ def _population(tree: xr.DataTree) -> Population:
     settings["hyperprior"] = Hyperprior((*values, *Hyperprior().values[len(values) : -1], together))  # parameters that there were not yet
     x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
     return Population(
-        Study(
-            subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ()), conditions=conditions
-        ),
+        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ())),
         GroupSettings(**settings),
         names,
         record["centre"],
@@ -233,4 +243,15 @@ def _population(tree: xr.DataTree) -> Population:
         constant["alone"].values,
         record["left_out"],
         tuple(record["rough"]),
+        None if record.get("differences") is None else _differences(record["differences"], drawn, chains, task),
     )
+
+
+def _differences(told: Mapping[str, Any], drawn: xr.Dataset, chains: GroupChains, task: Task) -> Differences:
+    """What differs between conditions, with its draws."""
+    conditions = Conditions(told["conditions"]["name"], tuple(told["conditions"]["levels"]), told["conditions"]["numeric"])
+    units = by_person(felt_together(Subject(**one, task=task) for one in told["units"]))
+    mean, scatter, eta = (drawn[f"difference{ending}"].values for ending in ("_mean", "_sd", ""))
+    empty: dict[str, Any] = {"effects": np.empty((*mean.shape[:2], 0, mean.shape[2])), "z": np.empty((*mean.shape[:2], 0))}
+    own = replace(chains, mean=mean, scatter=scatter, eta=eta, **empty, subject_convergence=np.array(told["judged"]))
+    return Differences(conditions, units, tuple(told["names"]), tuple(told["columns"]), with_convergence(own))

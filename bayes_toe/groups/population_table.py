@@ -15,12 +15,16 @@ from bayes_toe.data.tables import Table
 from bayes_toe.groups.chains import CORRELATION
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.joint import scatter_named
-from bayes_toe.groups.savage_dickey import ORDER_EFFECTS, Ratio, Ratios, savage_dickey
+from bayes_toe.groups.savage_dickey import ORDER_EFFECTS, AtZero, Ratio, Ratios, savage_dickey
 from bayes_toe.inference.diagnostics import Convergence, convergence, convergence_of, errors_of
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.subject import SUMMARY_COLUMNS, SummaryRow, location
+from bayes_toe.model.contrasted import OF_ORDER, QUANTITIES
+from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
+    from bayes_toe.groups.chains import GroupChains
+    from bayes_toe.groups.differences import Differences
     from bayes_toe.groups.population import Population
 
 _UNPOOLED = {"alone_q05": 0.05, "alone_q50": 0.5, "alone_q95": 0.95}
@@ -42,16 +46,16 @@ class PopulationRow(NamedTuple):
         A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, a comparison, or
         'order effect', of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
         from there, in just noticeable differences.
-    quantity : {"mean", "sd", "correlation", "effect", "asymmetry", "new_subject"}
+    quantity : {"mean", "sd", "correlation", "effect", "condition_effect", "condition_sd", "asymmetry", "new_subject"}
     level : str
-        The regressor of an effect, the part of the population of an asymmetry; empty for what has none.
+        The regressor of an effect, the part of the population of an asymmetry, the comparison of conditions; empty for what has none.
     mean, sd, q05, q25, q50, q75, q95, ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
         Probability that it has the sign that it probably has; of correlations, effects and asymmetries.
     bf_zero : float or None
         Of means that may be none, of pull and constant error each and of both together: Bayes factor of none against any.
     bf_no_difference : float or None
-        Of effects: of no difference against a difference.
+        Of effects, and of what differs by condition: of no difference, of conditions between any levels, against a difference.
     bf_error, bf_below : float or None
         Of either, see :class:`bayes_toe.groups.savage_dickey.Ratio`.
     """
@@ -133,6 +137,44 @@ def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
             values, judged = own.effects[..., i, k], own.convergence["effect", i, k]
             row = _directed(_row(label, "effect", column.label, values, judged), values)
             yield _with_ratio(row, "bf_no_difference", ratios.effects[i][k])
+    if found.differences is not None and found.differences.chains is not None:
+        yield from _by_condition(found, found.differences, found.differences.chains)
+
+
+def _by_condition(found: Population, apart: Differences, own: GroupChains) -> Iterator[PopulationRow]:
+    """Of every comparison: means of differences on the group scales, of natural quantities over the subjects, and scatters."""
+    given = apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study))
+    rng = generator(found.settings.seed, "population", "no difference between conditions")
+    at_zero = AtZero(own, given, np.empty((len(found.study), 0)), found.settings.scatter, rng)
+    places = {name: [i for i, one in enumerate(apart.names) if one == name] for name in dict.fromkeys(apart.names)}
+    ratios = {name: at_zero(some) for name, some in places.items()}
+    order = [i for name, some in places.items() if any(name in QUANTITIES[key] for key in OF_ORDER) for i in some]
+    of_order = at_zero(order) if order else None
+    for level, reference in apart.conditions.comparisons:
+        said, apart_by = f"{level} - {reference}", apart.between(level, reference)
+        at = [apart.at(one, found.names) for one in (level, reference)]
+        if of_order is not None:
+            yield _with_ratio(_row(ORDER_EFFECT, "condition_effect", said, _order_change(found, own, at)), "bf_no_difference", of_order)
+        natural = [found.quantities(found.chains.eta + own.eta @ step) for step in at]
+        for name, some in places.items():
+            values = own.mean[..., some] @ apart_by[some]
+            row = _directed(_row(GROUP_PARAMETERS[name].label, "condition_effect", said, values), values)
+            yield _with_ratio(row, "bf_no_difference", ratios[name])
+            key = {"gain": "pull", "gamma": "pull"}.get(name, name)
+            if GROUP_PARAMETERS[name].scale != "identity":
+                values = (natural[0][key] - natural[1][key]).mean(axis=-1)
+                yield _directed(_row(key, "condition_effect", said, values), values)
+            spread = np.sqrt(np.square(own.scatter[..., some]) @ np.square(apart_by[some]))
+            yield _row(GROUP_PARAMETERS[name].label, "condition_sd", said, spread)
+
+
+def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray]) -> FloatArray:
+    """Root mean square, over the first stimuli shown, of how the shift of a typical subject changes, in just noticeable differences."""
+    one, other = (found.quantities(found.chains.mean + own.mean @ step) for step in at)
+    s1, n = (np.concatenate([getattr(subject, key) for subject in found.study]) for key in ("s1", "n_trials"))
+    spread = np.average(np.square(s1 - np.average(s1, weights=n)), weights=n)
+    offset, pull = (one[key] - other[key] if key in one else np.zeros(1) for key in ("offset", "pull"))
+    return np.asarray(np.sqrt(np.square(offset) + np.square(pull) * spread) / found.quantities(found.chains.mean)["jnd"])
 
 
 def _sizes(found: Population, eta: FloatArray) -> FloatArray:

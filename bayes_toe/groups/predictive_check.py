@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
+from bayes_toe.groups.differences import ConditionLikelihood
 from bayes_toe.groups.joint import scatter_named
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.subjects import GroupLikelihood
@@ -117,7 +118,14 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     mean, tau, effects, root = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects, chains.root))
     expected = mean + found.regressors.x @ effects
     eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
-    likelihood = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, _TOGETHER)
+    own = (found.model, found.settings.prior, found.study.subjects)
+    likelihood: GroupLikelihood | ConditionLikelihood = GroupLikelihood(*own, found.centre, _TOGETHER)
+    if found.differences is not None and found.differences.chains is not None:
+        apart = found.differences.chains
+        mean, tau = (values.reshape(draws, 1, -1)[some] for values in (apart.mean, apart.scatter))
+        score = scatter_named(found.settings.scatter).sample(rng, (*eta.shape[:2], mean.shape[-1]))
+        eta = np.concatenate([eta, mean + tau * score], axis=-1)
+        likelihood = ConditionLikelihood(*own, found.differences, found.centre, _TOGETHER)
     crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
     everyone = np.concatenate([crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
     statistics = [one for deed in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(*deed)]

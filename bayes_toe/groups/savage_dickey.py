@@ -22,6 +22,8 @@ from bayes_toe.inference.diagnostics import errors, pareto_k
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
+    from bayes_toe.groups.chains import GroupChains
+    from bayes_toe.groups.hyperprior import HyperpriorNumbers
     from bayes_toe.groups.population import Population
 
 #: The largest relative Monte Carlo error with which a ratio is stated.
@@ -59,30 +61,47 @@ class Ratios(NamedTuple):
     effects: tuple[tuple[Ratio, ...], ...]
 
 
+class AtZero:
+    """Bayes factors of 0 of coefficients of a group's regression: means of parameters, then their effects, regressor by regressor.
+
+    Parameters
+    ----------
+    chains : GroupChains
+    given : HyperpriorNumbers
+    x : array, shape (N, r)
+    scatter : str
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, chains: GroupChains, given: HyperpriorNumbers, x: FloatArray, scatter: str, rng: np.random.Generator) -> None:
+        whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
+        expected = chains.mean[..., None, :] + x @ chains.effects
+        weights = scatter_named(scatter).precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
+        self._chains, self.k, r = chains, len(given.mean), x.shape[1]
+        self._prior_sd = np.concatenate([given.mean_sd, np.tile(given.effect_sd, r)])
+        self._centre, self._covariance = _regression(with_ones(x), chains.eta - given.mean, weights, whiten, self._prior_sd)
+        self._zero = np.concatenate([-given.mean, np.zeros(r * self.k)])  # means count from those of the prior
+        drawn = np.concatenate([chains.mean[..., None, :], chains.effects], axis=2)
+        self._kernel = np.square(_KERNEL) * drawn.var(axis=(0, 1)).ravel()
+
+    def __call__(self, places: Sequence[int]) -> Ratio:
+        """Of some coefficients together."""
+        sds, k = self._prior_sd[places], self.k
+        own, far = self._covariance[..., places, :][..., places], self._zero[places] - self._centre[..., places]
+        variances = np.diagonal(own, axis1=-2, axis2=-1)
+        own = own + np.maximum(self._kernel[places] - variances, 0.0)[..., None] * np.eye(len(places))
+        squares = np.einsum("...i,...ij,...j->...", far, np.linalg.inv(own), far)
+        highest = np.log(sds).sum() - 0.5 * np.linalg.slogdet(own)[1] + 0.5 * np.square(self._zero[places] / sds).sum()
+        keys = [("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place) for place in places]
+        return ratio(highest - 0.5 * squares, np.exp(highest), min(self._chains.convergence[key].ess_bulk for key in keys))
+
+
 def savage_dickey(found: Population) -> Ratios:
     """For what tells of an order effect on average, and for every regressor and parameter."""
-    chains, given, x = found.chains, found.settings.hyperprior.numbers(found.names), found.regressors.x
-    rng, scatter = generator(found.settings.seed, "population", "no difference"), scatter_named(found.settings.scatter)
-    whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
-    expected = chains.mean[..., None, :] + x @ chains.effects
-    weights = scatter.precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
-    k, r = len(found.names), x.shape[1]
-    prior_sd = np.concatenate([given.mean_sd, np.tile(given.effect_sd, r)])
-    centre, covariance = _regression(with_ones(x), chains.eta - given.mean, weights, whiten, prior_sd)
-    zero = np.concatenate([-given.mean, np.zeros(r * k)])  # means count from those of the prior
-    kernel = np.square(_KERNEL) * np.concatenate([chains.mean[..., None, :], chains.effects], axis=2).var(axis=(0, 1)).ravel()
-
-    def at_zero(places: Sequence[int]) -> Ratio:
-        own, far, sds = covariance[..., places, :][..., places], zero[places] - centre[..., places], prior_sd[places]
-        variances = np.diagonal(own, axis1=-2, axis2=-1)
-        own = own + np.maximum(kernel[places] - variances, 0.0)[..., None] * np.eye(len(places))
-        squares = np.einsum("...i,...ij,...j->...", far, np.linalg.inv(own), far)
-        highest = np.log(sds).sum() - 0.5 * np.linalg.slogdet(own)[1] + 0.5 * np.square(zero[places] / sds).sum()
-        keys = [("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place) for place in places]
-        return ratio(highest - 0.5 * squares, np.exp(highest), min(chains.convergence[key].ess_bulk for key in keys))
-
-    own = {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names}
-    effects = tuple(tuple(at_zero([(1 + i) * k + j]) for j in range(k)) for i in range(r))
+    given, x = found.settings.hyperprior.numbers(found.names), found.regressors.x
+    at_zero = AtZero(found.chains, given, x, found.settings.scatter, generator(found.settings.seed, "population", "no difference"))
+    own, k = {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names}, len(found.names)
+    effects = tuple(tuple(at_zero([(1 + i) * k + j]) for j in range(k)) for i in range(x.shape[1]))
     return Ratios({name: at_zero([place]) for name, place in own.items()}, at_zero([*own.values()]) if own else None, effects)
 
 

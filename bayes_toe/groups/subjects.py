@@ -51,6 +51,8 @@ class GroupLikelihood:
         Of the group, see :func:`centre_of`.
     copies : int
         Points of all subjects in one call.
+    moved : bool
+        Whether stimuli count from the centre already, whatever a subject's own mean is.
 
     Examples
     --------
@@ -61,9 +63,9 @@ class GroupLikelihood:
     ((2, 1), (2, 1, 4))
     """
 
-    def __init__(self, model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, copies: int) -> None:
-        away = [centre_of(model, one, centre) - centre for one in subjects]  # stimuli less a centre are all that counts
-        rows = [replace(one, s1=one.s1 - far, s2=one.s2 - far) for one, far in zip(subjects, away, strict=True)] * copies
+    def __init__(self, model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, copies: int, *, moved: bool = False) -> None:
+        away = [0.0 if moved else centre_of(model, one, centre) - centre for one in subjects]  # stimuli less a centre are all that counts
+        rows = [replace(one, s1=one.s1 - far, s2=one.s2 - far) if far else one for one, far in zip(subjects, away, strict=True)] * copies
         size = max(1, _BLOCK // max(one.n_pairs for one in subjects))
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
         self._blocks = [
@@ -180,8 +182,12 @@ class Unpooled:
 
 def unpooled(subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int) -> Unpooled:
     """Fit a proposal to a subject's own posterior and draw from it."""
-    posterior = Posterior(subject, model, prior, centre=centre_of(model, subject, centre))
-    fitted = fit_proposal(posterior, generator(seed, subject.name, model.name, "alone"), draws=draws)
+    return unpooled_posterior(Posterior(subject, model, prior, centre=centre_of(model, subject, centre)), draws, seed)
+
+
+def unpooled_posterior(posterior: Posterior, draws: int, seed: int) -> Unpooled:
+    """The same of a posterior."""
+    fitted = fit_proposal(posterior, generator(seed, posterior.subject.name, posterior.model.name, "alone"), draws=draws)
     some = np.isfinite(fitted.draws.log_posterior)
     x, shares = fitted.draws.x[some], np.exp(smoothed_weights(fitted.draws.log_weights[some]).log_weights)
     return _unpooled(posterior, x, (fitted.draws.shares[some], shares / shares.sum()), fitted.trusted, seed)

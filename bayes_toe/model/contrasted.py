@@ -37,7 +37,7 @@ QUANTITIES = {
 }
 #: Those that an effect of the order is made of.
 OF_ORDER = ("constant error", "pull")
-_NARROW = {"q0": 0.7, "lapse_rate": 0.6}  # sds of probits, as a population's mean has them
+_NARROW = {"q0": 0.7, "lapse_rate": 0.6, "gain": 0.4}  # sds of probits, as a population's mean has them
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,12 @@ class Contrasted(Posterior):
         for i, (place, size) in enumerate(zip(self._moved, unit, strict=True)):
             found[:, i, :, place] = DIFFERENCE * size * self.design
         return found.reshape(len(self.units), -1, len(self.model.group))
+
+    def to_group(self, x: FloatArray) -> FloatArray:
+        """Shared quantities on their group scales, and differences over the columns of the design, (points, k + differences), the same."""
+        k, sizes = len(self.model.coordinates), [unit_of(self.model.group[place], self.prior) for place in self._moved]
+        units = DIFFERENCE * np.repeat(sizes, self.design.shape[1])
+        return np.concatenate([self.pooled.to_group(x[:, :k]), x[:, k:] * units], axis=1)
 
     def in_conditions(self, x: FloatArray) -> FloatArray:
         """The model's own coordinates in every condition, (points, k + differences) -> (points, conditions, k)."""

@@ -17,7 +17,6 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
-from bayes_toe.groups.regressors import Regressor
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import CURVE_DRAWS, Curve, lines_along, main_weaker, order_panel, which_weaker
 from bayes_toe.plots.style import (
@@ -71,7 +70,8 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     across, effects_across = even_columns(len(quantities), _ACROSS), even_columns(max(len(effects), 1), _ACROSS + 1)
     down, effects_down = -(-len(quantities) // across), -(-len(effects) // effects_across)
     heights = [0.3 + down * _forest_height(found), 2.9]
-    heights += [0.3 + effects_down * (0.85 + 0.4 * len(found.regressors.columns))] if effects else []
+    labels = effect_labels(found)
+    heights += [0.3 + effects_down * (0.85 + 0.4 * len(labels))] if effects else []
     figure = new_figure(PAGE, 0.6 + sum(heights))
     figure.suptitle(_heading(found), fontsize=LETTERS + 1.0, color="black" if found.converged else BAD)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -89,11 +89,12 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     new_subject(left, found)
     check_panel(right, predictive_check(found) if check is None else check)
     if effects:
-        said = "effects of covariates on the population's mean, 5, 50 and 95 %, on the scales on which subjects scatter"
+        what = "differences between conditions on average" if found.differences else "effects of covariates on the population's mean"
+        said = f"{what}, 5, 50 and 95 %, on the scales on which subjects scatter"
         parts[2].suptitle(said, fontsize=SMALL)
         panels = first_panels(parts[2].add_gridspec(effects_down, effects_across), len(effects))
         for i, ((name, draws), ax) in enumerate(zip(effects.items(), panels, strict=True)):
-            effects_panel(ax, draws, "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label, found.regressors.columns)
+            effects_panel(ax, draws, "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label, labels)
             ax.tick_params(labelleft=i % effects_across == 0)
     return figure
 
@@ -276,9 +277,9 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     ax.spines[:].set_visible(False)
 
 
-def effects_panel(ax: Axes, draws: FloatArray, label: str, columns: Sequence[Regressor]) -> None:
-    """Effects of covariates on one thing, shape (draws, columns): 5, 50 and 95 %, and the probability of the direction."""
-    y = np.arange(len(columns))
+def effects_panel(ax: Axes, draws: FloatArray, label: str, labels: Sequence[str]) -> None:
+    """Effects on one thing, shape (draws, effects): 5, 50 and 95 %, and the probability of the direction."""
+    y = np.arange(len(labels))
     low, middle, high = np.quantile(draws, MARKED, axis=0)
     ax.axvline(0.0, color="black", lw=0.8)
     ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
@@ -294,14 +295,24 @@ def effects_panel(ax: Axes, draws: FloatArray, label: str, columns: Sequence[Reg
     reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
     ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.6, -0.7), xlabel=label)
     ax.locator_params(axis="x", nbins=4)
-    ax.set_yticks(y, [plain(fill(column.about, 22), 70) for column in columns])
+    ax.set_yticks(y, [plain(fill(about, 22), 70) for about in labels])
     dress(ax).tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
 
 
+def effect_labels(found: Population) -> list[str]:
+    """What each effect is one of: a covariate's column, or a comparison of conditions."""
+    if found.differences is None:
+        return [column.about for column in found.regressors.columns]
+    conditions = found.differences.conditions
+    return [f"{conditions.name} {level} - {reference}" for level, reference in conditions.comparisons]
+
+
 def effects_of(found: Population) -> dict[str, FloatArray]:
-    """Draws of the effects on everything, shape (draws, columns): parameters, and the asymmetry where it can be seen."""
+    """Draws of the effects on everything, shape (draws, columns): parameters, and the asymmetry where it can be seen; or of conditions."""
     columns = found.regressors.columns
+    if found.differences is not None:
+        return {name: values.reshape(-1, values.shape[-1]) for name, values in found.differences.on_average().items()}
     if not columns:
         return {}
     of_parameters = {name: found.chains.effects[..., i].reshape(-1, len(columns)) for i, name in enumerate(found.names)}

@@ -6,8 +6,9 @@ from scipy import stats
 from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe.comparison.contrast import joint_evidences, pooled
+from bayes_toe.comparison.contrast import joint_evidences
 from bayes_toe.data.conditions import Conditions, felt_together
+from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.contrasted import contrasted
 from bayes_toe.model.parts import composition
