@@ -27,3 +27,25 @@ def inside(*args, cwd="."):
         except SystemExit as left:
             code = left.code
     return CompletedProcess(words, code, out.getvalue(), errors.getvalue())
+
+
+def good(*words, cwd):
+    """What a command says that ends well."""
+    done = inside(*words, cwd=cwd)
+    assert (done.returncode, done.stderr) == (0, ""), (words, done.stderr)
+    return done.stdout
+
+
+def refused(*words, cwd, silent=True):
+    """The one line of a command that is refused, by default before it says anything, and that leaves the folder as it was."""
+    before = content(cwd)
+    done = inside(*words, cwd=cwd)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), (words, done.stderr)
+    assert not (silent and done.stdout)
+    assert content(cwd) == before
+    return done.stderr
+
+
+def content(folder):
+    """What is in a folder, and when its files were written."""
+    return {path: path.is_file() and path.stat().st_mtime_ns for path in folder.rglob("*")}

@@ -5,6 +5,7 @@ import importlib
 import os
 import signal
 import warnings
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import bayes_toe as bt
 from bayes_toe.analysis import Analysis
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.experiments.simulate import reference_design
-from bayes_toe.model.ladder import models_of
+from bayes_toe.model.ladder import CROSSED, models_of
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -96,6 +97,23 @@ def stronger() -> Analysis:
     """Two observers who were asked which is stronger: one whose memory is pulled, and one whose is hardly."""
     study = bt.Study([stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)], source="which is stronger")
     return bt.run(study, draws=500, seed=2, workers=1)
+
+
+@contextmanager
+def plain_models_alone():
+    """Verdicts over the plain model of each order, not over all 48: for what goes on around them, at a third of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        for task in CROSSED:
+            patch.setitem(CROSSED, task, {})
+        models_of.cache_clear()
+        yield
+    models_of.cache_clear()
+
+
+@pytest.fixture
+def three_models():
+    with plain_models_alone():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from commands import PROGRAM
 
+from bayes_toe.errors import InputError
+
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 
 
@@ -45,6 +47,30 @@ def members(session):
             if os.getsid(int(folder.name)) == session and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
                 found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
     return found
+
+
+# --- jobs; in this file because a worker that begins loads the file of its job, and with that of a test all libraries of all tests ---
+
+
+def slow(value, seconds):
+    time.sleep(seconds)
+    return value
+
+
+def interrupted():
+    raise KeyboardInterrupt
+
+
+def refuse():
+    raise InputError("no")
+
+
+def blas_threads():
+    import numpy as np
+    from threadpoolctl import threadpool_info
+
+    np.linalg.inv(np.eye(2))
+    return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
 
 
 def die(main, marks, deaths):

@@ -3,18 +3,16 @@
 import asyncio
 import os
 import socket
-import time
 from _thread import interrupt_main
 from contextlib import closing
 from functools import partial
 from threading import Timer
 
-import numpy as np
 import pytest
 import xarray as xr
-from commands import inside
+from commands import good, refused
 from conftest import few_pairs, grouped_csv
-from processes import die, until
+from processes import blas_threads, die, refuse, slow, until
 
 import bayes_toe as bt
 from bayes_toe import cluster
@@ -52,11 +50,6 @@ def tasks_of(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
 
 
-def slow(value, seconds=0.1):
-    time.sleep(seconds)
-    return value
-
-
 def test_numbers_are_those_of_this_process(client, two, tmp_path):
     there, here = (bt.sample(two, model="symmetric", draws=300, seed=1, workers=workers) for workers in (client, 1))
     there.save(tmp_path / "draws.nc")  # beside a client that is the session's
@@ -65,7 +58,7 @@ def test_numbers_are_those_of_this_process(client, two, tmp_path):
 
 
 def test_jobs_wait_here_and_results_do_not_stay_there(client):
-    jobs, there = [partial(slow, k) for k in range(20)], []
+    jobs, there = [partial(slow, k, 0.1) for k in range(20)], []
     assert run_in_order(jobs, client, lambda _: there.append(tasks_of(client)), [("",)] * 20) == [*range(20)]
     assert max(there) <= 3  # what both workers are at, and the result that is in hand
     until(lambda: tasks_of(client) == 0)
@@ -87,15 +80,8 @@ def test_an_interrupt_cancels_what_is_there(client, delay):
     assert error.tb is not None
 
 
-def blas():
-    from threadpoolctl import threadpool_info
-
-    np.linalg.inv(np.eye(2))
-    return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
-
-
 def test_every_worker_has_one_blas_thread_and_a_large_job_is_no_reason_to_warn(client):
-    found = run_in_order([blas, blas, partial(len, bytes(11_000_000))], client, None, [()] * 3)
+    found = run_in_order([blas_threads, blas_threads, partial(len, bytes(11_000_000))], client, None, [()] * 3)
     assert [set(found[0]), set(found[1]), found[2]] == [{1}, {1}, 11_000_000]
 
 
@@ -117,22 +103,18 @@ def test_a_worker_that_comes_later_refuses_work_of_another_version(client, other
     monkeypatch.setattr(client, "run_on_scheduler", lambda _: cluster.versions())
     monkeypatch.setattr(client, "run", lambda *_, **__: {})
     with pytest.raises(InputError, match=r"^the worker on \S+" + other_version):
-        run_in_order([partial(slow, 1)], client, None, [()])
+        run_in_order([partial(slow, 1, 0.1)], client, None, [()])
 
 
 def test_a_cluster_without_the_package_is_refused(client, monkeypatch):
     monkeypatch.setattr(client, "run", lambda *_, **__: {"tcp://a:1": ModuleNotFoundError("No module named 'bayes_toe'")})
     with pytest.raises(InputError, match=r"^tcp://a:1 lacks what this process has: No module named 'bayes_toe'$"):
-        run_in_order([partial(slow, 1)], client, None, [()])
+        run_in_order([partial(slow, 1, 0.1)], client, None, [()])
 
 
 def test_errors_of_a_job_are_those_of_this_process(client):
     with pytest.raises(InputError, match=r"^no$"):
         run_in_order([partial(refuse)], client, None, [()])
-
-
-def refuse():
-    raise InputError("no")
 
 
 @pytest.mark.parametrize("workers", ["4", 2.5, object()])
@@ -159,10 +141,9 @@ def folder(tmp_path, two):
 
 def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
     options = ("fit", "study.csv", "--replicates", "20", "--seed", "1")
-    there = inside(*options, "-o", "there.csv", "--engine", "dask", "--scheduler", dask.scheduler_address, cwd=folder)
-    assert there.returncode == 0, there.stderr
-    assert f"workers: 2 at {dask.scheduler_address}" in there.stdout
-    inside(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
+    said = good(*options, "-o", "there.csv", "--engine", "dask", "--scheduler", dask.scheduler_address, cwd=folder)
+    assert f"workers: 2 at {dask.scheduler_address}" in said
+    good(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
     assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
 
 
@@ -181,8 +162,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 )
 def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    done = inside("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder)
-    assert (done.returncode, done.stderr) == (2, f"error: {said}\n")
+    assert refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder) == f"error: {said}\n"
 
 
 def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):
@@ -206,7 +186,7 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 
 @pytest.mark.parametrize(("deaths", "expected"), [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))])
 def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(client, tmp_path, deaths, expected):
-    jobs, said = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k) for k in range(8))], []
+    jobs, said = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k, 0.1) for k in range(8))], []
     assert run_or_fail(jobs, client, said.append, [(str(k),) for k in range(9)]) == [expected, *range(8)]
     assert (tmp_path / "marks").stat().st_size == 2
     assert sorted(said) == sorted(map(str, range(9)))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, refused
 from scipy.special import betaln, roots_legendre
 
 import bayes_toe as bt
@@ -123,13 +123,13 @@ def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
     back = bt.read_study(tmp_path / "study.csv")["a"]
     assert back.n_trials.tolist() == [5, 5]
     assert back.isi.tolist() == [0.5, 2.0]
-    for refused, said in (
+    for call, said in (
         (lambda: at_intervals(design, [1.0]), "without intervals of its own"),
         (lambda: Design([0.0], [0.3], 1, [1.0, 2.0]), "length"),
         (lambda: design_from("reference", "1,1.2", 5, "x"), "--isi: found 'x'"),
     ):
         with pytest.raises(InputError, match=said):
-            refused()
+            call()
 
 
 def test_simulated_frequencies_are_those_of_the_model():
@@ -291,28 +291,26 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
 def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, study):
     plain = bt.sample(study.at_isi(1.0).select(["S01"]), draws=200, seed=1, workers=1)
     assert bt.predict(plain, "S01", [0.0, 0.3], 0.3).columns.tolist()[:3] == ["s1", "s2", "mean"]
-    for refused, said in (
+    for call, said in (
         (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),
         (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
         (lambda: bt.predict(plain, "S01", 0.0, 0.3, 1.0), "made without intervals"),
         (lambda: predict_gain(plain, "S01", 1.0), "made without intervals"),
     ):
         with pytest.raises(InputError, match=said):
-            refused()
+            call()
 
 
 def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
     analysis.draws.save(tmp_path / "posterior.nc")
     (tmp_path / "pairs.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,8\n", encoding="utf-8")
-    assert inside("predict", "posterior.nc", "pairs.csv", "-o", "p.csv", cwd=tmp_path).returncode == 0
+    good("predict", "posterior.nc", "pairs.csv", "-o", "p.csv", cwd=tmp_path)
     table = pd.read_csv(tmp_path / "p.csv")
     assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
     expected_rows = bt.predict(analysis.draws, "S02", [0.0, 0.3], [0.3, 0.0], [0.5, 8.0])
     assert table.iloc[2:, 1:].to_numpy() == pytest.approx(expected_rows.to_numpy(), rel=1e-12)
     (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
-    refused = inside("predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path)
-    assert (refused.returncode, (tmp_path / "q.csv").exists()) == (2, False)
-    assert "positive finite numbers of seconds" in refused.stderr
+    assert "positive finite numbers of seconds" in refused("predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path)
 
 
 # --- figures, report, and what refuses ----------------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ def few():
 QUICK = {"draws": 100, "workers": 1}
 
 
-def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch, computed):
+def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch, computed, three_models):
     calm = bt.run(few, seed=3, **QUICK)
     monkeypatch.undo()
     interrupted(monkeypatch, 1)
@@ -74,7 +74,7 @@ def test_many_draws_are_put_together_in_a_store(few, tmp_path, monkeypatch):
     xr.testing.assert_identical(plain.tree, kept.tree.load())
 
 
-def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
+def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, three_models):
     verbs = [partial(bt.sample, model="symmetric"), bt.evidence, partial(bt.compare, models=["symmetric", "free frequencies"])]
     for verb in verbs:
         first, again = (verb(few, seed=3, keep=tmp_path, **QUICK) for _ in range(2))

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, refused
 from scipy import stats
 
 import bayes_toe as bt
@@ -95,17 +95,13 @@ def test_under_the_null_p_values_are_not_too_small():
 
 def test_the_command(tmp_path, study_csv):
     (tmp_path / "people.csv").write_text("subject,kind,age\nA,x,20\nB,x,30\nC,y,50\n")
-    done = inside("asymmetry", "study.csv", "-o", "out/a.csv", "--covariates", "people.csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    assert "maximal asymmetry of 3 subjects" in done.stdout
-    assert "no variance" in done.stdout
+    said = good("asymmetry", "study.csv", "-o", "out/a.csv", "--covariates", "people.csv", cwd=tmp_path)
+    assert "maximal asymmetry of 3 subjects" in said
+    assert "no variance" in said
     assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
     assert set(pd.read_csv(tmp_path / "out" / "a_covariates.csv").covariate) == {"kind", "age"}
-    again = inside("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "overwrite" in again.stderr
-    assert inside("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path).stdout == ""
+    assert "overwrite" in refused("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
+    assert good("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path) == ""
 
 
 def test_real_vibrotactile_subjects(real_data):

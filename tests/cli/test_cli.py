@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import call, inside
+from commands import call, good, inside, refused
 from conftest import grouped_csv
 
 import bayes_toe as bt
@@ -38,22 +38,6 @@ def results(folder):
     done = call("run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return folder / "out", done.stdout
-
-
-def good(*words, cwd):
-    """What a command says that ends well."""
-    done = inside(*words, cwd=cwd)
-    assert (done.returncode, done.stderr) == (0, ""), words
-    return done.stdout
-
-
-def refused(*words, cwd):
-    """The one line of a command that is refused, before it says or writes anything."""
-    before = {path: path.stat().st_mtime_ns for path in cwd.rglob("*") if path.is_file()}
-    done = inside(*words, cwd=cwd)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), (words, done.stderr)
-    assert {path: path.stat().st_mtime_ns for path in cwd.rglob("*") if path.is_file()} == before
-    return done.stderr
 
 
 # --- run ---------------------------------------------------------------------------------------------------------------------------
@@ -99,7 +83,7 @@ def test_the_report_stands_alone(results):
         assert absent not in text
 
 
-def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
+def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_models):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
     subject = small_study["A"]
     equal = subject.n_yes.copy()
@@ -119,7 +103,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study):
     assert text.count(' wrong">not described</td>') == 1
 
 
-def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path):
+def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, three_models):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
     monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", (*defaults[:-3], 1.000001, 1, 0.05))
@@ -132,7 +116,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch):
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch, three_models):
     names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     pairs = [(0, 0, 48), (0, 0.2, 31), (0, 0.4, 6), (0.2, 0, 35), (0.2, 0.4, 34), (0.4, 0, 11), (0.4, 0.4, 47)]
@@ -268,7 +252,7 @@ def test_what_is_refused_before_the_work_in_one_line(folder, results, small_stud
     assert said in refused(*given, *(() if "-o" in given else ("-o", "none")), cwd=folder)
 
 
-def test_figures_of_chosen_subjects_in_one_format(folder):
+def test_figures_of_chosen_subjects_in_one_format(folder, three_models):
     args = ("figures", "study.csv", "-o", "pictures", "--draws", 300, "--subject", "B", "--format", "svg", *ONE)
     good(*args, cwd=folder)
     made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}
@@ -281,7 +265,8 @@ def test_figures_of_chosen_subjects_in_one_format(folder):
 def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch):
     monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
     posterior = ("--posterior", results[0] / "posterior.nc", "--workers", 1)
-    assert "seed 1; figures and captions" in good("figures", "study.csv", *posterior, "-o", "saved", "--subject", "B", cwd=folder)
+    drawn = ("-o", "saved", "--subject", "B", "--format", "png")
+    assert "seed 1; figures and captions" in good("figures", "study.csv", *posterior, *drawn, cwd=folder)
     good("sensitivity", *posterior, "-o", "saved.csv", "--steps", 3, "--reach", 1.5, cwd=folder)
     table = pd.read_csv(folder / "saved.csv").query("varied == 'mu1_sd' and factor == 1.0").log_bayes_factor
     np.testing.assert_allclose(table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01)  # as `evidence` has it
@@ -290,7 +275,7 @@ def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, 
 # --- simulate, check, priors -------------------------------------------------------------------------------------------------------
 
 
-def test_simulate_then_check_then_quiet(tmp_path):
+def test_simulate_then_check_then_quiet(tmp_path, three_models):
     made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", 1, "--batches", 8, "--seed", 1, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert list(pd.read_csv(tmp_path / "t.csv").columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0"]
@@ -299,7 +284,7 @@ def test_simulate_then_check_then_quiet(tmp_path):
     assert good("evidence", "s.csv", "-o", "e.csv", "--quiet", "--workers", 1, cwd=tmp_path) == ""
 
 
-def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
+def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path, three_models):
     rows = ["subject,block,trial,s1,s2,response", *(f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12))]
     (tmp_path / "s.csv").write_text("\n".join([*rows, *rows[1:]]) + "\n")
     said = "warning s.csv: 12 rows repeat block and trial of another row with the same stimuli and answer, first row 14,"
@@ -307,7 +292,7 @@ def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
         assert good(command[0], "s.csv", *command[1:], cwd=tmp_path).count(said) == 1
 
 
-def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path):
+def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, three_models):
     """A study of trials, in which one block was answered the wrong way round; its columns have names of their own."""
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
     for block in range(1, 6):
@@ -345,7 +330,7 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder):
+def test_a_prior_file_is_used_shown_and_stored(folder, three_models):
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
     said, under = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)", ("--prior", "narrow.toml")
     printed = good("run", "one.csv", "-o", "narrow", "--draws", 500, "--pictures", "none", *under, *ONE, cwd=folder)

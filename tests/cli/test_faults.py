@@ -35,7 +35,7 @@ def without_the_first(monkeypatch):
     monkeypatch.setattr("bayes_toe.kept.run_jobs", some)
 
 
-def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, without_the_first):
+def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, without_the_first, three_models):
     done = inside("run", "study.csv", "-o", "out", "--draws", 100, "--pictures", "none", "--seed", 1, cwd=folder)
     assert (done.returncode, done.stderr) == (3, "")
     assert f"left out A: {FATAL}" in done.stdout
@@ -82,11 +82,13 @@ def said(kept):
 @pytest.fixture
 def running(folder):
     """A command at work, whose results are never there in time, and whose processes are gone in the end."""
-    disposition = signal.signal(signal.SIGINT, signal.default_int_handler)  # not to be ignored as by what a script put into the background
+    asked = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}  # not ignored, as in the background or by nohup
+    before = {number: signal.signal(number, action) for number, action in asked.items()}
     begun = start("run", "study.csv", "-o", "out", "--seed", "1", "--workers", "2", "--draws", "100", cwd=folder)
     begun.folder = folder
     yield begun
-    signal.signal(signal.SIGINT, disposition)
+    for number, action in before.items():
+        signal.signal(number, action)
     for pid in members(begun.pid):
         os.kill(pid, signal.SIGKILL)
 

@@ -4,6 +4,7 @@ import os
 import resource
 import shutil
 import subprocess
+from functools import partial
 
 import pytest
 from commands import PROGRAM, call, inside
@@ -42,14 +43,10 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
     out = tmp_path / "out"
     out.mkdir()
     (out / "posterior.nc").write_text("old")
-    words = [command, place / "study.csv", "-o", out / "posterior.nc" if command == "sample" else out, "--draws", 100, "--seed", 1]
-    done = subprocess.run(
-        [*PROGRAM, *map(str, words), "--workers", "1", "--overwrite", "-q"],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )
+    output = out / "posterior.nc" if command == "sample" else out
+    words = [command, place / "study.csv", "-o", output, "--draws", 100, "--seed", 1, "--workers", 1, "--overwrite", "-q"]
+    full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
+    done = subprocess.run([*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full)
     assert f"{name}: cannot be written (File too large)" in one_line(done)
     assert ".bayes_toe" not in done.stderr
     assert content(out) == {"posterior.nc": b"old"}
@@ -65,7 +62,7 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_path, monkeypatch):
+def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_path, monkeypatch, three_models):
     from bayes_toe.cli import results_folder
 
     out, write = tmp_path / "out", results_folder.write_report
@@ -125,15 +122,8 @@ def test_closed_and_full_streams(place, tmp_path):
 
 
 def test_a_plain_environment(place, tmp_path):
-    plain = {
-        "LC_ALL": "C",
-        "PYTHONIOENCODING": "ascii",
-        "PYTHONUTF8": "0",
-        "PYTHONCOERCECLOCALE": "0",
-        "HOME": "/nonexistent",
-        "TMPDIR": "/no",
-    }
-    done = call("asymmetry", place / "study.csv", "-o", tmp_path / "a.csv", **plain)
+    plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = call("asymmetry", place / "study.csv", "-o", tmp_path / "a.csv", **plain, HOME="/nonexistent", TMPDIR="/no")
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xb1" in done.stdout  # the plus-minus sign, which ASCII lacks
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
 from populations import made_up
 
@@ -47,23 +47,21 @@ def done(folder):
     more = ("--covariates", "people.csv", "--categorical", "site", "--hyperprior", "near.toml")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", lambda *given: with_convergence(drawn(*given)))
-        found = inside("population", "study.csv", "-o", "group.nc", *more, *OPTIONS, cwd=folder)
-    assert (found.returncode, found.stderr) == (0, "")
-    return found
+        return good("population", "study.csv", "-o", "group.nc", *more, *OPTIONS, cwd=folder)
 
 
 def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
-    said = [line for line in done.stdout.splitlines() if line.startswith(("order", "site 2 - 1: asymmetry"))]
+    said = [line for line in done.splitlines() if line.startswith(("order", "site 2 - 1: asymmetry"))]
     assert len(said) == 2
     number = r"-?[\d.]+"
     of_each = rf"{number} \({number}, {number}\), Bayes factor of none {number}, sd between subjects {number}"
     assert re.search(rf"\(site 1, age mean\): .* on average.* \(P of none .*; Bayes factor of none {number}; pull {of_each}", said[0])
     assert re.search(rf"; constant error {of_each}\); 5 subjects, the model ", said[0])
-    assert re.search(r"│ site 2 +│ +probit\(gain/2\) │.*(no|a) difference │", done.stdout)
-    assert "probit(gain/2): mean ~ Normal(0, 0.4), sd between subjects ~ HalfNormal(0.5)" in done.stdout
-    assert "note subjects left out: 'I' (no age)" in done.stdout
-    assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done.stdout
+    assert re.search(r"│ site 2 +│ +probit\(gain/2\) │.*(no|a) difference │", done)
+    assert "probit(gain/2): mean ~ Normal(0, 0.4), sd between subjects ~ HalfNormal(0.5)" in done
+    assert "note subjects left out: 'I' (no age)" in done
+    assert "seed 1; written: group.nc, group.csv, group_subjects.csv, group.png" in done
 
 
 def test_files_are_those_of_the_population(done, folder):
@@ -90,42 +88,32 @@ def test_files_are_those_of_the_population(done, folder):
     ],
 )
 def test_what_is_refused(done, folder, options, said):
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    refused = inside("population", "study.csv", *OPTIONS, *options, cwd=folder)
-    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-    assert said in refused.stderr
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert said in refused("population", "study.csv", *OPTIONS, *options, cwd=folder, silent=False)
 
 
 def test_stored_draws_are_not_sampled_again(folder):
     model = ("--model", "symmetric")  # the one that is sampled soonest
     assert inside("sample", "study.csv", "-o", "posterior.nc", *model, *OPTIONS, cwd=folder).returncode in (0, 3)
     of_draws = ("population", "--posterior", "posterior.nc", "-o", "stored.nc", "--draws", "200", *model)
-    done = inside(*of_draws, cwd=folder)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "seed 1; written: stored.nc" in done.stdout
+    assert "seed 1; written: stored.nc" in good(*of_draws, cwd=folder)
     assert bt.load(folder / "stored.nc").study.names == (*MEMBERS, "I")
     for option, said in (
         (("--resume", "--overwrite"), "--resume: allowed without --posterior"),
         (("-o", "posterior.nc", "--overwrite"), "posterior.nc: this command reads that file"),
     ):
-        refused = inside(*of_draws, *option, cwd=folder)
-        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-        assert said in refused.stderr
-    assert "STUDY.csv: missing, allowed: a file, or --posterior" in inside("population", "-o", "none.nc", cwd=folder).stderr
+        assert said in refused(*of_draws, *option, cwd=folder)
+    assert "STUDY.csv: missing, allowed: a file, or --posterior" in refused("population", "-o", "none.nc", cwd=folder)
 
 
 def test_which_is_stronger(tmp_path, monkeypatch):
     bt.example_study("2afc").select(["S01", "S02", "S03"]).frame().to_csv(tmp_path / "stronger.csv", index=False)
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", lambda *given: with_convergence(drawn(*given)))
-    done = inside("population", "stronger.csv", *OPTIONS, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in done.stdout
+    assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in good("population", "stronger.csv", *OPTIONS, cwd=tmp_path)
     found = bt.load(tmp_path / "population.nc")
     assert (found.study.task.yes, found.names) == ("second", ("offset", "gain", "width", "lapse_rate"))
-    refused = inside("population", "stronger.csv", "-o", "other.nc", "--model", "update + misses", *OPTIONS, cwd=tmp_path)
-    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-    assert "'misses' is of the task 'same/different', and asked was 'which is stronger'" in refused.stderr
+    other = ("-o", "other.nc", "--model", "update + misses", *OPTIONS)
+    said = refused("population", "stronger.csv", *other, cwd=tmp_path, silent=False)
+    assert "'misses' is of the task 'same/different', and asked was 'which is stronger'" in said
     assert {path.name for path in tmp_path.iterdir()} == {"stronger.csv", *(name.replace("group", "population") for name in FILES)}
 
 

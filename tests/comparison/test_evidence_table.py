@@ -161,13 +161,13 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analys
     assert analysis.draws.fit("B").p_deviance == other.p_deviance
 
 
-def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
+def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study, three_models):
     subject = small_study["A"]
     row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
     assert row.log_evidence_h1 == infer(posterior_of(subject), 5, Wanted(evidence_draws=2000)).evidence.value
 
 
-def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(monkeypatch):
+def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(monkeypatch, three_models):
     subject = few_pairs("A")["A"]
     whole, _ = verdict(subject, DEFAULT, 1)
     monkeypatch.setattr(FittedProposal, "trusted", property(lambda self: self.proposal.posterior.model.name != whole.best_model))

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 import xarray as xr
-from commands import inside
+from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv
 
 import bayes_toe as bt
@@ -101,15 +101,13 @@ REFUSED = [
 def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, said):
     FRAME.to_csv(tmp_path / "study.csv", index=False)
     for command in (["check"], ["asymmetry", "-o", "out.csv"], ["run", "-o", "out"]):
-        done = inside(command[0], "study.csv", *command[1:], *options, cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (2, f"error: {said}\n")
+        assert refused(command[0], "study.csv", *command[1:], *options, cwd=tmp_path) == f"error: {said}\n"
 
 
 def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refused(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    done = inside("check", "study.csv", "--turn", "A:2", cwd=tmp_path)
     said = "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
-    assert (done.returncode, done.stderr) == (2, f"error: --turn A:2: {said}\n")
+    assert refused("check", "study.csv", "--turn", "A:2", cwd=tmp_path) == f"error: --turn A:2: {said}\n"
     with pytest.raises(bt.InputError, match="no subject 'C'"):
         few_pairs("AB").turn("C")
 
@@ -124,18 +122,16 @@ def test_every_command_that_reads_answers_has_the_options():
 def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     options = ("--seed", 1, "--draws", 100, "--workers", 1)
-    made = inside("sample", "study.csv", "-o", "draws.nc", "--turn", "A", "--leave-out", "C", *options, cwd=tmp_path)
-    assert made.returncode == 0
-    assert "subject A: answers turned" in made.stdout
+    made = good("sample", "study.csv", "-o", "draws.nc", "--turn", "A", "--leave-out", "C", *options, cwd=tmp_path)
+    assert "subject A: answers turned" in made
     draws = bt.load(tmp_path / "draws.nc")
     assert draws.study.changes == ("--turn A", "--leave-out C")
     assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]
     require_belonging(draws, "draws", study=few_pairs("ABC").turn("A").leave_out("C"))
     figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
-    other = inside(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)
-    assert (other.returncode, "of subject 'A' from other answers, read with --turn A --leave-out C;" in other.stderr) == (2, True)
-    alone = inside(*figures, "--turn", "A", cwd=tmp_path)
-    assert (alone.returncode, "--turn, --leave-out: found no STUDY.csv to change" in alone.stderr) == (2, True)
+    other = refused(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)
+    assert "of subject 'A' from other answers, read with --turn A --leave-out C;" in other
+    assert "--turn, --leave-out: found no STUDY.csv to change" in refused(*figures, "--turn", "A", cwd=tmp_path)
 
 
 def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):

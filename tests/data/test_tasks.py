@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import refused
 from scipy.io import savemat
 from scipy.special import ndtr
 
@@ -133,9 +133,7 @@ REFUSED = [
 @pytest.mark.parametrize(("head", "rows", "options", "said"), REFUSED, ids=range(len(REFUSED)))
 def test_what_cannot_be_read_is_one_line_and_nothing_is_written(tmp_path, head, rows, options, said):
     written(tmp_path, head, *rows)
-    done = inside("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
-    assert (done.returncode, done.stderr.count("\n"), said in done.stderr) == (2, 1, True), done.stderr
-    assert [one.name for one in tmp_path.iterdir()] == ["study.csv"]
+    assert said in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
 
 
 def test_several_files_are_of_one_task(tmp_path):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import inside
+from commands import good, refused
 from populations import made_population, ordinary
 
 import bayes_toe as bt
@@ -188,13 +188,9 @@ def test_a_notebook_shows_the_page_itself(explorer):
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
     symmetric.save(tmp_path / "posterior.nc")
     (tmp_path / "truth.csv").write_text("subject,q0,width\nA,0.9,0.3\n", encoding="utf-8")
-    done = inside("explore", "posterior.nc", "-o", "a.html", "--truth", "truth.csv", "--subject", "A", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "explorer in a.html" in done.stdout
+    assert "explorer in a.html" in good("explore", "posterior.nc", "-o", "a.html", "--truth", "truth.csv", "--subject", "A", cwd=tmp_path)
     assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {"q0": 0.9, "width": 0.3, "jnd": 0.3}
-    again = inside("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "a.html: exists" in again.stderr
+    assert "a.html: exists" in refused("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
 
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from commands import inside
+from commands import good, refused
 from conftest import grouped_csv
 
 import bayes_toe as bt
@@ -94,20 +94,15 @@ def test_models_with_intervals_know_them_or_not(name):
 
 
 def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_study):
-    study = grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
-    done = inside(
-        "sample", study, "-o", tmp_path / "bias.nc", "--model", "constant bias", "--draws", "300", "--seed", "1", "--workers", "1"
-    )
-    assert done.returncode == 0, done.stderr
-    assert "constant bias: medians" in done.stdout
+    grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
+    asked = ("--model", "constant bias", "--draws", "300", "--seed", "1", "--workers", "1")
+    assert "constant bias: medians" in good("sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path)
     assert bt.load(tmp_path / "bias.nc").model == "constant bias"
     (tmp_path / "pairs.csv").write_text("s1,s2\n0,0.2\n", encoding="utf-8")
-    done = inside("predict", tmp_path / "bias.nc", tmp_path / "pairs.csv", "-o", tmp_path / "predicted.csv")
-    assert done.returncode == 0, done.stderr
-    done = inside("sample", study, "-o", tmp_path / "none.nc", "--model", "biased")
-    assert done.returncode == 2
-    assert "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error" in done.stderr
-    assert "or: free frequencies, symmetric" in done.stderr
+    good("predict", "bias.nc", "pairs.csv", "-o", "predicted.csv", cwd=tmp_path)
+    said = refused("sample", "study.csv", "-o", "none.nc", "--model", "biased", cwd=tmp_path)
+    assert "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error" in said
+    assert "or: free frequencies, symmetric" in said
 
 
 def test_what_a_model_does_not_have_and_a_model_that_is_not_known_are_refused(two, tmp_path):

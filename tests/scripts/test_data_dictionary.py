@@ -5,8 +5,8 @@ from pathlib import Path
 import data_dictionary
 import pandas as pd
 import pytest
-from commands import inside
-from conftest import few_pairs
+from commands import good
+from conftest import few_pairs, plain_models_alone
 from populations import made_up
 from reference.calibration import calibrate
 
@@ -28,7 +28,7 @@ def written(analysis, small_study, tmp_path_factory):
     pairs = folder / "pairs.csv"
     pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
     compared = bt.compare(few_pairs("AB"), ["free frequencies", "symmetric", "constant bias"], draws=200, seed=1, workers=1)
-    assert inside("simulate", "-o", "study.csv", "--truth", "truth.csv", "--subjects", "1", "--seed", "1", cwd=folder).returncode == 0
+    good("simulate", "-o", "study.csv", "--truth", "truth.csv", "--subjects", "1", "--seed", "1", cwd=folder)
     judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_up(small_study), bt.asymmetry(small_study)
     return {
@@ -60,10 +60,11 @@ def written(analysis, small_study, tmp_path_factory):
 
 def planned(folder):
     """Those of commands that plan a study."""
-    table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
-    sessions = bt.planning.stopping(rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
+    with plain_models_alone():
+        table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
+        sessions = bt.planning.stopping(rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
-    assert inside("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder).returncode == 0
+    good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
