@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
+from bayes_toe.comparison.contrast import ContrastTable, contrast
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
@@ -61,6 +62,8 @@ class Analysis:
     ----------
     best : tuple of Predictor
         Some draws of the model that describes a subject best, for those for whom that is not the paper's.
+    contrast : ContrastTable or None
+        What differs between conditions within subjects, where the study has conditions.
     """
 
     study: Study
@@ -70,6 +73,7 @@ class Analysis:
     fits: FitTable
     best: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
+    contrast: ContrastTable | None = None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: verdicts, draws, evidence, fits, summary()>"
@@ -135,7 +139,8 @@ def run(
         if one.best is not None and one.evidence.verdict is not None
     )
     summary = tuple(row for one in small for row in one.summary)
-    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary)
+    apart = None if study.conditions is None else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
+    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary, apart)
 
 
 def sample(

@@ -56,6 +56,7 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.cli.answers import say_verdicts
+    from bayes_toe.cli.compare import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
@@ -76,6 +77,8 @@ def run(
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic, asked=read.task)
     say_failed(task.console, analysis.draws)
+    if analysis.contrast is not None:
+        say_contrast(task.console, analysis.contrast)
     group = _group(analysis, task) if population else None
     with task.progress("drawing", len(read)) as tick:
         write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
@@ -94,7 +97,10 @@ def _group(analysis: Analysis, task: Task) -> Group:
 
     with task.progress("the group", len(analysis.study)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
-        found = bt.population(analysis.study, posterior=analysis.draws, workers=task.workers, progress=tick)
+        given: dict[str, Any] = {"posterior": analysis.draws}
+        if analysis.study.conditions is not None:  # draws are of units, the group is of subjects
+            given = {"seed": analysis.settings.seed, "prior": analysis.settings.prior}
+        found = bt.population(analysis.study, **given, workers=task.workers, progress=tick)
     group = Group(found, predictive_check(found))
     for line in answer(found):
         say(task.console, line)

@@ -22,6 +22,7 @@ from markupsafe import Markup
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
 from bayes_toe.comparison import words as rules
+from bayes_toe.comparison.contrast import PROBABLY, SURELY, read_contrast, sentences
 from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_evidence
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.comparison.words import compared
@@ -78,6 +79,8 @@ class Methods:
         What is there and is not told of, and why.
     summary : pandas.DataFrame, optional
         Of the draws, where it is known.
+    contrast : pandas.DataFrame, optional
+        The rows of contrast.csv.
     """
 
     draws: Draws
@@ -87,6 +90,7 @@ class Methods:
     figures: bool = False
     notes: tuple[str, ...] = ()
     summary: pd.DataFrame | None = None
+    contrast: pd.DataFrame | None = None
 
     @cached_property
     def tables(self) -> tuple[SupplementTable, ...]:
@@ -104,7 +108,8 @@ class Methods:
 def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) -> Methods:
     """What :func:`read_methods` would find in the results folder of an analysis."""
     evidence = aligned(analysis.evidence.frame(), analysis.draws)
-    return Methods(analysis.draws, evidence, group, figures=figures, summary=analysis.summary())
+    apart = None if analysis.contrast is None else analysis.contrast.frame()
+    return Methods(analysis.draws, evidence, group, figures=figures, summary=analysis.summary(), contrast=apart)
 
 
 def read_methods(results: Path, compared: Path | None = None) -> Methods:
@@ -134,6 +139,7 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
         read_comparison(models, draws) if compared is not None or models.exists() else None,
         (beside / "corner").is_dir(),
         tuple(notes),
+        contrast=read_contrast(beside / "contrast.csv") if (beside / "contrast.csv").exists() else None,
     )
 
 
@@ -152,7 +158,8 @@ def _group(path: Path, draws: Draws) -> Population | None:
     if not path.exists():
         return None
     found = load_population(path)
-    others = [one.name for one in found.study if one.name not in draws.names or not same_answers(one, draws.subject(one.name))]
+    known = draws.study.without_conditions()
+    others = [one.name for one in found.study if one.name not in known.names or not same_answers(one, known[one.name])]
     if others:
         raise InputError(f"{shown(path)}: found other answers than the draws have of {listed(others, 3)}, allowed: one study")
     return found
@@ -181,7 +188,7 @@ def write_text(told: Methods, path: Path) -> None:
 def _facts(told: Methods) -> dict[str, Any]:
     """Everything that the text says."""
     draws, stats, study = told.draws, told.draws.group("sample_stats"), told.draws.study
-    trials = [subject.total_trials for subject in study]
+    trials = [subject.total_trials for subject in study.without_conditions()]
     sizes, r_hats = stats["min_ess"].values, stats["max_r_hat"].values
     least, most = int(sizes.argmin()), int(r_hats.argmax())
     stimuli = [found for subject in study if (found := Stimuli.of(subject)) is not None]
@@ -218,6 +225,16 @@ def _facts(told: Methods) -> dict[str, Any]:
         **_of_model(draws),
         "compared": None if told.compared is None else _compared(told.compared, draws, told.evidence is not None),
         "group": None if told.group is None else _group_facts(told.group),
+        "contrast": None if told.contrast is None else _contrast_facts(told.contrast, draws),
+    }
+
+
+def _contrast_facts(rows: pd.DataFrame, draws: Draws) -> dict[str, Any]:
+    conditions = draws.study.conditions
+    return {
+        **{"model": rows["model"][0], "prior": rows["prior"][0], "sentences": sentences(rows)},
+        "about": "" if conditions is None else conditions.about,
+        "limits": (f"{PROBABLY:g}", f"{SURELY:g}"),
     }
 
 

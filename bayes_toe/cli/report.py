@@ -21,6 +21,7 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
 from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
+from bayes_toe.comparison.contrast import LEGEND, ContrastTable
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
@@ -192,6 +193,16 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,
         "group": None if facts.group is None else _group(facts.group),
+        "contrast": None if analysis.contrast is None else _by_condition(analysis.contrast),
+    }
+
+
+def _by_condition(table: ContrastTable) -> dict[str, Any]:
+    """What the section of conditions says."""
+    subjects = [(one.subject, table.of_subject(one.subject)) for one in table.subjects]
+    return {
+        **{"about": table.conditions.about, "sentences": table.sentences(), "model": table.model, "legend": LEGEND},
+        "subjects": [*subjects, *((name, f"left out: {why}") for name, why in (table.left_out | table.failed).items())],
     }
 
 

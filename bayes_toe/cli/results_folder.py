@@ -14,6 +14,7 @@ from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.report import Facts, Group, write_report
+from bayes_toe.comparison.contrast import ContrastTable
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
@@ -27,6 +28,7 @@ from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
+from bayes_toe.plots.contrast import contrast_figure
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
@@ -40,12 +42,15 @@ from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 Figure = Any  # of matplotlib, which is of another room
 #: What of a group is in a results folder.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
+#: What of conditions is in a results folder.
+CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
     "posterior.nc",
     "posterior.zarr",
     "summary.csv",
     "evidence.csv",
+    *CONTRAST_PRODUCTS,
     *GROUP_PRODUCTS,
     "corner",
     "explorer.html",
@@ -134,7 +139,11 @@ def write_results(
     files, posterior = corner_files(draws, drawn), f"posterior.{store}"
     required = [posterior, "summary.csv", "evidence.csv", "methods.md", "methods.bib", "report.html"]
     required += [f"corner/{name}" for name in files.values()]
-    required += [*(() if group is None else GROUP_PRODUCTS), *(["explorer.html"] if pictures.explorer else [])]
+    required += [
+        *(() if analysis.contrast is None else CONTRAST_PRODUCTS),
+        *(() if group is None else GROUP_PRODUCTS),
+        *(["explorer.html"] if pictures.explorer else []),
+    ]
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, TemporaryDirectory(dir=new.absolute()) as home:
         target, place = new.absolute(), Path(home)  # absolute, since a worker may be in another folder than this process
         draws.save(target / posterior)
@@ -142,6 +151,8 @@ def write_results(
         units = analysis.study.conditions is not None
         write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe, units=units)
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe, units=units)
+        if analysis.contrast is not None:
+            _write_contrast(analysis.contrast, group, target, spreadsheet_safe=spreadsheet_safe)
         if group is not None:
             _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
         write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
@@ -177,6 +188,14 @@ def corner_files(draws: Draws, subjects: tuple[str, ...]) -> dict[str, str]:
 def opened(posterior: Path, changed: int) -> Draws:
     """A file of draws, which a process opens once for all its jobs; by the time of its last change, since another may get its name."""
     return load_draws(posterior)
+
+
+def _write_contrast(table: ContrastTable, group: Group | None, folder: Path, *, spreadsheet_safe: bool) -> None:
+    """Table and figure, with the group's mean where there is a group."""
+    file, picture = (folder / name for name in CONTRAST_PRODUCTS)
+    table.save(file, spreadsheet_safe=spreadsheet_safe)
+    apart = None if group is None else group.found.differences
+    picture.write_bytes(png(contrast_figure(table, None if apart is None or group is None else apart.natural(group.found))))
 
 
 def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:

@@ -25,6 +25,7 @@ from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, pooled, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
 from bayes_toe.inference.evidence import importance_evidence
@@ -187,22 +188,49 @@ class ContrastTable(Table[Difference]):
         return tuple(dict.fromkeys(row.quantity for row in self.rows))
 
     def sentences(self) -> tuple[str, ...]:
-        """Of how many subjects each quantity differs, a sentence each.
+        """Of how many subjects each quantity differs, a sentence each."""
+        return sentences(self.frame())
 
-        Every subject counts once, whatever the comparisons are: the Bayes factor is that of a difference between any levels.
-        """
-        said = []
-        for quantity in self.quantities:
-            words = Counter({row.subject: row.word for row in self.some(quantity)}.values())
-            open_ones = [row.subject for row in self.some(quantity) if row.robust == "no"]
-            parts = [f"{word or 'no Bayes factor'} {words[word]}" for word in (*WORDS, "") if words[word]]
-            doubt = f"; of {len({*open_ones})} the lapses have a say" if open_ones else ""
-            said.append(f"{quantity}, of {counted(len(self.subjects), 'subject')}: {', '.join(parts)}{doubt}")
-        return tuple(said)
+    def of_subject(self, subject: str) -> str:
+        """What differs in one subject, in a line."""
+        said: dict[str, list[str]] = {}
+        for row in self.rows:
+            if row.subject == subject:
+                said.setdefault(row.comparison, []).append(row.sentence)
+        return ". ".join(f"{comparison}: {'; '.join(words)}" for comparison, words in said.items())
 
     def some(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
         return tuple(row for row in self.rows if row.quantity == quantity and comparison in (None, row.comparison))
+
+
+def sentences(frame: pd.DataFrame) -> tuple[str, ...]:
+    """Of how many subjects each quantity differs, of the rows of a contrast.csv.
+
+    Every subject counts once, whatever the comparisons are: the Bayes factor is that of a difference between any levels.
+    """
+    said = []
+    for quantity, rows in frame.drop_duplicates(["subject", "quantity"]).groupby("quantity", sort=False):
+        words, doubted = Counter(rows["word"]), int((rows["robust"] == "no").sum())
+        parts = [f"{word or 'no Bayes factor'} {words[word]}" for word in (*WORDS, "") if words[word]]
+        doubt = f"; of {doubted} the lapses have a say" if doubted else ""
+        said.append(f"{quantity}, of {counted(len(rows), 'subject')}: {', '.join(parts)}{doubt}")
+    return tuple(said)
+
+
+def read_contrast(path: Path) -> pd.DataFrame:
+    """The rows of a contrast.csv.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file.
+    """
+    import pandas as pd
+
+    texts = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
+    said, numbers = read_rows(path, texts, [name for name in CONTRAST_COLUMNS if name not in texts])
+    return pd.DataFrame({**said, **numbers})
 
 
 def contrast(
