@@ -11,16 +11,7 @@ from pathlib import Path
 
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from reference.calibration import (
-    ABOUT,
-    DEFAULT,
-    DESIGNS,
-    DRAWS,
-    FALSE_ALARM,
-    CalibrationTable,
-    calibrate,
-    calibration_settings,
-)
+from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, CalibrationTable, calibrate, calibration_settings
 from reference.calibration_statistics import MARGIN
 
 import bayes_toe as bt

@@ -116,6 +116,12 @@ def three_models():
         yield
 
 
+@pytest.fixture
+def blank_pictures(monkeypatch):
+    """Figures of a results folder are made and not drawn: for what stands around them."""
+    monkeypatch.setattr("bayes_toe.cli.results_folder.png", lambda figure, **_: b"\x89PNG" + bytes(1000))
+
+
 @pytest.fixture(scope="module")
 def browser():
     """One browser for the pages of a file: as long as it is open an event loop runs, in which others could not begin theirs."""

@@ -333,7 +333,7 @@ def test_figures_show_answers_where_they_were_given(analysis):
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
 
 
-def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, tmp_path):
+def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, tmp_path, blank_pictures):
     write_results(analysis, tmp_path / "results", workers=1)
     text = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
     assert "Inter-stimulus intervals: 0.25, 1, 4 s." in text

@@ -47,12 +47,7 @@ def _counts(n_equal: npt.ArrayLike, n: int = 50) -> Subject:
 
 
 def _observer(
-    mu1: float = -0.5,
-    sigma_p: float = 0.25,
-    gamma: float = 0.3,
-    q0: float = 0.9,
-    n: int = 50,
-    amplitudes: npt.ArrayLike = PAPER_AMPLITUDES,
+    mu1: float = -0.5, sigma_p: float = 0.25, gamma: float = 0.3, q0: float = 0.9, n: int = 50, amplitudes: npt.ArrayLike = PAPER_AMPLITUDES
 ) -> Subject:
     s1, s2 = _pairs(amplitudes)
     q = equal_probability(s1, s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)

@@ -83,7 +83,7 @@ def test_the_report_stands_alone(results):
         assert absent not in text
 
 
-def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_models):
+def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_models, blank_pictures):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
     subject = small_study["A"]
     equal = subject.n_yes.copy()
@@ -103,7 +103,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_mode
     assert text.count(' wrong">not described</td>') == 1
 
 
-def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, three_models):
+def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, three_models, blank_pictures):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
     monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", (*defaults[:-3], 1.000001, 1, 0.05))
@@ -116,7 +116,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch, three_models):
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch, three_models, blank_pictures):
     names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     pairs = [(0, 0, 48), (0, 0.2, 31), (0, 0.4, 6), (0.2, 0, 35), (0.2, 0.4, 34), (0.4, 0, 11), (0.4, 0.4, 47)]
@@ -292,7 +292,7 @@ def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path, three_m
         assert good(command[0], "s.csv", *command[1:], cwd=tmp_path).count(said) == 1
 
 
-def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, three_models):
+def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, three_models, blank_pictures):
     """A study of trials, in which one block was answered the wrong way round; its columns have names of their own."""
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
     for block in range(1, 6):
@@ -330,7 +330,7 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder, three_models):
+def test_a_prior_file_is_used_shown_and_stored(folder, three_models, blank_pictures):
     (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
     said, under = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)", ("--prior", "narrow.toml")
     printed = good("run", "one.csv", "-o", "narrow", "--draws", 500, "--pictures", "none", *under, *ONE, cwd=folder)

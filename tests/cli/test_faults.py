@@ -35,7 +35,7 @@ def without_the_first(monkeypatch):
     monkeypatch.setattr("bayes_toe.kept.run_jobs", some)
 
 
-def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, without_the_first, three_models):
+def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, without_the_first, three_models, blank_pictures):
     done = inside("run", "study.csv", "-o", "out", "--draws", 100, "--pictures", "none", "--seed", 1, cwd=folder)
     assert (done.returncode, done.stderr) == (3, "")
     assert f"left out A: {FATAL}" in done.stdout

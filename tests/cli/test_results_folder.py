@@ -16,6 +16,7 @@ from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_re
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
 WRONG = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, above=True)
 
 
@@ -29,11 +30,7 @@ def section(folder):
 
 
 @pytest.mark.parametrize(
-    ("which", "drawn", "said"),
-    [
-        ("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "),
-        ("none", "", "drawn of no subjects"),
-    ],
+    ("which", "drawn", "said"), [("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "), ("none", "", "drawn of no subjects")]
 )
 def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn, said):
     told = []

@@ -62,7 +62,7 @@ def test_summary_and_weights(one):
     assert table.weights()["model"].tolist() == list(MODELS)
 
 
-def test_through_the_pipeline_with_the_probabilities_of_the_verdict(small_study):
+def test_through_the_pipeline_with_the_probabilities_of_the_verdict(small_study, three_models):
     study = small_study.select(["C"])
     found = bt.average_models(study, draws=500, seed=4, workers=1)
     said = bt.evidence(study, seed=4, workers=1)["C"].verdict

@@ -12,12 +12,7 @@ from scipy.integrate import quad
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
-from bayes_toe.comparison.evidence_table import (
-    EVIDENCE_COLUMNS,
-    EvidenceTable,
-    frequency_evidence_laplace,
-    subject_evidence,
-)
+from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, EvidenceTable, frequency_evidence_laplace, subject_evidence
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.tables import write_table
 from bayes_toe.experiments.simulate import reference_design

@@ -105,18 +105,7 @@ def test_the_best_composition_and_its_evidence_against_free_frequencies():
 
 
 #: Best evidence of models with a bell of one peak less that of free frequencies, nats, measured apart from the package.
-MARGINS = {
-    "1008": 6.3,
-    "1009": 20.6,
-    "1011": 10.6,
-    "1012": 0.2,
-    "1032": 8.1,
-    "865": 8.2,
-    "873": 8.3,
-    "888": 2.7,
-    "946": 19.7,
-    "979": 12.1,
-}
+MARGINS = {"1008": 6.3, "1009": 20.6, "1011": 10.6, "1012": 0.2, "1032": 8.1, "865": 8.2, "873": 8.3, "888": 2.7, "946": 19.7, "979": 12.1}
 BEST = {
     "update + sloped": ["1008"],
     "symmetric": ["1009", "1011", "873"],

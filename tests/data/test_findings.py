@@ -1,7 +1,5 @@
 """A look at the answers before pooling: who is named, who is not, and how often by chance."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reading studies: every dialect gives the same study, every bad input one line per problem."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -27,19 +25,19 @@ ORDERED = "subject,s1,s2,response,block,trial\n"
 FUZZ = settings(max_examples=120, deadline=None, derandomize=True, database=None)
 
 
-def read(data: str | bytes, **options: object) -> Study:
+def read(data, **options):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "study.csv")
         path.write_bytes(data if isinstance(data, bytes) else data.encode())
-        return read_study(path, ReadOptions(**options))  # type: ignore[arg-type]
+        return read_study(path, ReadOptions(**options))
 
 
-def words(rows: str) -> str:
+def words(rows):
     """Rows whose fourth cell is 1 or 0, with words in its place."""
     return re.sub(r"^((?:[^,]*,){3})([01])(?=,|$)", lambda row: row[1] + ("different", "equal")[int(row[2])], rows, flags=re.MULTILINE)
 
 
-def refused(data: str | bytes, **options: object) -> list[str]:
+def refused(data, **options):
     with pytest.raises(InputError) as caught:
         read(data, **options)
     problems = caught.value.problems
@@ -49,7 +47,7 @@ def refused(data: str | bytes, **options: object) -> list[str]:
     return [problem.removeprefix("study.csv: ") for problem in problems]
 
 
-def content(study: Study) -> dict[str, list[tuple[float, float, int, int]]]:
+def content(study):
     return {one.name: list(zip(one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist(), one.n_trials.tolist(), strict=True)) for one in study}
 
 
@@ -92,7 +90,7 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
         (f"{TRIALS}a,1,2,equal\n", {"columns": {"s1": "s2", "s2": "s1"}}, {"a": [(2.0, 1.0, 1, 1)]}),
     ],
 )
-def test_what_is_read(data: str, options: dict[str, object], expected: dict[str, object]) -> None:
+def test_what_is_read(data, options, expected):
     study = read(data, **options)
     assert content(study) == expected
     assert list(study.names) == list(expected)
@@ -144,12 +142,12 @@ def test_what_is_read(data: str, options: dict[str, object], expected: dict[str,
         ),
     ],
 )
-def test_what_was_detected_and_merged_is_noted(data: str, options: dict[str, object], notes: list[str]) -> None:
+def test_what_was_detected_and_merged_is_noted(data, options, notes):
     assert list(read(data, **options).notes) == notes
 
 
 @pytest.mark.parametrize("text", ["", " ", "NA", "na", "N/A", "n/a", "NaN", "nan", "None"])
-def test_rows_without_a_response_are_dropped_and_counted(text: str) -> None:
+def test_rows_without_a_response_are_dropped_and_counted(text):
     study = read(f"{TRIALS}a,0,0,equal\na,,x,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
     assert content(study) == ONE
     nobody = ", (no subject) 1" if text.strip() else ""  # without any text, that row is blank
@@ -159,13 +157,13 @@ def test_rows_without_a_response_are_dropped_and_counted(text: str) -> None:
     )
 
 
-def test_subject_names_stay_as_they_are() -> None:
+def test_subject_names_stay_as_they_are():
     names = ["01", "1", "1.0", "NA", "nan", "None", "Zoë", "被験者 一", "🙂", "a\u200bb", "O'Neil", "true", "1e5", "-"]
     assert read(TRIALS + "".join(f"{name},0,0,equal\n" for name in names)).names == tuple(names)
     assert read(f'{TRIALS}"a ""x"", b",0,0,equal\n"c\nd",0,0,equal\n').names == ('a "x", b', "c\nd")
 
 
-def test_amplitudes_become_log_intensities_and_do_not_overflow() -> None:
+def test_amplitudes_become_log_intensities_and_do_not_overflow():
     study = read(AMPLITUDES + "a,0.087,0.174,equal\na,0.0435,1e-3,different\n", intensity=0.087)
     assert study["a"].s1.tolist() == pytest.approx([math.log(0.5), 0.0], abs=1e-15)
     assert study["a"].s2.tolist() == pytest.approx([math.log(1e-3 / 0.087), math.log(2.0)], rel=1e-14)
@@ -176,7 +174,7 @@ def test_amplitudes_become_log_intensities_and_do_not_overflow() -> None:
 @pytest.mark.parametrize(
     ("marks", "synthetic"), [(("1", "1"), True), (("true", "YES"), True), (("1", "0"), False), (("", ""), False), (("1", ""), False)]
 )
-def test_synthetic_column(marks: tuple[str, str], synthetic: bool) -> None:
+def test_synthetic_column(marks, synthetic):
     study = read(f"subject,s1,s2,response,synthetic\na,0,0,equal,{marks[0]}\na,0,0,equal,{marks[1]}\n")
     assert study.synthetic is synthetic
     assert any("synthetic" in note for note in study.notes) is ("1" in marks or synthetic)
@@ -185,7 +183,7 @@ def test_synthetic_column(marks: tuple[str, str], synthetic: bool) -> None:
 # --- Answers in their order ---------------------------------------------------------------------------
 
 
-def test_blocks_and_trials_are_kept_in_order_beside_the_counts() -> None:
+def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     study = read(ORDERED + words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"))
     assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
     answers = study.reading.answers["a"]
@@ -199,13 +197,13 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts() -> None:
     assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
 
 
-def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted() -> None:
+def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     study = read(ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"))
     assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
     assert study.reading.answers["a"].n_yes.tolist() == [1, 0]
 
 
-def test_trials_that_are_there_twice_are_told() -> None:
+def test_trials_that_are_there_twice_are_told():
     rows = words("a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
     (same,) = read(ORDERED + rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")).reading.doubts
     assert "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 (" in same
@@ -219,7 +217,7 @@ def test_trials_that_are_there_twice_are_told() -> None:
         assert read(fine).reading.doubts == (), "in another block, without a number, or without blocks they may be other trials"
 
 
-def test_counts_have_answers_where_they_have_blocks() -> None:
+def test_counts_have_answers_where_they_have_blocks():
     study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", columns={"block": "Run"})
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
     answers = study.reading.answers["a"]
@@ -227,7 +225,7 @@ def test_counts_have_answers_where_they_have_blocks() -> None:
     assert read(COUNTS + "a,0,1,1,5\n").reading.answers == {}
 
 
-def test_columns_that_nobody_reads_are_told_by_name() -> None:
+def test_columns_that_nobody_reads_are_told_by_name():
     study = read("rt,subject,s1,s2,i1,,response,rt,Block\n1,a,0,1,5,,same,2,3\n")
     assert study.reading.ignored == ("rt", "i1", "Block")
     assert study.reading.read == ("subject", "s1", "s2", "response")
@@ -238,7 +236,7 @@ def test_columns_that_nobody_reads_are_told_by_name() -> None:
 # --- Several files --------------------------------------------------------------------------------------
 
 
-def test_a_file_that_is_a_copy_of_another_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
     rows = words("".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20)))
     texts = {
         "1.csv": TRIALS + rows,
@@ -254,7 +252,7 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path: Path) -> None:
     assert read_study([paths[0], paths[1], paths[3]]).reading.doubts == ()
 
 
-def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(tmp_path: Path) -> None:
+def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(tmp_path):
     for name, rows in {"a": 12, "b": 3, "c": 3}.items():
         (tmp_path / f"{name}.csv").write_text(TRIALS + "a,x,0,equal\n" * rows, encoding="utf-8")
     files = [tmp_path / f"{name}.csv" for name in "abc"]
@@ -287,18 +285,17 @@ def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_f
         ({"intensity": -1, "equal_code": "", "columns": {"x": "y"}}, ["--intensity", "--equal-code", "--columns"]),
     ],
 )
-def test_options_that_make_no_sense_are_refused_all_at_once(options: dict[str, object], problems: list[str]) -> None:
+def test_options_that_make_no_sense_are_refused_all_at_once(options, problems):
     with pytest.raises(InputError) as caught:
-        ReadOptions(**options)  # type: ignore[arg-type]
+        ReadOptions(**options)
     assert len(caught.value.problems) == len(problems)
     assert all(line.startswith(problem) for line, problem in zip(caught.value.problems, problems, strict=True))
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
-    [*((text, repr(text)) for text in ("", "s1", "s1=", "=x", "S1=x", "s3=a")), ("s1=a,", "''"), ("s1=a,s1=b", "'s1=b'")],
+    ("text", "found"), [*((text, repr(text)) for text in ("", "s1", "s1=", "=x", "S1=x", "s3=a")), ("s1=a,", "''"), ("s1=a,s1=b", "'s1=b'")]
 )
-def test_parse_columns_refuses(text: str, found: str) -> None:
+def test_parse_columns_refuses(text, found):
     with pytest.raises(InputError) as caught:
         parse_columns(text)
     (problem,) = caught.value.problems
@@ -314,7 +311,7 @@ def test_parse_columns_refuses(text: str, found: str) -> None:
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
 @pytest.mark.parametrize(("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab")])
-def test_dialects(codec: str, label: str, end: str, delimiter: str, name: str) -> None:
+def test_dialects(codec, label, end, delimiter, name):
     lines = ['"subject","a|b","s1","s2","response"', "Zoë,0,0.5,-0.25,equal", "Ω,0,0,0,different", ""]
     mark = b"\xfe\xff" if codec == "utf-16-be" else b""
     study = read(mark + end.join(lines).replace(",", delimiter).replace("|", ",").encode(codec))
@@ -323,7 +320,7 @@ def test_dialects(codec: str, label: str, end: str, delimiter: str, name: str) -
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])
-def test_decimal_commas(delimiter: str) -> None:
+def test_decimal_commas(delimiter):
     data = f"{COUNTS}a,0d5,-1d25e-1,1d0,5\na,0.5,d5,0,3d0\n".replace(",", delimiter).replace("d", ",")
     assert content(read(data)) == {"a": [(0.5, -0.125, 1, 5), (0.5, 0.5, 0, 3)]}
     assert "decimal comma" in read(data).notes[0]
@@ -341,14 +338,14 @@ EMPTY = "found an empty file, allowed: a header and at least one row"
 HEADER_ONLY = "row 1: found a header only, allowed: at least one row below it"
 
 
-def missing(name: str, found: str, hint: str) -> str:
+def missing(name, found, hint):
     return f"row 1, column {name}: missing, found {found}, allowed: a column of this name, or {hint}"
 
 
 HEAD = "'subject', 's1', 's2'"
 FROM_NAME = "or --subject-from '{}.csv', where the name of the file tells it"
 ALONE = "allowed: response alone (one row per trial) or n_equal and n_trials alone (one row per pair)"
-REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
+REFUSED = [
     # The header.
     (
         "id,x,response\na,0,equal\n",
@@ -539,11 +536,11 @@ REFUSED: list[tuple[str | bytes, dict[str, object], list[str]]] = [
 
 
 @pytest.mark.parametrize(("data", "options", "problems"), REFUSED, ids=range(len(REFUSED)))
-def test_what_cannot_be_used_is_refused_by_row_and_column(data: str | bytes, options: dict[str, object], problems: list[str]) -> None:
+def test_what_cannot_be_used_is_refused_by_row_and_column(data, options, problems):
     assert refused(data, **options) == problems
 
 
-def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_paths(tmp_path, monkeypatch):
     (tmp_path / "file.txt").write_text("x")
     for path in (tmp_path / "missing\n.csv", tmp_path, tmp_path / "file.txt" / "x.csv", "nul\0l.csv", "x" * 300):
         with pytest.raises(InputError, match="cannot be read") as caught:
@@ -551,7 +548,7 @@ def test_unreadable_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert len(caught.value.problems) == 1
         assert str(caught.value).isprintable()
 
-    def forbidden(*_: object, **__: object) -> bytes:
+    def forbidden(*_, **__):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", forbidden)
@@ -576,11 +573,9 @@ _trials = st.lists(st.tuples(_names, _numbers, _numbers, st.booleans()), min_siz
     end=st.sampled_from(["\n", "\r\n"]),
     quoting=st.sampled_from([csv.QUOTE_MINIMAL, csv.QUOTE_ALL]),
 )
-def test_any_dialect_gives_the_same_study(
-    trials: list[tuple[str, float, float, bool]], delimiter: str, comma: bool, codec: str, end: str, quoting: int
-) -> None:
+def test_any_dialect_gives_the_same_study(trials, delimiter, comma, codec, end, quoting):
     text = io.StringIO(newline="")
-    writer = csv.writer(text, delimiter=delimiter, lineterminator=end, quoting=quoting)  # type: ignore[arg-type]
+    writer = csv.writer(text, delimiter=delimiter, lineterminator=end, quoting=quoting)
     writer.writerow(["response", "s2", "extra", "subject", "s1"])
     for name, s1, s2, equal in trials:
         first, second = (f"{value!r}" for value in (s1, s2))
@@ -594,7 +589,7 @@ def test_any_dialect_gives_the_same_study(
     assert list(study.names) == names
 
 
-def _only_a_study_or_an_input_error(data: bytes, **options: object) -> None:
+def _only_a_study_or_an_input_error(data, **options):
     try:
         study = read(data, **options)
     except InputError as error:
@@ -609,14 +604,13 @@ def _only_a_study_or_an_input_error(data: bytes, **options: object) -> None:
 @given(st.binary(max_size=200))
 @example(b"\xff\xfe\x00")
 @example(b"\xff\xfe\x00\xd8")
-def test_any_bytes(data: bytes) -> None:
+def test_any_bytes(data):
     _only_a_study_or_an_input_error(data)
     _only_a_study_or_an_input_error(TRIALS.encode() + data)
 
 
 _cells = st.one_of(
-    st.sampled_from(["", "0", "1", "0.5", "0,5", "equal", "NA", "nan", "inf", "-1", "1e400", "9" * 400, '"', "a", " "]),
-    st.text(max_size=5),
+    st.sampled_from(["", "0", "1", "0.5", "0,5", "equal", "NA", "nan", "inf", "-1", "1e400", "9" * 400, '"', "a", " "]), st.text(max_size=5)
 )
 _headers = st.sampled_from(
     [TRIALS, COUNTS, COUNTS.replace(",", ";"), AMPLITUDES, "subject\ts1\ts2\tresponse\tsynthetic\n", ORDERED, "\ufeff\n"]
@@ -631,13 +625,13 @@ _headers = st.sampled_from(
     intensity=st.sampled_from([None, 0.087]),
     equal_code=st.sampled_from([None, "a", "NA", "0"]),
 )
-def test_any_cells(header: str, rows: list[list[str]], quoted: bool, intensity: float | None, equal_code: str | None) -> None:
+def test_any_cells(header, rows, quoted, intensity, equal_code):
     delimiter = next((sign for sign in ";\t" if sign in header), ",")
     body = "\n".join(delimiter.join('"' + cell.replace('"', '""') + '"' if quoted else cell for cell in row) for row in rows)
     _only_a_study_or_an_input_error((header + body).encode("utf-8", "replace"), intensity=intensity, equal_code=equal_code)
 
 
-def test_each_distinct_text_is_converted_once(tmp_path: Path) -> None:
+def test_each_distinct_text_is_converted_once(tmp_path):
     path = tmp_path / "study.csv"
     path.write_text(TRIALS + "S01,0.1,0.2,equal\nS02, 0.1,0.1,different\n" * 5_000, encoding="utf-8")
     table, seen = read_table(path, {"s1", "s2"}), list[str]()
@@ -651,7 +645,7 @@ def test_each_distinct_text_is_converted_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sign", ["", ".", "e"])
 @pytest.mark.parametrize("digit", ["0", "1"])
-def test_a_hopeless_number_of_many_digits_is_none(digit: str, sign: str) -> None:
+def test_a_hopeless_number_of_many_digits_is_none(digit, sign):
     text = digit * 60_000 + sign + digit * 60_000 + "x"  # a pattern that tries every split of the digits would not end
     assert math.isnan(number(text))
     assert whole_number(text) == -1

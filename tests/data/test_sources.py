@@ -47,11 +47,7 @@ def as_parquet(frame, folder):
     return folder / "study.parquet"
 
 
-SOURCES = {
-    as_pandas: ("pandas DataFrame", 0),
-    as_polars: ("polars DataFrame", 0),
-    as_parquet: ("Parquet", 1),
-}
+SOURCES = {as_pandas: ("pandas DataFrame", 0), as_polars: ("polars DataFrame", 0), as_parquet: ("Parquet", 1)}
 EVERY = pytest.mark.parametrize("made", SOURCES)
 
 

@@ -1,11 +1,8 @@
 """Subjects and studies: validated once, immutable, and the same whatever the order of rows."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,22 +16,22 @@ FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None
 COLUMNS = ("s1", "s2", "n_yes", "n_trials")
 
 
-def subject(name: str = "S01") -> Subject:
+def subject(name="S01"):
     return Subject(name, [0.3, 0.0], [0.0, 0.3], [2, 7], [8, 10])
 
 
-def columns(one: Subject) -> dict[str, list[float]]:
+def columns(one):
     return {key: getattr(one, key).tolist() for key in COLUMNS}
 
 
-def test_pairs_are_sorted_together_with_their_counts() -> None:
+def test_pairs_are_sorted_together_with_their_counts():
     one = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
     assert columns(one) == {"s1": [0.0, 0.3, 0.3], "s2": [0.3, 0.0, 0.5], "n_yes": [2, 3, 1], "n_trials": [5, 6, 4]}
     assert [getattr(one, key).dtype for key in COLUMNS] == [np.float64, np.float64, np.int64, np.int64]
     assert (subject().n_pairs, subject().total_trials, subject().fraction_yes) == (2, 18, 0.5)
 
 
-def test_arrays_are_copies_and_read_only() -> None:
+def test_arrays_are_copies_and_read_only():
     s1 = np.array([0.0, 0.3])
     one = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
     s1[0] = 9.0
@@ -43,7 +40,7 @@ def test_arrays_are_copies_and_read_only() -> None:
         with pytest.raises(ValueError, match="read-only"):
             getattr(one, key)[0] = 1
     with pytest.raises(dataclasses.FrozenInstanceError):
-        one.name = "S02"  # type: ignore[misc]
+        one.name = "S02"
 
 
 @pytest.mark.parametrize(
@@ -66,14 +63,14 @@ def test_arrays_are_copies_and_read_only() -> None:
         ({"s1": [], "s2": [], "n_yes": [], "n_trials": []}, "no answered trial"),
     ],
 )
-def test_invalid_subjects_are_refused(change: dict[str, Any], message: str) -> None:
-    valid: dict[str, Any] = {"name": "S01", "s1": [0.3, 0.0], "s2": [0.0, 0.3], "n_yes": [2, 7], "n_trials": [8, 10]}
+def test_invalid_subjects_are_refused(change, message):
+    valid = {"name": "S01", "s1": [0.3, 0.0], "s2": [0.0, 0.3], "n_yes": [2, 7], "n_trials": [8, 10]}
     assert Subject(**valid).n_pairs == 2
     with pytest.raises(InputError, match=message):
         Subject(**{**valid, **change})
 
 
-def test_counts_are_added_up() -> None:
+def test_counts_are_added_up():
     one = Subject.from_counts("S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0])
     assert columns(one) == {"s1": [0.0, 0.3], "s2": [0.3, 0.0], "n_yes": [2, 4], "n_trials": [5, 11]}
 
@@ -89,12 +86,12 @@ def test_counts_are_added_up() -> None:
         (([np.nan], [0], [1], [5]), "finite"),
     ],
 )
-def test_invalid_counts_are_refused(counts: tuple[list[float], ...], message: str) -> None:
+def test_invalid_counts_are_refused(counts, message):
     with pytest.raises(InputError, match=message):
         Subject.from_counts("S01", *counts)
 
 
-def test_pairs_never_answered_are_not_looked_at_and_zero_has_no_sign() -> None:
+def test_pairs_never_answered_are_not_looked_at_and_zero_has_no_sign():
     assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1
     assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1
 
@@ -104,7 +101,7 @@ _trials = st.lists(st.tuples(st.sampled_from([-0.5, 0.0, 0.25]), st.sampled_from
 
 @FUZZ
 @given(trials=_trials, data=st.data())
-def test_the_order_of_trials_does_not_matter(trials: list[tuple[float, float, bool]], data: st.DataObject) -> None:
+def test_the_order_of_trials_does_not_matter(trials, data):
     shuffled = data.draw(st.permutations(trials))
     one, other = (Subject.from_trials("S01", *zip(*rows, strict=True)) for rows in (trials, shuffled))
     assert columns(one) == columns(other)
@@ -112,7 +109,7 @@ def test_the_order_of_trials_does_not_matter(trials: list[tuple[float, float, bo
 
 @FUZZ
 @given(_trials)
-def test_trials_are_counted_one_by_one(trials: list[tuple[float, float, bool]]) -> None:
+def test_trials_are_counted_one_by_one(trials):
     one = Subject.from_trials("S01", *zip(*trials, strict=True))
     for s1, s2, k, n in zip(*columns(one).values(), strict=True):
         answers = [equal for first, second, equal in trials if (first, second) == (s1, s2)]
@@ -122,27 +119,27 @@ def test_trials_are_counted_one_by_one(trials: list[tuple[float, float, bool]]) 
     assert columns(again) == columns(one)
 
 
-def test_a_study_is_a_sequence_of_its_subjects() -> None:
+def test_a_study_is_a_sequence_of_its_subjects():
     subjects = [subject("b"), subject("a")]
-    study = Study(subjects, "pilot", synthetic=True, notes=["n"])  # type: ignore[arg-type]
+    study = Study(subjects, "pilot", synthetic=True, notes=["n"])
     assert (len(study), study.names, list(study), study["a"]) == (2, ("b", "a"), subjects, subjects[1])
     assert (study.subjects, study.notes) == (tuple(subjects), ("n",))
 
 
-def test_a_selection_keeps_everything_else() -> None:
+def test_a_selection_keeps_everything_else():
     study = Study((subject("a"), subject("b"), subject("c")), "pilot", True, ("n",))
     part = study.select(["c", "a"])
     assert (part.names, part.source, part.synthetic, part.notes) == (("c", "a"), "pilot", True, ("n",))
 
 
-def test_unknown_subjects_are_refused_with_those_there_are() -> None:
+def test_unknown_subjects_are_refused_with_those_there_are():
     study = Study((subject("a"), subject("b")), "pilot")
     for action in (lambda: study["c"], lambda: study.select(["a", "c"])):
         with pytest.raises(InputError, match=r"no subject 'c' in pilot; there are: 'a', 'b'$"):
             action()
 
 
-def test_studies_need_distinct_subjects() -> None:
+def test_studies_need_distinct_subjects():
     with pytest.raises(InputError, match="at least one subject"):
         Study(())
     with pytest.raises(InputError, match=r"must be unique, repeated: 'a'$"):
@@ -150,7 +147,7 @@ def test_studies_need_distinct_subjects() -> None:
     assert len(Study((subject("a"), subject("A")))) == 2
 
 
-def test_studies_travel_between_processes() -> None:
+def test_studies_travel_between_processes():
     study = Study((subject("Zoë"),), "pilot", True, ("n",))
     again = pickle.loads(pickle.dumps(study))
     assert again.names == ("Zoë",)
@@ -158,7 +155,7 @@ def test_studies_travel_between_processes() -> None:
     assert (again.source, again.synthetic, again.notes) == ("pilot", True, ("n",))
 
 
-def test_answers_counts_and_stimuli_that_are_no_such_numbers_are_refused() -> None:
+def test_answers_counts_and_stimuli_that_are_no_such_numbers_are_refused():
     for answers in (["equal", "different"], [1.0, math.nan], [2, 0]):
         with pytest.raises(InputError, match="True or False"):
             Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], answers)

@@ -1,11 +1,8 @@
 """Tables of results, the CSV and Parquet files that they become, and names of files that are safe and distinct on every system."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,14 +18,9 @@ from bayes_toe.errors import InputError, OutputError
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
 
-def test_tables_are_plain_csv(tmp_path: Path) -> None:
+def test_tables_are_plain_csv(tmp_path):
     frame = pd.DataFrame(
-        {
-            "subject": ["01", "NA", 'Zoë, "x"'],
-            "q0": [0.1 + 0.2, math.nan, -1e-300],
-            "n": [1, 2, 3],
-            "note": ["", None, "a"],
-        },
+        {"subject": ["01", "NA", 'Zoë, "x"'], "q0": [0.1 + 0.2, math.nan, -1e-300], "n": [1, 2, 3], "note": ["", None, "a"]},
         index=[7, 8, 9],
     )
     lines = ["subject,q0,n,note", "01,0.30000000000000004,1,", "NA,,2,", '"Zoë, ""x""",-1e-300,3,a', ""]
@@ -37,7 +29,7 @@ def test_tables_are_plain_csv(tmp_path: Path) -> None:
     assert path.read_bytes() == "\n".join(lines).encode()
 
 
-def test_formulas_get_an_apostrophe_where_asked_and_our_reader_takes_it_off(tmp_path: Path) -> None:
+def test_formulas_get_an_apostrophe_where_asked_and_our_reader_takes_it_off(tmp_path):
     names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]
     frame = pd.DataFrame({"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2})
     plain, safe = write_table(frame, tmp_path / "plain.csv"), write_table(frame, tmp_path / "safe.csv", spreadsheet_safe=True)
@@ -50,14 +42,14 @@ def test_formulas_get_an_apostrophe_where_asked_and_our_reader_takes_it_off(tmp_
 
 @FUZZ
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
-def test_numbers_in_tables_keep_every_bit(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
+def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
     path = tmp_path_factory.getbasetemp() / "t.csv"
     write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
     texts = [line.split(",")[0] for line in path.read_text(encoding="utf-8").splitlines()[1:]]
     assert np.array_equal(np.array(values).view(np.int64), np.array([float(text) for text in texts]).view(np.int64))
 
 
-def test_tables_are_not_overwritten_unasked(tmp_path: Path) -> None:
+def test_tables_are_not_overwritten_unasked(tmp_path):
     write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
     with pytest.raises(OutputError, match="exists"):
         write_table(pd.DataFrame({"x": [2]}), tmp_path / "t.csv")
@@ -66,8 +58,8 @@ def test_tables_are_not_overwritten_unasked(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"t.csv": "x\n2\n"}
 
 
-def test_a_full_disk_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object, **__: object) -> None:
+def test_a_full_disk_is_reported_in_one_line(tmp_path, monkeypatch):
+    def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_csv", full)
@@ -86,11 +78,11 @@ class Weight:
 class Weights(SubjectTable[Weight]):
     unit: str = "kg"
 
-    def frame(self) -> pd.DataFrame:
+    def frame(self):
         return pd.DataFrame({"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]})
 
 
-def test_a_table_is_gone_through_looked_up_and_saved(tmp_path: Path) -> None:
+def test_a_table_is_gone_through_looked_up_and_saved(tmp_path):
     table = Weights((Weight("01", 70.5), Weight("NA", 60.0)))
     assert [row.subject for row in table] == ["01", "NA"]
     assert len(table) == 2
@@ -102,12 +94,12 @@ def test_a_table_is_gone_through_looked_up_and_saved(tmp_path: Path) -> None:
         table["1"]
 
 
-def test_a_table_without_columns_is_no_table() -> None:
+def test_a_table_without_columns_is_no_table():
     with pytest.raises(TypeError, match="frame"):
-        Table(())  # type: ignore[abstract]
+        Table(())
 
 
-def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path: Path) -> None:
+def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
     pytest.importorskip("pyarrow")
     frame = pd.DataFrame({"subject": ["=1", "b"], "q0": [0.1 + 0.2, np.nan], "n": [1, 2], "note": [None, "a"]}, index=[3, 4])
     again = pd.read_parquet(write_table(frame, tmp_path / "t.parquet", spreadsheet_safe=True))
@@ -126,14 +118,14 @@ def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path: Path) 
         *(("con", "_con-"), ("CON.txt", "_CON.txt-"), ("Lpt9", "_Lpt9-"), ("a\nb", "a_b-"), ("b" * 61, "b" * 51 + "-")),
     ],
 )
-def test_only_names_that_are_not_plain_carry_their_hash(name: str, start: str) -> None:
+def test_only_names_that_are_not_plain_carry_their_hash(name, start):
     assert re.fullmatch(re.escape(start) + "[0-9a-f]{8}", file_stems([name])[name])
     plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
     assert file_stems([*plain, "S01"]) == {one: one for one in plain}
     assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}, "printf 'a b' | sha256sum"
 
 
-def test_names_that_differ_in_case_or_look_like_anothers_stem_are_told_apart() -> None:
+def test_names_that_differ_in_case_or_look_like_anothers_stem_are_told_apart():
     imitation = file_stems(["a b"])["a b"]
     stems = file_stems(["s01", "S01", "S02", imitation, "a b", imitation.upper()])
     assert (stems["S02"], stems["a b"]) == ("S02", imitation)
@@ -143,7 +135,7 @@ def test_names_that_differ_in_case_or_look_like_anothers_stem_are_told_apart() -
 
 @FUZZ
 @given(st.lists(st.one_of(st.text(max_size=80), st.sampled_from(["a", "A", "a ", "con", "CON", "aux.x", "\ud800"]))))
-def test_stems_are_safe_and_distinct(names: list[str]) -> None:
+def test_stems_are_safe_and_distinct(names):
     stems = file_stems(names)
     assert set(stems) == set(names)
     assert len({stem.lower() for stem in stems.values()}) == len(set(names))

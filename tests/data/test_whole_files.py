@@ -1,14 +1,11 @@
 """A file appears whole or not at all; so do the files of a folder, together, and nobody else's files are touched."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -31,7 +28,7 @@ BEFORE_WORK = failing(AssertionError("must be refused before any work"))
 POSIX = pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows, and processes are asked for as POSIX does")
 
 
-def write(path: Path, text: str | None, *, overwrite: bool = False, meanwhile: Callable[[], object] = int) -> None:
+def write(path, text, *, overwrite=False, meanwhile=int):
     """Write a file whole; without a text, none."""
     with whole_file(path, overwrite=overwrite) as temporary:
         if text is not None:
@@ -39,9 +36,7 @@ def write(path: Path, text: str | None, *, overwrite: bool = False, meanwhile: C
         meanwhile()
 
 
-def produce(
-    path: Path, files: dict[str, str], *, overwrite: bool = False, names: Sequence[str] = NAMES, meanwhile: Callable[[], object] = int
-) -> None:
+def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
     with whole_folder(path, names, overwrite=overwrite) as folder:
         assert list(folder.iterdir()) == []
         for name, text in files.items():
@@ -53,7 +48,7 @@ def produce(
 # --- A file -------------------------------------------------------------------------------------------------
 
 
-def test_a_file_appears_whole(tmp_path: Path) -> None:
+def test_a_file_appears_whole(tmp_path):
     target = tmp_path / "new" / "deep" / "fit.nc"
     for before, text in ((None, "whole"), ("whole", "new")):
         with whole_file(target, overwrite=True) as temporary:
@@ -63,7 +58,7 @@ def test_a_file_appears_whole(tmp_path: Path) -> None:
         assert tree(tmp_path) == {"new/deep/fit.nc": text}
 
 
-def test_what_exists_or_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+def test_what_exists_or_appears_meanwhile_is_kept(tmp_path):
     target, link = tmp_path / "a.csv", tmp_path / "link"
     with pytest.raises(OutputError, match=r"a\.csv: exists"):
         write(target, "new", meanwhile=lambda: target.write_text("mine"))
@@ -76,7 +71,7 @@ def test_what_exists_or_appears_meanwhile_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
-def test_failure_leaves_everything_as_it_was(tmp_path: Path, error: type[BaseException]) -> None:
+def test_failure_leaves_everything_as_it_was(tmp_path, error):
     (tmp_path / "b").write_text("old")
     produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
     before = tree(tmp_path)
@@ -90,8 +85,8 @@ def test_failure_leaves_everything_as_it_was(tmp_path: Path, error: type[BaseExc
     assert not (tmp_path / "new").exists()
 
 
-def test_folders_that_others_use_meanwhile_stay(tmp_path: Path) -> None:
-    def theirs() -> None:
+def test_folders_that_others_use_meanwhile_stay(tmp_path):
+    def theirs():
         (tmp_path / "new" / "theirs").write_text("x")
         raise ValueError("stop")
 
@@ -112,7 +107,7 @@ def test_folders_that_others_use_meanwhile_stay(tmp_path: Path) -> None:
     ],
     ids=["here", "folder", "below a file", "deep below a file", "NUL", "too long"],
 )
-def test_impossible_places(tmp_path: Path, name: str, reason: str) -> None:
+def test_impossible_places(tmp_path, name, reason):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.txt").write_text("x")
     before = tree(tmp_path)
@@ -123,13 +118,13 @@ def test_impossible_places(tmp_path: Path, name: str, reason: str) -> None:
     assert tree(tmp_path) == before
 
 
-def test_places_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places_without_permission(tmp_path, monkeypatch):
     real = Path.mkdir
 
-    def mkdir(path: Path, **how: bool) -> None:
+    def mkdir(path, **how):
         if path.name.startswith(HIDDEN):
             raise PermissionError(13, "Permission denied", str(path))
-        real(path, **how)  # type: ignore[arg-type]
+        real(path, **how)
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
     message = re.escape(f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place")
@@ -143,7 +138,7 @@ def test_places_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert tree(tmp_path) == {}
 
 
-def test_a_look_beforehand_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_look_beforehand_leaves_nothing_behind(tmp_path):
     require_writable(tmp_path / "new" / "deep" / "a.csv", overwrite=False)
     require_folder(tmp_path / "new" / "out", NAMES, overwrite=False)
     assert not (tmp_path / "new").exists()
@@ -159,7 +154,7 @@ def test_a_look_beforehand_leaves_nothing_behind(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"table.csv": "mine"}
 
 
-def test_relative_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     require_writable("a.csv", overwrite=False)
     with whole_file("a.csv") as temporary:
@@ -179,7 +174,7 @@ with whole_file(sys.argv[1]) as path:
 
 
 @POSIX
-def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path: Path) -> None:
+def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path):
     subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "a.csv")], check=False)
     (left,) = tmp_path.iterdir()
     assert (left / "a.csv").read_text() == "half"
@@ -194,7 +189,7 @@ def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path: Path) 
 # --- A folder -----------------------------------------------------------------------------------------------
 
 
-def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path: Path) -> None:
+def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     out = tmp_path / "new" / "out"
     produce(out, {"table.csv": "t", "corner/a.png": "a"}, meanwhile=lambda: None if not out.exists() else pytest.fail("too early"))
     assert tree(tmp_path) == {"new/out/table.csv": "t", "new/out/corner/a.png": "a"}
@@ -205,10 +200,9 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("there", "said"),
-    [(["table.csv"], "table.csv"), (["corner/"], "corner"), ("abc", "a, b, c"), ("abcd", "a, b, c and 1 more")],
+    ("there", "said"), [(["table.csv"], "table.csv"), (["corner/"], "corner"), ("abc", "a, b, c"), ("abcd", "a, b, c and 1 more")]
 )
-def test_existing_names_are_refused_before_any_work(tmp_path: Path, there: Sequence[str], said: str) -> None:
+def test_existing_names_are_refused_before_any_work(tmp_path, there, said):
     for name in there:
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).write_text("mine")
     before, message = tree(tmp_path), re.escape(f"{tmp_path}: already holds {said}, choose another folder or allow to overwrite")
@@ -217,7 +211,7 @@ def test_existing_names_are_refused_before_any_work(tmp_path: Path, there: Seque
     assert tree(tmp_path) == before
 
 
-def test_a_file_in_place_of_the_folder(tmp_path: Path) -> None:
+def test_a_file_in_place_of_the_folder(tmp_path):
     (tmp_path / "out").write_text("x")
     refusals = {"out": "out: is a file, choose the name of a folder", "out/deep": "cannot be written", "a\0b": "NUL"}
     for name, message in refusals.items():
@@ -226,7 +220,7 @@ def test_a_file_in_place_of_the_folder(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"out": "x"}
 
 
-def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path: Path) -> None:
+def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path):
     produce(tmp_path, {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "corner/deep/c.png": "1"})
     produce(tmp_path, {"table.csv": "2", "corner/b.png": "2"}, overwrite=True)
     assert tree(tmp_path) == {"table.csv": "2", "corner/b.png": "2"}
@@ -236,7 +230,7 @@ def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path:
     assert tree(tmp_path) == {"table.csv": "3", "corner/b.png": "2"}
 
 
-def test_two_commands_may_share_a_folder(tmp_path: Path) -> None:
+def test_two_commands_may_share_a_folder(tmp_path):
     produce(tmp_path, {"corner/a.png": "1"})
     produce(tmp_path, {"evidence.csv": "1"}, names=["evidence.csv"])
     produce(tmp_path, {"evidence.csv": "2"}, names=["evidence.csv"], overwrite=True)
@@ -251,7 +245,7 @@ def test_two_commands_may_share_a_folder(tmp_path: Path) -> None:
         *(json.dumps({"files": [name]}) for name in ("../victim", "/victim", "corner/../../victim", "", ".", "corner", "corner/gone.png")),
     ],
 )
-def test_damaged_manifests_remove_nothing(tmp_path: Path, text: str) -> None:
+def test_damaged_manifests_remove_nothing(tmp_path, text):
     out = tmp_path / "out"
     produce(out, {"table.csv": "1", "corner/a.png": "1", "corner/deep/b.png": "1"})
     (tmp_path / "victim").write_text("v")
@@ -262,7 +256,7 @@ def test_damaged_manifests_remove_nothing(tmp_path: Path, text: str) -> None:
 
 
 @POSIX
-def test_stale_files_are_not_sought_through_links(tmp_path: Path) -> None:
+def test_stale_files_are_not_sought_through_links(tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     produce(out, {"corner/a.png": "1"})
     shutil.move(out / "corner", elsewhere)
@@ -271,13 +265,13 @@ def test_stale_files_are_not_sought_through_links(tmp_path: Path) -> None:
     assert (elsewhere / "a.png").exists()
 
 
-def test_what_others_put_there_meanwhile_is_kept(tmp_path: Path) -> None:
+def test_what_others_put_there_meanwhile_is_kept(tmp_path):
     files = {"corner/a.png": "new", "table.csv": "new"}
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
         produce(tmp_path, files, meanwhile=lambda: (tmp_path / "table.csv").write_text("theirs"))
     assert tree(tmp_path) == {"table.csv": "theirs"}
 
-    def theirs() -> None:
+    def theirs():
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "mine.txt").write_text("m")
 
@@ -286,7 +280,7 @@ def test_what_others_put_there_meanwhile_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("taken", ["table.csv/mine", "corner"])
-def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path: Path, taken: str) -> None:
+def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, taken):
     (tmp_path / taken).parent.mkdir(exist_ok=True)
     (tmp_path / taken).write_text("mine")
     with pytest.raises(OutputError, match=taken.partition("/")[0]):
@@ -294,8 +288,8 @@ def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_pa
     assert tree(tmp_path) == {taken: "mine"}
 
 
-def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path: Path) -> None:
-    def written(*required: str, names: Sequence[str] = NAMES) -> None:
+def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path):
+    def written(*required, names=NAMES):
         with whole_folder(tmp_path / "out", names, required=required) as folder:
             (folder / "table.csv").write_text("t")
 
@@ -312,8 +306,8 @@ def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path: Path) 
     assert tree(tmp_path) == {"out/table.csv": "t"}
 
 
-def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path: Path) -> None:
-    def another() -> None:
+def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path):
+    def another():
         found = [path.name for path in tmp_path.iterdir()]
         produce(tmp_path, {"corner/a.png": "1"})
         assert set(found) <= {path.name for path in tmp_path.iterdir()}

@@ -1,9 +1,6 @@
 """What a study can tell: each finding where it holds, and where it holds only."""
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -23,12 +20,12 @@ from bayes_toe.model.study_prior import prior_for
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
 
-def subject(pairs: Sequence[tuple[float, float]], n_equal: int | Sequence[int] = 4, name: str = "S01") -> Subject:
+def subject(pairs, n_equal=4, name="S01"):
     counts = [n_equal] * len(pairs) if isinstance(n_equal, int) else n_equal
     return Subject(name, [a for a, _ in pairs], [b for _, b in pairs], counts, [10] * len(pairs))
 
 
-def codes(pairs: Sequence[tuple[float, float]], n_equal: int | Sequence[int] = 4) -> list[str]:
+def codes(pairs, n_equal=4):
     return [finding.code for finding in check_subject(subject(pairs, n_equal))]
 
 
@@ -53,18 +50,18 @@ POOR = ["few_pairs", "all_equal", "no_equal_pairs", "one_first_stimulus", "one_o
         ([(0.0, 0.3)], 10, POOR),
     ],
 )
-def test_each_finding_where_it_holds_in_a_fixed_order(pairs: list[tuple[float, float]], n_equal: int, expected: list[str]) -> None:
+def test_each_finding_where_it_holds_in_a_fixed_order(pairs, n_equal, expected):
     assert codes(pairs, n_equal) == expected
 
 
-def test_one_trial_in_very_many_is_not_overlooked() -> None:
+def test_one_trial_in_very_many_is_not_overlooked():
     # 1 - 1/2**53 rounds to 1 in a share, not in the counts
     almost = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [2**51, 2**51, 2**51, 2**51 - 1], [2**51] * 4)
     assert check_subject(almost) == ()
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, 3), (2, 2), (3, 1), (4, None)])
-def test_fewer_pairs_than_parameters(count: int, expected: int | None) -> None:
+def test_fewer_pairs_than_parameters(count, expected):
     pairs = [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3), (0.3, 0.3)][:count]
     messages = [finding.message for finding in check_subject(subject(pairs)) if finding.code == "few_pairs"]
     if expected is None:
@@ -75,7 +72,7 @@ def test_fewer_pairs_than_parameters(count: int, expected: int | None) -> None:
         assert messages[0].startswith(start)
 
 
-def test_one_first_stimulus() -> None:
+def test_one_first_stimulus():
     pairs = [(0.25, value) for value in (-0.3, 0.0, 0.25, 0.4)]
     findings = check_subject(subject(pairs))
     assert [finding.code for finding in findings] == ["one_first_stimulus", "one_order", "design_rank"]
@@ -83,7 +80,7 @@ def test_one_first_stimulus() -> None:
     assert "one_first_stimulus" not in codes([(second, first) for first, second in pairs])
 
 
-def test_one_order() -> None:
+def test_one_order():
     both = [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.3, 0.3)]
     assert codes(both) == []
     (finding,) = check_subject(subject([*both, (0.0, 0.5)]))
@@ -99,7 +96,7 @@ def test_one_order() -> None:
     assert finding.message.startswith(start)
 
 
-def test_messages_are_one_sentence_that_concludes() -> None:
+def test_messages_are_one_sentence_that_concludes():
     poor = [subject([(0.0, 0.3)], 10), subject([(0.0, 0.0)], 0), subject([(0.0, 0.0), (1.0, 1.0)])]
     for finding in itertools.chain.from_iterable(check_subject(one) for one in poor):
         assert finding.message.endswith(".")
@@ -108,8 +105,8 @@ def test_messages_are_one_sentence_that_concludes() -> None:
         assert any(word in finding.message for word in ("prior", "predicted by the model"))
 
 
-def test_stimuli_of_another_unit_than_the_prior_are_told() -> None:
-    def said(step: float, prior: Prior | str = "paper") -> str:
+def test_stimuli_of_another_unit_than_the_prior_are_told():
+    def said(step, prior="paper"):
         study = Study((subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
         found = doubts(study, prior_for(study, prior))
         assert set(found) <= set(check_study(study, prior_for(study, prior)))
@@ -127,7 +124,7 @@ def test_stimuli_of_another_unit_than_the_prior_are_told() -> None:
     assert doubts(only_equal, Prior()) == (), "without different stimuli there is no step"
 
 
-def test_stimuli_that_differ_by_rounding_only_are_told() -> None:
+def test_stimuli_that_differ_by_rounding_only_are_told():
     noisy = [(0.0, 0.0), (0.0, 0.3), (1e-16, 0.3), (0.3, 1e-16), (0.1 + 0.2, 0.0), (0.3, 0.3), (0.5, 0.5)]
     (told,) = [finding for finding in doubts(Study((subject(noisy),))) if finding.code == "rounding"]
     assert told in check_subject(subject(noisy))
@@ -145,7 +142,7 @@ def test_stimuli_that_differ_by_rounding_only_are_told() -> None:
     assert "50 pairs are told apart where 18 were meant" in doubts(Study((timed,)))[0].message
 
 
-def test_names_that_differ_in_case_concern_the_study() -> None:
+def test_names_that_differ_in_case_concern_the_study():
     counts = [9, 2, 3, 1, 8, 4, 5, 6, 10]
     study = Study(tuple(subject(GRID, counts, name) for name in ("vp1", "VP2", "Vp1", "VP1", "vp3")))
     assert check_study(study) == (
@@ -157,7 +154,7 @@ def test_names_that_differ_in_case_concern_the_study() -> None:
     )
 
 
-def test_names_that_look_alike_and_names_that_are_formulas_concern_the_study() -> None:
+def test_names_that_look_alike_and_names_that_are_formulas_concern_the_study():
     counts = [9, 2, 3, 1, 8, 4, 5, 6, 10]
     names = ("\u00e4", "a\u0308", "S01", "S\u200b01", "s01\ufe0f", "=1+1", "-1")
     found = check_study(Study(tuple(subject(GRID, counts, name) for name in names)))
@@ -167,13 +164,13 @@ def test_names_that_look_alike_and_names_that_are_formulas_concern_the_study() -
     assert "formulas: '=1+1'; write tables with --spreadsheet-safe" in found[2].message
 
 
-def test_findings_of_a_study_follow_its_subjects() -> None:
+def test_findings_of_a_study_follow_its_subjects():
     study = Study((subject(GRID, 10, "b"), subject(GRID, 4, "c"), subject(GRID, 0, "a")))
     found = [(finding.subject, finding.code) for finding in check_study(study)]
     assert found == [("b", "all_equal"), ("a", "all_different")]
 
 
-def test_describe() -> None:
+def test_describe():
     first = subject([(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.5, 0.0), (0.1, 0.6)], [1, 2, 3, 4, 5], "01")
     second = Subject("NA", [0.0], [0.0], [1], [4])
     table = describe(Study((first, second)))
@@ -196,7 +193,7 @@ _pairs = st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 0.5, 2.0]), st.sampled_f
 
 @FUZZ
 @given(_pairs)
-def test_pairs_are_counted_once_each(presented: list[tuple[float, float]]) -> None:
+def test_pairs_are_counted_once_each(presented):
     one = Subject.from_trials("S01", *np.array(presented).T, np.zeros(len(presented)))
     row = describe(Study((one,))).iloc[0]
     assert row["n_pairs"] == 2 * row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"]
@@ -206,7 +203,7 @@ def test_pairs_are_counted_once_each(presented: list[tuple[float, float]]) -> No
 
 @FUZZ
 @given(_pairs)
-def test_swapping_stimuli_keeps_what_does_not_depend_on_order(presented: list[tuple[float, float]]) -> None:
+def test_swapping_stimuli_keeps_what_does_not_depend_on_order(presented):
     stimuli = np.array(presented).T
     straight = Subject.from_trials("S01", *stimuli, np.zeros(len(presented)))
     swapped = Subject.from_trials("S01", *stimuli[::-1], np.zeros(len(presented)))
@@ -215,7 +212,7 @@ def test_swapping_stimuli_keeps_what_does_not_depend_on_order(presented: list[tu
     assert kinds[0] == kinds[1]
 
 
-def distances(s1: Sequence[float], s2: Sequence[float], offset: float, pull: float, width: float) -> np.ndarray:
+def distances(s1, s2, offset, pull, width):
     """The model's z at identified coordinates; sbar is the plain mean, as every pair has as many trials."""
     x = [offset, logit(pull / MAX_PULL), np.log(width), 0.0]
     theta = natural(x, sbar=float(np.mean(s1)))
@@ -224,7 +221,7 @@ def distances(s1: Sequence[float], s2: Sequence[float], offset: float, pull: flo
 
 @FUZZ
 @given(st.floats(-1, 1), st.floats(0.05, 0.15), st.floats(0.1, 2), st.floats(0.5, 2))
-def test_what_the_messages_say_holds_for_the_model(offset: float, pull: float, width: float, factor: float) -> None:
+def test_what_the_messages_say_holds_for_the_model(offset, pull, width, factor):
     constant, grid = [0.25] * 4, [-0.3, 0.0, 0.25, 0.4]
     for s1, s2, invisible in (
         (constant, grid, (offset, factor * pull, width)),  # one_first_stimulus
@@ -235,6 +232,6 @@ def test_what_the_messages_say_holds_for_the_model(offset: float, pull: float, w
 
 
 @pytest.mark.parametrize("change", [(0.3, 0.1, 0.5), (0.2, 0.15, 0.5), (0.2, 0.1, 0.6), (0.4, 0.2, 1.0)])
-def test_a_full_design_sees_every_such_change(change: tuple[float, float, float]) -> None:
+def test_a_full_design_sees_every_such_change(change):
     s1, s2 = zip(*GRID, strict=True)
     assert not np.allclose(distances(s1, s2, 0.2, 0.1, 0.5) ** 2, distances(s1, s2, *change) ** 2, rtol=1e-3)

@@ -23,10 +23,7 @@ CASES = {
     "funnel, nothing told": (True, "normal", 1, "nothing"),
     "funnel, very much told": (True, "t", 1, "much"),
 }
-CORRELATED = {
-    "correlated, funnel, regressor": (True, "normal", 1, "some"),
-    "correlated, t": (True, "t", 0, "nothing"),
-}
+CORRELATED = {"correlated, funnel, regressor": (True, "normal", 1, "some"), "correlated, t": (True, "t", 0, "nothing")}
 
 
 def bumps(eta):
@@ -86,10 +83,7 @@ def eta_by_definition(joint, theta):
     tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[joint.size :], []
     (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
     for i in range(N):
-        eta, expected = (
-            [None] * K,
-            [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r)) for j in range(K)],
-        )
+        eta, expected = ([None] * K, [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r)) for j in range(K)])
         unit = [None] * K
         for j in (1, 2, 3, 0):
             h = mpmath.exp(mpmath.mpf(float(told.log_precision[i, j])))

@@ -250,7 +250,7 @@ def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(stu
     assert said in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
 
 
-def test_commands_write_and_take_stores(small_study, tmp_path, monkeypatch, three_models):
+def test_commands_write_and_take_stores(small_study, tmp_path, monkeypatch, three_models, blank_pictures):
     grouped_csv(tmp_path / "study.csv", small_study.select(["B"]))
     options = ("--draws", "200", "--seed", "1", "--workers", "1")
     for name, at_once in (("p.nc", 2**28), ("p.zarr", 0)):

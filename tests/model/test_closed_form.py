@@ -131,12 +131,7 @@ def test_certainty_is_minus_infinity_without_a_warning():
 
 @pytest.mark.parametrize(
     ("values", "named"),
-    [
-        ((np.nan, 0.2, 0.1, 0.9), "mu1"),
-        ((0.0, 0.0, 0.1, 0.9), "sigma_p"),
-        ((0.0, 0.2, -0.1, 0.9), "sigma_l"),
-        ((0.0, 0.2, 0.1, 1.1), "q0"),
-    ],
+    [((np.nan, 0.2, 0.1, 0.9), "mu1"), ((0.0, 0.0, 0.1, 0.9), "sigma_p"), ((0.0, 0.2, -0.1, 0.9), "sigma_l"), ((0.0, 0.2, 0.1, 1.1), "q0")],
 )
 def test_unusable_parameters_raise_and_are_named(values, named):
     with pytest.raises(NumericalError, match=named):

@@ -17,14 +17,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
-from bayes_toe.model.ladder import (
-    CONSTANT_BIAS,
-    MODELS,
-    SYMMETRIC,
-    model_named,
-    posterior_of,
-    require_models,
-)
+from bayes_toe.model.ladder import CONSTANT_BIAS, MODELS, SYMMETRIC, model_named, posterior_of, require_models
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import DEFAULT, Prior
 
@@ -240,9 +233,7 @@ TRUTHS = {
     "differencing": [[0.08, np.log(0.11), 2.5]],
 }
 #: Models that reduce to the one that made the data, or that it reduces to: which of them wins by a little is chance.
-KIN = {
-    "predictive update": {"predictive update", "mean-reverting memory", "no lapses"},
-}
+KIN = {"predictive update": {"predictive update", "mean-reverting memory", "no lapses"}}
 
 
 @pytest.mark.parametrize("name", TRUTHS)

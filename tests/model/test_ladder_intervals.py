@@ -17,13 +17,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, update
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.ladder import (
-    MODELS,
-    NAMES,
-    PREDICTIVE_UPDATE,
-    model_named,
-    posterior_of,
-)
+from bayes_toe.model.ladder import MODELS, NAMES, PREDICTIVE_UPDATE, model_named, posterior_of
 from bayes_toe.model.posterior import Model
 
 CASES = hard_cases()

@@ -89,7 +89,7 @@ def test_presets_words_and_what_is_refused(tmp_path):
     ]
 
 
-def test_every_verb_stores_it_as_it_was_said(tmp_path):
+def test_every_verb_stores_it_as_it_was_said(tmp_path, three_models):
     one = bt.Study([subject()])
     draws = bt.sample(one, draws=300, seed=1, workers=1)
     again = bt.load(draws.save(tmp_path / "posterior.nc"))

@@ -12,15 +12,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.planning.judging import Judgement
 from bayes_toe.planning.observers import observers_from, prior_of
 from bayes_toe.planning.power import FOUND, NAMED, WRONG, DataSet, PowerTable, power, share
-from bayes_toe.planning.power_of_studies import (
-    DENYING,
-    ERROR,
-    PULL,
-    AnalysedStudy,
-    PopulationPower,
-    planned_studies,
-    power_of_studies,
-)
+from bayes_toe.planning.power_of_studies import DENYING, ERROR, PULL, AnalysedStudy, PopulationPower, planned_studies, power_of_studies
 from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
 

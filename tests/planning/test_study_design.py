@@ -11,14 +11,7 @@ from commands import good, refused
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.study_design import (
-    StudyDesign,
-    apportioned,
-    narrow_study_design,
-    paper_study_design,
-    save_trials,
-    trial_list,
-)
+from bayes_toe.planning.study_design import StudyDesign, apportioned, narrow_study_design, paper_study_design, save_trials, trial_list
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):

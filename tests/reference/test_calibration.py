@@ -90,7 +90,7 @@ def test_alone_or_with_evidence_the_ranks_are_the_same(table):
     assert again.evidence == one.evidence
 
 
-def test_what_is_judged_is_what_the_commands_say():
+def test_what_is_judged_is_what_the_commands_say(three_models):
     """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
     settings = calibration_settings(3)
     job = Job("sparse", True, "sparse-h1-0001", True, True, settings)
