@@ -248,7 +248,7 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> 
             "fit": fit,
             "fitted": {key: (best, *limit) for key, best, limit in limits},
             "parameters": [{**one, "quantiles": allowed_quantiles(one, 3)} for one in summaries[name]],
-            "remarks": [*messages[name], *row.notes],
+            "remarks": [*messages[name], *(messages[counts.person] if counts.condition else ()), *row.notes],
             "prior_dominated": [
                 one["parameter"] for one in summaries[name] if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
             ],

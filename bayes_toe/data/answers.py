@@ -19,7 +19,7 @@ class Answers:
     `keys`, shape (rows, 2 or 3), are the pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has
     intervals; `n_yes` and `n_trials`, shape (rows,), the answers that the task counts and all answers, of which a trial is one. `block` is
     where in `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are
-    trials.
+    trials, and `place` between which rows of the file they are.
     """
 
     keys: FloatArray
@@ -28,6 +28,7 @@ class Answers:
     block: IntArray | None
     blocks: tuple[str, ...]
     trials: bool
+    place: tuple[int, int] | None = None
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
         """Which rows are in one of these blocks; all rows where none is named.
@@ -56,7 +57,7 @@ class Answers:
         if block is not None:
             own, block = np.unique(block[~rows], return_inverse=True)
             blocks = tuple(blocks[place] for place in own.tolist())
-        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials)
+        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials, self.place)
 
 
 @dataclass(frozen=True, eq=False)

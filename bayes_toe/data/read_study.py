@@ -357,7 +357,8 @@ def _answers(rows: _Rows, parts: Mapping[str, IndexArray], k: IntArray, n: IntAr
         if trial is not None and at is None:
             disordered.append(bare(name))
         at = part if at is None else part[at]
-        every = Answers(keys[at], k[at], n[at], None if block is None else rank[at], names, trials)
+        place = (int(part.min()), int(part.max())) if trials else None
+        every = Answers(keys[at], k[at], n[at], None if block is None else rank[at], names, trials, place)
         found[name] = every.without(np.zeros(len(at), np.bool_))  # with the blocks that are this subject's
     return found, disordered
 

@@ -8,12 +8,14 @@ another one, is not identified: its posterior exists because the prior is proper
 from __future__ import annotations
 
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.data.conditions import Stimuli
+from bayes_toe.data.conditions import Stimuli, by_person
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, quoted
 from bayes_toe.data.study import Study, Subject, require_study, said_intervals
@@ -33,6 +35,7 @@ _NEAR, _SELDOM = 10.0, 0.1  # a prior of another unit has sigma_p within this fa
 _ROUNDED = 1e-6  # of the range of the stimuli: no observer tells them apart, and stimuli in single precision are as near
 #: Shares of right answers: two just noticeable differences (75 % points) give 91 % without lapses; few lapse in more than 5 %.
 _EASY, _CERTAIN = 0.9, 0.95
+_APART = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
@@ -82,7 +85,7 @@ def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]
     ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
     require_study(study)
-    of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study))
+    of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study), *_conditions(study))
     designs: dict[bytes, list[list[tuple[str, str]]]] = {}
     return (*of_all, *(finding for subject in study for finding in _of_subject(subject, designs)))
 
@@ -327,6 +330,36 @@ def _units(study: Study) -> list[Finding]:
         return []
     message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
     return [Finding("", "long_intervals", message)]
+
+
+def _conditions(study: Study) -> list[Finding]:
+    """What makes a difference between conditions one of something else, or not to be seen."""
+    if study.conditions is None:
+        return []
+    found, orders = list[Finding](), Counter[str]()
+    for person, units in by_person(study).items():
+        missing = [level for level in study.conditions.levels if level not in {one.condition for one in units}]
+        if missing:
+            message = f"Never in condition {listed(missing)}: that says nothing there of this subject, who stays in the population."
+            found.append(Finding(person, "missing_condition", message))
+        means, felt = [0.5 * float(np.average(one.s1 + one.s2, weights=one.n_trials)) for one in units], units[0].felt
+        if felt is not None and (apart := (max(means) - min(means)) / felt.sd) > _APART:
+            message = (
+                f"Stimuli differ between conditions, by {apart:.2g} of their standard deviation in the mean: a difference in answers may "
+                "be due to them, where the model does not hold over all stimuli."
+            )
+            found.append(Finding(person, "stimuli_by_condition", message))
+        known = [(one.condition, study.reading.answers[one.name].place) for one in units if one.name in study.reading.answers]
+        places = sorted((place, level) for level, place in known if place is not None)
+        if len(places) == len(units) > 1 and all(one[0][1] < other[0][0] for one, other in pairwise(places)):
+            orders[", ".join(level for _, level in places)] += 1
+    if len(orders) == 1 and orders.total() > 0.5 * len(by_person(study)):
+        message = (
+            f"Conditions came one after the other, {listed([*orders])}, in {counted(orders.total(), 'subject')} and in no other order: a "
+            "difference between them may be one of time, such as practice or tiredness."
+        )
+        found.append(Finding("", "conditions_in_order", message))
+    return found
 
 
 def _repeated(study: Study) -> list[Finding]:

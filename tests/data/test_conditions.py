@@ -98,3 +98,15 @@ def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
     path = write_table(frame, tmp_path / "table.csv", units=True)
     assert pd.read_csv(path, keep_default_na=False).columns.tolist() == ["model", "subject", "condition", "value"]
     assert read_rows(path, ("subject",), ("value",))[0]["subject"] == ["a@left", "*"]
+
+
+def test_check_warns_of_time_stimuli_and_missing_levels(read):
+    found = {(one.subject, one.code): one.message for one in bt.check(read())}
+    assert "1.9 of their standard deviation" in found["a", "stimuli_by_condition"]
+    assert "right, left, in 2 subjects" in found["", "conditions_in_order"]
+    assert ("a", "missing_condition") not in found
+    lines = ROWS.splitlines()
+    mixed = read("\n".join([lines[0], *lines[1:7:2], *lines[2:7:2], *lines[7:10]]))
+    codes = {(one.subject, one.code): one.message for one in bt.check(mixed)}
+    assert ("", "conditions_in_order") not in codes
+    assert "Never in condition left" in codes["b", "missing_condition"]
