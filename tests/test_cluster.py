@@ -162,7 +162,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 )
 def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    assert refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder) == f"error: {said}\n"
+    assert refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder, silent=False) == f"error: {said}\n"
 
 
 def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):
