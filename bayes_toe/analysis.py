@@ -131,7 +131,7 @@ def run(
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
         made = assembled(kept.draws, study, _Drawn(done), settings, failed)
         small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
-    fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior)
+    fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior, study.task)
     by_name = {model.name: model for model in models_of(study.task).space}
     best = tuple(
         Predictor(by_name[one.evidence.verdict.best_model].posterior(study[one.evidence.subject], settings.prior), one.best)
@@ -308,8 +308,9 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     said, space = verdict(subject, prior, seed, data=data)
     result, fitted = fitted_result(models.update.posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
-    if subject.isi is None and subject.task == SAME_DIFFERENT:  # what the maximum-likelihood fit knows
-        fit = None if wanted.chains is None else subject_fit(subject, prior, seed=seed)
+    if subject.isi is None and wanted.chains is not None:  # the maximum-likelihood fit knows no intervals
+        fit = subject_fit(subject, prior, seed=seed)
+    if subject.isi is None and subject.task == SAME_DIFFERENT:  # of the paper's task
         made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES) if fit is None else fit.bootstrap
         by_bootstrap = bootstrap_evidence(made, prior)
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit

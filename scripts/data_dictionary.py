@@ -16,13 +16,14 @@ from reference.calibration_statistics import Reliability
 
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
-from bayes_toe.classical.fit import FIT_COLUMNS, SubjectFit
+from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, WORDS, Difference
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, sensitivity_columns
 from bayes_toe.comparison.words import EFFECTS
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.groups.savage_dickey import Ratio
@@ -111,7 +112,7 @@ COMMON = {
         ("mu1", f"Prior mean of the observer, {LN}"),
         ("sigma_p", f"Diffusion of memory, {LN} (per √s with intervals)"),
         ("sigma_l", f"Measurement noise, {LN}"),
-        ("q0", "P(equal) where both are perceived alike"),
+        ("q0", "P(equal) where both are perceived alike; asked which was stronger the column is `lapse_rate`, the share of blind answers"),
     )},
 }  # fmt: skip
 
@@ -245,12 +246,12 @@ FILES = (
         {f"alone_{key}": f"{key[1:].lstrip('0')} % quantile of the same subject analysed alone." for key in ("q05", "q50", "q95")},
     ),
     File(
-        "fit.csv", "`fit`", "subject", FIT_COLUMNS, [SubjectFit], {
+        "fit.csv", "`fit`", "subject", fit_columns(SAME_DIFFERENT), [SubjectFit], {
             **{name: f"{COMMON[name][:-1]}: the maximum; empty where the answers leave it open." for name in FITTED},
             **{f"{name}_{side}": f"{side.capitalize()} end of the bootstrap interval of {name}." for name in FITTED for side in ("lower", "upper")},
             "level": "Share of the replicates inside the intervals.", "replicates": "Bootstrap replicates.",
             "penalty": "The normal of mu1 that is added to the log likelihood.",
-            "at_edge": "Edges on which the maximum lies, such as `gamma=1` or `q0=1`, joined with `;`; empty where it lies inside.",
+            "at_edge": "Edges on which the maximum lies, such as `gamma=1` or `q0=1`, or `lapse_rate=0`, joined with `;`; empty where it lies inside.",
         },
     ),
     File(

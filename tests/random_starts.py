@@ -4,21 +4,27 @@ import warnings
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import ndtr
 
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
 
 
 def minus_objective(subject, prior):
-    """In natural parameters (mu1, sigma_p, gamma, q0), written without the package."""
+    """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), written without the package."""
     k, d = subject.n_yes.astype(float), (subject.n_trials - subject.n_yes).astype(float)
 
     def value(theta):
-        mu1, sigma_p, gamma, q0 = theta
+        mu1, sigma_p, gamma, last = theta
         big = (1 + np.sqrt(1 + 4 * gamma)) / 2
-        z = (subject.s2 - subject.s1 / big - (1 - 1 / big) * mu1) / (sigma_p * big**1.5)
+        away = (subject.s2 - subject.s1 / big - (1 - 1 / big) * mu1) / sigma_p
         with np.errstate(all="ignore"):
-            log_q = np.log(q0) - np.log(2) * z * z
-            total = np.where(k > 0, k * log_q, 0).sum() + np.where(d > 0, d * np.log(-np.expm1(log_q)), 0).sum()
+            if subject.task == WHICH_STRONGER:
+                logs = (np.log(last / 2 + (1 - last) * ndtr(sign * away / big)) for sign in (1, -1))
+            else:
+                log_q = np.log(last) - np.log(2) * (away / big**1.5) ** 2
+                logs = (log_q, np.log(-np.expm1(log_q)))
+            total = sum(np.where(n > 0, n * log, 0).sum() for n, log in zip((k, d), logs, strict=True))
         result = total - (mu1 - prior.mu1_mean) ** 2 / (2 * prior.mu1_sd**2)
         return -result if np.isfinite(result) else 1e300
 

@@ -1,7 +1,7 @@
 """The paper's fit of a study: maximum-likelihood parameters of every subject with the bootstrap's intervals, beside the posterior's.
 
 The bootstrap says how far the fit would move if the same subject did the experiment again: each pair's frequency
-q' ~ Beta(n_Eq + 1, n_Diff + 1), new answers n' ~ Binomial(n, q'), refit. Source: Methods, with the exponent corrected: p(q | n_Eq) is
+q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source: Methods, with the exponent corrected: p(q | n_Eq) is
 q^n_Eq (1 - q)^n_Diff. All replicates are fitted in one batch of Newton ascents.
 """
 
@@ -18,15 +18,14 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.ellipse import Ellipse
-from bayes_toe.classical.maximum_likelihood import EDGES, Fits, fit_counts, fit_subject
-from bayes_toe.classical.penalised_likelihood import Counts, Design, replicate_starts
+from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -70,7 +69,7 @@ class Bootstrap:
         return len(self.fits)
 
     def intervals(self, level: float = 0.95) -> FloatArray:
-        """Percentile interval of mu1, sigma_p, sigma_l and q0, shape (4, 2): order statistics, so that infinite ones stay what they are.
+        """Percentile interval of the four parameters, shape (4, 2): order statistics, so that infinite ones stay what they are.
 
         Over the replicates that determine the parameter; NaN where the fit or most replicates do not.
 
@@ -80,7 +79,7 @@ class Bootstrap:
             If the level is not between 0 and 1.
         """
         require_level(level)
-        result = np.full((len(NATURAL), 2), np.nan)
+        result = np.full((self.fits.parameters.shape[1], 2), np.nan)
         for i, values in enumerate(self.fits.parameters.T):
             known = values[~np.isnan(values)]
             if 2 * len(known) > len(self) and not np.isnan(self.fitted.parameters[0, i]):
@@ -88,12 +87,12 @@ class Bootstrap:
         return result
 
     def bands(self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8) -> FloatArray:
-        """Quantiles of the replicates' P(equal) for pairs s1, s2 (natural-log intensity), shape (2, pairs).
+        """Quantiles of the replicates' P of the answer that the task counts for pairs s1, s2 (natural-log intensity), shape (2, pairs).
 
         The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
         """
         first, second = np.broadcast_arrays(np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64)))
-        return np.asarray(np.quantile(self.fits.equal_probability(first, second), [low, high], axis=0))
+        return np.asarray(np.quantile(self.fits.curves.equal(first, second), [low, high], axis=0))
 
     def covariance(self) -> FloatArray | None:
         """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4); None where one is infinite or not determined.
@@ -125,10 +124,10 @@ class Bootstrap:
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the intervals has to know, one sentence each."""
         count, lost = len(self), int((~self.fits.arrived).sum())
-        on_edge = dict(zip(EDGES, self.fits.edges.sum(axis=0).tolist(), strict=True))
+        on_edge = dict(zip(self.fits.edge_names, self.fits.edges.sum(axis=0).tolist(), strict=True))
         found = [f"{lost} of {count} bootstrap replicates did not converge; their best points are used"] if lost else []
         found += [f"{on_edge[name]} of {count} bootstrap replicates have {said}" for name, said in _SAID.items() if on_edge[name]]
-        limits = zip(NATURAL, self.fitted.parameters[0], self.intervals(), strict=True)
+        limits = zip(self.fitted.names, self.fitted.parameters[0], self.intervals(), strict=True)
         if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
             found.append(f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies")
         return tuple(found)
@@ -165,21 +164,19 @@ def bootstrap_subject(
     require_kind("replicates", replicates, Integral, "a whole number from 1")
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
-    penalty = DEFAULT if prior is None else prior
-    own = fit_subject(subject, penalty) if fitted is None else fitted
-    equal = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    design, counts = Design.of(subject, penalty), Counts.of(equal, subject.n_trials)
-    return Bootstrap(subject.name, own, fit_counts(design, counts, replicate_starts(design, own.identified[0], counts)), seed)
+    counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
+    own = fit_counts(subject, prior) if fitted is None else fitted
+    return Bootstrap(subject.name, own, fit_counts(subject, prior, counts), seed)
 
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
-    """New counts of 'equal' of every pair, (replicates, pairs): q' ~ Beta(n_Eq + 1, n_Diff + 1), n' ~ Binomial(n, q')."""
+    """New counts of every pair, (replicates, pairs): q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q')."""
     q = rng.beta(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, size=(replicates, subject.n_pairs))
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 
 def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | None, str]:
-    """Log evidence of H1 by Appendix C's own recipe, and what is to be said of it.
+    """Log evidence of H1, of same or different, by Appendix C's own recipe, and what is to be said of it.
 
     log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the covariance of the replicates, both in the
     paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0); the density of the prior, which is one of numbers, is transformed to them.
@@ -214,16 +211,17 @@ def require_level(level: float) -> None:
 
 #: Bootstrap replicates of a subject, as many as in the paper.
 REPLICATES = 1000
-
-FIT_COLUMNS = (
-    *("subject", *NATURAL, "log_likelihood", "at_edge"),
-    *(f"{name}_{side}" for name in NATURAL for side in ("lower", "upper")),
-    *("level", "replicates", "penalty"),
-)
 UNCERTAINTY_COLUMNS = (
     *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
     *("fit", "bootstrap_lower", "bootstrap_upper", "at_edge"),
 )
+
+
+def fit_columns(task: Task) -> tuple[str, ...]:
+    """Columns of fit.csv."""
+    natural = natural_names(task)
+    limits = (f"{name}_{side}" for name in natural for side in ("lower", "upper"))
+    return ("subject", *natural, "log_likelihood", "at_edge", *limits, "level", "replicates", "penalty")
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +235,7 @@ class SubjectFit:
 
     @property
     def parameters(self) -> FloatArray:
-        """mu1, sigma_p, sigma_l (natural-log intensity) and q0; NaN where the data leave a parameter open, which `at_edge` says."""
+        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate; NaN where the data leave one open, which `at_edge` says."""
         return np.asarray(self.fitted.parameters[0])
 
     @property
@@ -264,19 +262,21 @@ class FitTable(SubjectTable[SubjectFit]):
     seed : int
     prior : Prior, optional
         Its normal of mu1 is the penalty.
+    task : Task
     """
 
     level: float
     replicates: int
     seed: int
     prior: Prior | None = None
+    task: Task = SAME_DIFFERENT
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         penalty = None if self.prior is None else self.prior.describe_penalty()
         limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
         fits = ((row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some) for row, some in zip(self, limits, strict=True))
-        return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(FIT_COLUMNS))
+        return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(fit_columns(self.task)))
 
     def beside(self, draws: Draws) -> pd.DataFrame:
         """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
@@ -295,7 +295,9 @@ class FitTable(SubjectTable[SubjectFit]):
         tails = [0.5 - self.level / 2.0, 0.5, 0.5 + self.level / 2.0]
         rows = []
         for row in self:
-            for key, best, (lower, upper) in zip(NATURAL, row.parameters, row.bootstrap.intervals(self.level), strict=True):
+            for key, best, (lower, upper) in zip(
+                natural_names(self.task), row.parameters, row.bootstrap.intervals(self.level), strict=True
+            ):
                 low, middle, high = np.quantile(draws.values(row.subject, key), tails)
                 rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
         return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))
@@ -345,20 +347,18 @@ def fit(
         raise InputError(f"replicates={replicates} must be at least 1")
     require_study(study)
     refuse_intervals(study, "maximum-likelihood fit")
-    if study.task != SAME_DIFFERENT:
-        raise InputError(f"maximum-likelihood fit: found the task '{study.task.name}', allowed: '{SAME_DIFFERENT.name}'; use `sample`")
     root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, root, penalty)
+    return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
 
 
 def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:
     """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
-    fitted = fit_subject(subject, prior)
+    fitted = fit_counts(subject, prior)
     made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
     notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
-    open_ = [name for name, value in zip(NATURAL, fitted.parameters[0], strict=True) if np.isnan(value)]
+    open_ = [name for name, value in zip(fitted.names, fitted.parameters[0], strict=True) if np.isnan(value)]
     if open_:
         notes.append(f"not determined by these answers: {', '.join(open_)}")
     return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))

@@ -152,7 +152,7 @@ def say_fits(console: Console, table: FitTable) -> None:
     for one in table:
         row: dict[Any, Any] = {"subject": one.subject}
         limits = one.bootstrap.intervals(table.level).tolist()
-        for name, value, (low, high) in zip(("mu1", "sigma_p", "sigma_l", "q0"), one.parameters.tolist(), limits, strict=True):
+        for name, value, (low, high) in zip(one.fitted.names, one.parameters.tolist(), limits, strict=True):
             row[name] = number(value) + ("" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})")
         rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
     title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"

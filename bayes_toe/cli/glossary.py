@@ -94,8 +94,7 @@ def glossary(task: Task) -> Glossary:
     "a free frequency of 'second' for every pair: nothing connects the pairs"
     """
     known = {"yes": task.yes, "models": len(models_of(task).space), "jnd": _JND[task], "share_of": SHARE_OF[task]}
-    absent = () if task == SAME_DIFFERENT else ("maximum likelihood", "bootstrap")  # a fit of the paper's task alone
-    terms = {term: words.format_map(known) for term, words in _TERMS.items() if term not in absent}
+    terms = {term: words.format_map(known) for term, words in _TERMS.items()}
     reported = (name for block in models_of(task).update.free for name in block.names.reported)
     terms |= {name: f"{symbol(name)}: {meaning(name, task)}" for name in reported}
     words = "|".join(map(re.escape, sorted([*terms, *_ALSO], key=len, reverse=True)))

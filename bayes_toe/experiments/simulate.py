@@ -18,7 +18,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import equal_probability, evolved_mean, require_natural, variance_ratio
-from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
@@ -162,7 +162,7 @@ def prior_population(
     else:
         observer = models_of(task).update.posterior(pairs, numbers)
         found = observer.quantities(observer.sample_prior(rng, size))
-        drawn = Natural(*(found[name] for name in _parameters(task)))
+        drawn = Natural(*(found[name] for name in natural_names(task)))
     interval = numbers.reference_interval or 1.0  # without intervals there is no unit of time
     return drawn._replace(sigma_p=drawn.sigma_p / np.sqrt(interval))
 
@@ -301,19 +301,14 @@ def simulate(
         names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
     trials = simulate_trials(names, natural, planned, root, asked)
     subjects = [Subject.from_trials(one.subject, one.s1, one.s2, one.yes, one.isi, task=asked) for one in trials]
-    keys = _parameters(asked)
+    keys = natural_names(asked)
     truth = {name: {key: float(values[i]) for key, values in zip(keys, natural, strict=True)} for i, name in enumerate(names)}
     return Simulated(Study(tuple(subjects), f"simulated, seed {root}", synthetic=True), truth)
 
 
-def _parameters(task: Task) -> tuple[str, ...]:
-    """What the four parameters of the paper's observer are called in a task."""
-    return (*NATURAL[:3], task.lapses)
-
-
 def _given(observers: Truth, task: Task) -> Natural:
     """Parameters by subject as arrays, shape (observers,)."""
-    names = _parameters(task)
+    names = natural_names(task)
     for name, values in observers.items():
         if set(values) != set(names):
             raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four")
@@ -371,8 +366,8 @@ def population_from(
         rng, names = generator(seed, "population"), subject_names(size)
         return names, prior_population(size, rng, design, prior, task) if population == "prior" else paper_population(size, rng, task)
     _require_file(population, "--population", _POPULATIONS)
-    names, columns = read_numbers(population, _parameters(task), key="subject")
-    return names, _natural_from([columns[name] for name in _parameters(task)], population, task)
+    names, columns = read_numbers(population, natural_names(task), key="subject")
+    return names, _natural_from([columns[name] for name in natural_names(task)], population, task)
 
 
 def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
@@ -399,7 +394,7 @@ def truth_frame(names: Sequence[str], observers: Natural, task: Task = SAME_DIFF
     """True natural parameters, one row a subject."""
     import pandas as pd
 
-    return pd.DataFrame({"subject": list(names), **dict(zip(_parameters(task), observers, strict=True))})
+    return pd.DataFrame({"subject": list(names), **dict(zip(natural_names(task), observers, strict=True))})
 
 
 def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Natural:

@@ -94,7 +94,7 @@ def ascend(
     objective: Objective,
     x: FloatArray,
     *,
-    upper: npt.ArrayLike = np.inf,
+    lower: npt.ArrayLike = -np.inf,
     fixed: npt.ArrayLike = False,
     most: float = 5.0,
     iterations: int = 200,
@@ -107,8 +107,8 @@ def ascend(
     objective : Objective
     x : array, shape (k, points)
         Starts, inside the bounds; the value there is finite.
-    upper : array_like, broadcast to (k, points)
-        Upper bounds. A coordinate that is on its bound and would rise stays there until its slope turns.
+    lower : array_like, broadcast to (k, points)
+        Lower bounds. A coordinate that is on its bound and would fall stays there until its slope turns.
     fixed : array_like of bool, broadcast to (k, points)
         Coordinates that stay where they start.
     most : float
@@ -128,21 +128,21 @@ def ascend(
     ...     def derivatives(self, x, index):
     ...         return -2.0 * (x - 2.0), np.full((1, *x.shape), -2.0)
     >>> found = ascend(Hill(), np.zeros((1, 1)))
-    >>> round(float(found.x[0, 0]), 9), round(float(ascend(Hill(), np.zeros((1, 1)), upper=1.0).x[0, 0]), 9)
-    (2.0, 1.0)
+    >>> round(float(found.x[0, 0]), 9), round(float(ascend(Hill(), np.full((1, 1), 9.0), lower=3.0).x[0, 0]), 9)
+    (2.0, 3.0)
     """
     at = np.arange(x.shape[1])
     now = Ascent(x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool))
-    ended, top, held = now, *(np.array(np.broadcast_to(bound, x.shape)) for bound in (upper, fixed))
+    ended, floor, held = now, *(np.array(np.broadcast_to(bound, x.shape)) for bound in (lower, fixed))
     damping, leaders = np.full(len(at), 1e-3), None if rivals is None else _Leaders(rivals, x)
     for _ in range(iterations):
         if not len(at):
             break
-        free = ~(held | ((now.x >= top) & (now.gradient >= 0.0)))
+        free = ~(held | ((now.x <= floor) & (now.gradient <= 0.0)))
         with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
             step, decrement, proper = _steps(now.gradient, now.hessian, free, damping)
         step *= np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY))
-        trial = np.minimum(now.x + step, top)
+        trial = np.maximum(now.x + step, floor)
         value = objective.value(trial, at)
         better = value >= now.value
         now.x[:, better], now.value[better] = trial[:, better], value[better]
@@ -156,7 +156,7 @@ def ascend(
             going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])
         if not going.all():
             ended.put(at, now)
-            at, damping, top, held, now = at[going], damping[going], top[:, going], held[:, going], now.take(np.flatnonzero(going))
+            at, damping, floor, held, now = at[going], damping[going], floor[:, going], held[:, going], now.take(np.flatnonzero(going))
     ended.put(at, now)
     return ended
 

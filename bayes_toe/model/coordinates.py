@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy.special import erfcx, expit, log_expit, log_ndtr, logit, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import Task
 from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio, width
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
@@ -26,6 +27,18 @@ DERIVED = ("gamma", "sigma1", "gain", "width")
 QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
 #: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
 _ROUNDING = 1e-15
+
+
+def natural_names(task: Task) -> tuple[str, ...]:
+    """What a task calls the paper's four parameters.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.tasks import WHICH_STRONGER
+    >>> natural_names(WHICH_STRONGER)
+    ('mu1', 'sigma_p', 'sigma_l', 'lapse_rate')
+    """
+    return (*NATURAL[:3], task.lapses)
 
 
 class Natural(NamedTuple):

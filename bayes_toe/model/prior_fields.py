@@ -10,6 +10,7 @@ import math
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -192,6 +193,7 @@ class PriorFields:
                 raise InputError(f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}")
 
     @classmethod
+    @cache
     def declared(cls) -> tuple[PriorField, ...]:
         """Its numbers in the order of their declaration."""
         return tuple(PriorField(one.name, **one.metadata) for one in fields(cls) if one.metadata)

@@ -8,8 +8,9 @@ from scipy.stats import multivariate_normal, norm
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
-from bayes_toe.classical.maximum_likelihood import EDGES, Fits
+from bayes_toe.classical.maximum_likelihood import Fits
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
@@ -29,7 +30,7 @@ def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
 
     def fits(p):
         n = len(p)
-        return Fits(p, np.full(n, -5.0), np.full(n, -5.0), np.zeros((n, len(EDGES)), bool), np.ones(n, bool), np.ones((n, 4)), 0.0)
+        return Fits(p, np.full(n, -5.0), np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool), np.zeros((n, 4)), SUBJECTS["S01"])
 
     return Bootstrap("x", fits(rows[0]), fits(rows[1]), 1)
 
@@ -52,6 +53,17 @@ def test_optima_are_those_of_a_loop_over_a_general_optimiser(name):
     for i, row in enumerate(counts):
         other = best_of_random_starts(Subject(name, subject.s1, subject.s2, row, subject.n_trials), 6)
         assert found.objective[i] >= other - 1e-8
+
+
+def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
+    study = bt.example_study(WHICH_STRONGER).select(["S01", "S02"])
+    table = bt.fit(study, replicates=100, seed=1, workers=1)
+    frame = table.frame().set_index("subject")
+    assert list(frame.columns[:6]) == ["mu1", "sigma_p", "sigma_l", "lapse_rate", "log_likelihood", "at_edge"]
+    assert (frame.lapse_rate_lower <= frame.lapse_rate).all()
+    assert (frame.mu1 < frame.mu1_upper).all()
+    low, high = table["S02"].bootstrap.bands(0.0, [-0.3, 0.3])
+    assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
 def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):

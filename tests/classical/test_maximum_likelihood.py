@@ -1,40 +1,94 @@
-"""The maximum-likelihood fit: never below a general optimiser, known edges, invariances; few starts that lead as high as many."""
+"""The fit of both tasks: never below a general optimiser, known edges, invariances, agreement with a probit regression."""
 
 import mpmath
 import numpy as np
 import pytest
 from random_starts import best_of_random_starts
 from reference.hard_cases import hard_cases
+from scipy.optimize import root
+from scipy.special import log_ndtr, ndtr
 
 import bayes_toe as bt
-from bayes_toe.classical.fit import resample
-from bayes_toe.classical.maximum_likelihood import EDGES, fit_counts, fit_subject
-from bayes_toe.classical.penalised_likelihood import Counts, Design, first_starts, replicate_starts
+from bayes_toe.classical.maximum_likelihood import fit_counts
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
 SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}}
+STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
+GRID = [side.ravel() for side in np.meshgrid(np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5))]
 #: Random starts of the general optimiser in a routine run; 50 were run once for every subject here and for the real studies.
 STARTS = 6
 
 
 @pytest.mark.parametrize("name", sorted(SUBJECTS))
 def test_never_below_a_general_optimiser(name):
-    found, other = fit_subject(SUBJECTS[name], Prior()), best_of_random_starts(SUBJECTS[name], STARTS)
+    found, other = fit_counts(SUBJECTS[name], Prior()), best_of_random_starts(SUBJECTS[name], STARTS)
     assert found.arrived[0]
     assert found.objective[0] >= other - 1e-9 * (1 + 1e-5 * abs(other))
+
+
+@pytest.mark.parametrize("name", ["S01", "S03", "S08", "S12"])
+def test_never_below_a_general_optimiser_where_one_is_stronger(name):
+    found, other = fit_counts(STRONGER[name], Prior()), best_of_random_starts(STRONGER[name], STARTS)
+    assert found.arrived[0]
+    assert found.objective[0] >= other - 1e-9
+
+
+@pytest.mark.parametrize(("pull", "mu1", "sd"), [(0.2, 0.1, 0.3), (0.05, 3.0, 0.3), (0.3, -0.4, 0.5)])
+def test_without_lapses_and_penalty_it_is_a_probit_regression(pull, mu1, sd):
+    """P(second) = Phi(b0 + b1 s1 + b2 s2): K = -b1/b2, sigma_d = 1/b2, and the offset is K sbar less where the curve crosses one half."""
+    s1, s2 = GRID
+    z = (s2 - s1 + pull * (s1 - mu1)) / sd
+    n_yes = np.rint(100 * ndtr(z * (1 + 0.02 * z * z))).astype(int)  # somewhat steeper far out: no lapses
+
+    def score(b):
+        z = b @ [np.ones(25), s1, s2]
+        rise, fall = (np.exp(-0.5 * z * z - log_ndtr(side)) / np.sqrt(2 * np.pi) for side in (z, -z))
+        return np.array([np.ones(25), s1, s2]) @ (n_yes * rise - (100 - n_yes) * fall)
+
+    b0, b1, b2 = root(score, [0.0, -1.0 / sd, 1.0 / sd], tol=1e-13).x
+    gain = -b1 / b2
+    found = fit_counts(Subject("x", s1, s2, n_yes, np.full(25, 100), task=WHICH_STRONGER), Prior(mu1_sd=1e7))
+    assert found.at_edge == ("lapse_rate=0",)
+    expected = [-b0 / b2 / (1 - gain), gain / b2, np.sqrt(1 - gain) / b2, 0.0]
+    assert found.parameters[0] == pytest.approx(expected, rel=1e-8)
+
+
+def test_answers_exchanged_mirror_the_fit():
+    s1, s2, n, k = -STRONGER["S05"].s1, -STRONGER["S05"].s2, STRONGER["S05"].n_trials, STRONGER["S05"].n_yes
+    plain = fit_counts(STRONGER["S05"], Prior())
+    order = np.lexsort((s2, s1))
+    mirrored = fit_counts(Subject("x", s1[order], s2[order], (n - k)[order], n[order], task=WHICH_STRONGER), Prior())
+    assert mirrored.objective == pytest.approx(plain.objective, rel=1e-12)
+    assert mirrored.parameters[0] == pytest.approx(plain.parameters[0] * [-1, 1, 1, 1], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("answers", "parameters", "edge"),
+    [
+        (lambda apart: np.where(apart > 0, 50, np.where(apart < 0, 0, 25)), (0, 0, 0, 0), "gamma=0;lapse_rate=0;sigma_p=0"),
+        (lambda apart: 25 + 0 * apart, (0, np.nan, np.nan, 1), "lapse_rate=1;not unique"),
+    ],
+)
+def test_degenerate_answers_which_is_stronger_are_said_to_be_so(answers, parameters, edge):
+    s1, s2 = GRID
+    n_yes = answers(np.round(s2 - s1, 9)).astype(int)
+    found = fit_counts(Subject("x", s1, s2, n_yes, np.full(25, 50), task=WHICH_STRONGER), Prior())
+    assert found.at_edge == (edge,)
+    assert found.parameters[0] == pytest.approx(np.array(parameters, float), abs=1e-6, nan_ok=True)
 
 
 def test_never_below_a_general_optimiser_on_real_studies(real_data):
     for file in ("vibrotactile_rate/trials.csv", "morse_rothkopf_1957/dots.csv"):
         for subject in bt.read_study(real_data / file, bt.ReadOptions(equal_code="1")):
-            assert fit_subject(subject, Prior()).objective[0] >= best_of_random_starts(subject, 4) - 1e-9
+            assert fit_counts(subject, Prior()).objective[0] >= best_of_random_starts(subject, 4) - 1e-9
 
 
 @pytest.mark.parametrize("name", ["S01", "S07", "S12", "funnel", "stimuli offset by 100"])
 def test_value_and_stationarity_with_fifty_digits(name):
-    subject, found = SUBJECTS[name], fit_subject(SUBJECTS[name], Prior())
+    subject, found = SUBJECTS[name], fit_counts(SUBJECTS[name], Prior())
     with mpmath.workdps(50):
 
         def objective(mu1, log_sigma_p, gamma, q0):
@@ -68,7 +122,7 @@ def test_value_and_stationarity_with_fifty_digits(name):
     ],
 )
 def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
-    found, subject = fit_subject(CASES[name], Prior()), CASES[name]
+    found, subject = fit_counts(CASES[name], Prior()), CASES[name]
     assert found.at_edge == (edge,)
     assert found.parameters[0] == pytest.approx(np.array(parameters, float), abs=1e-6, nan_ok=True)
     k = subject.n_yes.sum() / subject.n_trials.sum()
@@ -88,7 +142,7 @@ def test_degenerate_answers_are_said_to_be_so(name, parameters, edge):
     ],
 )
 def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
-    found = fit_subject(Subject("x", s1, s2, n_equal, [50] * len(s1)), Prior())
+    found = fit_counts(Subject("x", s1, s2, n_equal, [50] * len(s1)), Prior())
     assert found.at_edge == (edge,)
     assert np.isnan(found.parameters[0]).tolist() == open_
     assert np.isfinite(found.objective[0])
@@ -96,11 +150,11 @@ def test_small_designs_say_what_they_leave_open(s1, s2, n_equal, edge, open_):
 
 @pytest.mark.parametrize("name", ["S01", "S02", "S06", "S07", "one batch"])
 def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
-    s, plain = SUBJECTS[name], fit_subject(SUBJECTS[name], Prior())
-    up = fit_subject(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_yes, s.n_trials), Prior(mu1_mean=3.0))
+    s, plain = SUBJECTS[name], fit_counts(SUBJECTS[name], Prior())
+    up = fit_counts(Subject("up", s.s1 + 3.0, s.s2 + 3.0, s.n_yes, s.n_trials), Prior(mu1_mean=3.0))
     assert up.objective == pytest.approx(plain.objective, rel=1e-12)
     assert up.parameters[0] == pytest.approx(plain.parameters[0] + [3, 0, 0, 0], abs=1e-5)
-    wide = fit_subject(Subject("wide", s.s1 * 7.0, s.s2 * 7.0, s.n_yes, s.n_trials), Prior(mu1_sd=70.0))
+    wide = fit_counts(Subject("wide", s.s1 * 7.0, s.s2 * 7.0, s.n_yes, s.n_trials), Prior(mu1_sd=70.0))
     assert wide.objective == pytest.approx(plain.objective, rel=1e-12)
     assert wide.parameters[0] == pytest.approx(plain.parameters[0] * [7, 7, 7, 1], rel=1e-4)
     assert wide.at_edge == up.at_edge == plain.at_edge
@@ -108,45 +162,22 @@ def test_shifting_and_scaling_the_stimuli_with_the_penalty(name):
 
 def test_rows_together_are_rows_alone():
     subject = SUBJECTS["S03"]
-    design = Design.of(subject, Prior())
     rng = np.random.default_rng(4)
     equal = np.concatenate([rng.binomial(subject.n_trials, 0.5, size=(6, 13)), [subject.n_yes], [subject.n_trials], [0 * subject.n_trials]])
-
-    def fit(rows):
-        counts = Counts.of(rows, subject.n_trials)
-        return fit_counts(design, counts, first_starts(design, counts))
-
-    together = fit(equal)
+    together = fit_counts(subject, Prior(), equal)
     for i, row in enumerate(equal):
-        alone = fit(row)
+        alone = fit_counts(subject, Prior(), row)
         assert alone.objective[0] == pytest.approx(together.objective[i], rel=1e-12, abs=1e-10)
         assert alone.at_edge[0] == together.at_edge[i]
 
 
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_curves_have_the_likelihood_that_is_claimed(name):
-    subject, found = CASES[name], fit_subject(CASES[name], Prior())
-    q = found.equal_probability(subject.s1, subject.s2)[0]
+    subject, found = CASES[name], fit_counts(CASES[name], Prior())
+    q = found.curves.equal(subject.s1, subject.s2)[0]
     assert ((q >= 0) & (q <= 1)).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         k, d = subject.n_yes, subject.n_trials - subject.n_yes
         total = np.where(k > 0, k * np.log(q), 0).sum() + np.where(d > 0, d * np.log1p(-q), 0).sum()
     assert total == pytest.approx(found.log_likelihood[0], rel=1e-9, abs=1e-7)
-    assert found.edges.shape == (1, len(EDGES))
-
-
-@pytest.mark.parametrize("name", ["S07", "S12", "very blunt observer", "perfect observer", "one batch", "one order missing"])
-def test_few_starts_lead_as_high_as_many(name):
-    """For replicates of a subject, from those of a fit of which nothing is known and from those about the subject's own fit."""
-    subject = SUBJECTS[name]
-    design, counts = Design.of(subject, Prior()), Counts.of(resample(subject, np.random.default_rng(2), 100), subject.n_trials)
-    offsets, pulls = design.scale * np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), np.log([0.03, 0.3, 0.95])
-    widths = np.log(design.scale) + np.arange(-2.0, 4.0)
-    inside = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, widths)])
-    grid = np.concatenate([inside, np.stack([np.zeros(6), np.full(6, -np.inf), widths])], axis=1)  # with the edge gamma = 0
-    top = np.log(((counts.equal + 1) / (counts.equal + counts.different + 2)).max(axis=1))
-    many = np.stack([*np.broadcast_arrays(*grid[:, None, :], top[:, None])])
-    own = replicate_starts(design, fit_subject(subject, Prior()).identified[0], counts)
-    best, first, again = (fit_counts(design, counts, starts).objective for starts in (many, first_starts(design, counts), own))
-    assert (first >= best - 1e-8).all()
-    assert (again < best - 1e-8).sum() <= 1
+    assert found.edges.shape == (1, len(found.edge_names))

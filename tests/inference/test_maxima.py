@@ -54,12 +54,12 @@ def test_every_start_reaches_its_own_maximum(quadratics):
 
 
 def test_bounds_hold_and_the_multipliers_have_the_right_sign(quadratics):
-    found = ascend(quadratics, np.full((4, 50), -1.0), upper=0.2)
+    found = ascend(quadratics, np.full((4, 50), 1.0), lower=-0.2)
     assert found.arrived.all()
-    assert (found.x <= 0.2).all()
-    at_bound = found.x == 0.2
+    assert (found.x >= -0.2).all()
+    at_bound = found.x == -0.2
     assert at_bound.any(axis=0).mean() > 0.5
-    assert (found.gradient[at_bound] >= 0).all()
+    assert (found.gradient[at_bound] <= 0).all()
     assert np.abs(found.gradient[~at_bound]).max() < 1e-4
 
 

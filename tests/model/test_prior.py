@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.special import betaln, expit, gammainc, gammaincc, gammaincinv, gammaln
 
 import bayes_toe as bt
-from bayes_toe.classical.maximum_likelihood import fit_subject
+from bayes_toe.classical.maximum_likelihood import fit_counts
 from bayes_toe.cli.options import prior_help
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
@@ -241,7 +241,7 @@ def test_a_fit_has_a_normal_penalty_or_is_refused(small_study):
         families: ClassVar = {**Prior.families, "mu1": lambda *_: Uniform()}
 
     with pytest.raises(bt.InputError, match=r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal"):
-        fit_subject(small_study["A"], Flat())
+        fit_counts(small_study["A"], Flat())
 
 
 # --- families against SciPy -----------------------------------------------------------------------------------------------------------
