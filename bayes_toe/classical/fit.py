@@ -92,7 +92,7 @@ class Bootstrap:
         The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
         """
         first, second = np.broadcast_arrays(np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64)))
-        return np.asarray(np.quantile(self.fits.curves.equal(first, second), [low, high], axis=0))
+        return np.asarray(np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0))
 
     def covariance(self) -> FloatArray | None:
         """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4); None where one is infinite or not determined.

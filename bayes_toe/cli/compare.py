@@ -30,10 +30,12 @@ def compare(
     study: StudyFile,
     output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
-    space: Annotated[str, rare("--space", help="parts: 48, over which verdicts average; ladder: those with a name.")] = "parts",
+    space: Annotated[str, rare("--space", help="parts: those over which verdicts average; ladder: those with a name.")] = "parts",
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
 ) -> None:
-    """Which order effect, and which noise, lapses, curve and peak: probabilities of parts over 48 models, for every subject and the study.
+    """Which order effect, and which noise, lapses, curve and peak: probabilities of parts over all models, for every subject and the study.
+
+    There are 48 models of same or different, 12 of which is stronger.
 
     Besides, of every model: evidence; of those that matter: leave-one-out and predictive checks.
 

@@ -29,7 +29,8 @@ _TERMS = {
     "P(pull)": "probability of a pull, over the {models} models",
     "size": "how far the order shifts the curve, root mean square over the first stimuli shown, in just noticeable differences; 0 without "
     "an order effect",
-    "JND": "just noticeable difference: {jnd}; of the answers that depend on the stimuli, as a difference of natural-log intensities",
+    "JND": "just noticeable difference: {jnd}; of the answers that depend on the stimuli, "
+    "as a difference of natural-log intensities; in per cent, exp − 1, it is the Weber fraction",
     "PSE": "point of subjective equality: the second stimulus that seems as strong as the first; how far it is from the first is the shift "
     "that an order effect makes; pse_shift is that at the mean first stimulus",
     "best model": "the one of the {models} with the highest evidence",

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
-from bayes_toe.cli.terminal import allowed, allowed_quantiles, number
+from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, number
 from bayes_toe.comparison.contrast import LEGEND, ContrastTable
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 
 #: Subjects up to which the report is one file.
 MOST_IN_ONE = 200
+#: Differences of natural logs that are published in per cent too.
+_PUBLISHED = ("pse_shift", "jnd")
 _MOST_LISTED = 10  # names or findings that a list of an index shows
 #: What the settings of the sampler are.
 _SAMPLER = {
@@ -247,12 +250,22 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> 
             "stats": stats.isel(subject=i),
             "fit": fit,
             "fitted": {key: (best, *limit) for key, best, limit in limits},
-            "parameters": [{**one, "quantiles": allowed_quantiles(one, 3)} for one in summaries[name]],
+            "parameters": [
+                {**one, "quantiles": allowed_quantiles(one, 3), "percent": _in_percent(one) if one["parameter"] in _PUBLISHED else []}
+                for one in summaries[name]
+            ],
             "remarks": [*messages[name], *(messages[counts.person] if counts.condition else ()), *row.notes],
             "prior_dominated": [
                 one["parameter"] for one in summaries[name] if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
             ],
         }
+
+
+def _in_percent(row: Mapping[Any, Any]) -> list[str]:
+    """The 5 % quantile, median and 95 % quantile of a difference of natural logs, as a change of the intensity, exp - 1, in per cent."""
+    keys = ("q05", "q50", "q95")
+    factors = [100.0 * exp(row[key]) for key in keys]
+    return allowed_in_order([one - 100.0 for one in factors], [one * row[f"mcse_{key}"] for one, key in zip(factors, keys, strict=True)], 1)
 
 
 def _typeset(words: str) -> str:

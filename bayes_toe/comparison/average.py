@@ -1,4 +1,4 @@
-"""Answers averaged over models: what a subject's pull, constant error and gain are, and its P(equal), whichever model it follows.
+"""Answers averaged over models: what a subject's pull, constant error and gain are, and how it answers, whichever model it follows.
 
 Each model of the space (:func:`bayes_toe.model.ladder.models_of`) counts with its posterior probability, at equal prior probabilities;
 those far behind the best have no draws and are left out with less than 1 % of it. One without a part contributes exactly what that part
@@ -69,8 +69,8 @@ class Average:
         name = "gain" if quantity == "pull" else quantity
         return float(sum(w for w, one in zip(self.weights, self.drawn, strict=True) if name not in one.target.names.all))
 
-    def equal(self, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> FloatArray:
-        """P(equal) of pairs, natural-log intensities (and intervals in seconds, where the subject has them) -> (draws, pairs).
+    def yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> FloatArray:
+        """P of the answer that the task counts, (draws, pairs), of pairs: natural-log intensities, intervals (s) where there are any.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class Average:
             raise InputError(f"isi: subject {self.subject!r} was tested {'without' if self.counts.isi is None else 'with'} intervals")
         given = [np.asarray(values, np.float64) for values in (s1, s2, *(() if isi is None else (isi,)))]
         pairs = [np.atleast_1d(values) for values in np.broadcast_arrays(*given)]
-        return np.concatenate([one.equal(*pairs) for one in self.drawn if len(one.x)])
+        return np.concatenate([one.yes(*pairs) for one in self.drawn if len(one.x)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +124,13 @@ class Averages(SubjectTable[Average]):
         rows = [(one.subject, *row) for one in self for row in zip(one.models, one.weights.tolist(), strict=True)]
         return pd.DataFrame(rows, columns=["subject", "model", "probability"])
 
-    def equal(self, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
-        """P(equal) of pairs of one subject, one row each: s1, s2, isi (only with intervals), mean, q05 ... q95."""
+    def yes(self, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
+        """P of the answer that the task counts, a row a pair of one subject: s1, s2, isi (only with intervals), mean, q05 ... q95."""
         import pandas as pd
 
         given = {"s1": s1, "s2": s2} | ({} if isi is None else {"isi": isi})
         columns = dict(zip(given, np.broadcast_arrays(*(np.atleast_1d(values) for values in given.values())), strict=True))
-        found = np.stack(_summarised(self[subject].equal(s1, s2, isi)), axis=1)
+        found = np.stack(_summarised(self[subject].yes(s1, s2, isi)), axis=1)
         return pd.DataFrame(columns).join(pd.DataFrame(found, columns=["mean", *QUANTILES]))
 
 
@@ -143,7 +143,7 @@ def average_models(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> Averages:
-    """Pull, constant error, gain and P(equal) of every subject, averaged over the space of models.
+    """Pull, constant error, gain and answers of every subject, averaged over the space of models.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ def leave_one_out(
     Parameters
     ----------
     log_equal, log_different : array_like, shape (draws, pairs)
-        ln P(equal) and ln P(different) of one answer, given all others to its pair, at draws of equal weight.
+        Log probabilities of both answers of one trial, the counted one first, given all others to its pair, at draws of equal weight.
     n_yes, n_trials : array_like of int, shape (pairs,)
     unit : 'trial' or 'pair'
         What is left out at a time.

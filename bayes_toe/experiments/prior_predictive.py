@@ -63,7 +63,7 @@ class PriorPrediction:
 
     @property
     def largest(self) -> FloatArray:
-        """Largest P(equal) of each observer drawn from the prior, shape (draws,)."""
+        """Largest P of the answer that the task counts of each observer drawn from the prior, shape (draws,)."""
         return np.asarray(self.equal.max(axis=1))
 
     @property
@@ -80,7 +80,7 @@ def prior_predictive(
     seed: int = 0,
     draws: int = PRIOR_DRAWS,
 ) -> PriorPrediction:
-    """P(equal) of the study's distinct pairs for observers drawn from the prior of a model, beside the subjects' counts.
+    """P of the counted answer of the study's distinct pairs for observers drawn from the prior of a model, beside the subjects' counts.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability, evolved_mean, require_natural, variance_ratio
+from bayes_toe.model.closed_form import equal_probability, evolved_mean, noise_ratio, require_natural, variance_ratio
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.ladder import models_of
@@ -180,16 +180,18 @@ class Trials:
     task: Task = SAME_DIFFERENT
 
 
-def second_probability(s1: npt.ArrayLike, s2: npt.ArrayLike, observer: Natural) -> FloatArray:
-    """P(second) of the paper's observer: half the lapse rate, which stands in the place of q0, and else Phi((s2 - mu_2) / (G sigma_p)).
+def second_probability(
+    s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, lapse_rate: npt.ArrayLike
+) -> FloatArray:
+    """P(second) of the paper's observer: half the lapse rate, and else Phi((s2 - mu_2) / (G sigma_p)); natural-log intensities.
 
     Examples
     --------
-    >>> round(float(second_probability(0.0, 0.3, Natural(*map(np.asarray, (0.0, 0.3, 0.0, 0.1))))), 3)
+    >>> round(float(second_probability(0.0, 0.3, mu1=0.0, sigma_p=0.3, sigma_l=0.0, lapse_rate=0.1)), 3)
     0.807
     """
-    gamma, lapses = observer.gamma, observer.q0
-    z = (np.asarray(s2) - evolved_mean(s1, observer.mu1, gamma)) / (variance_ratio(gamma) * observer.sigma_p)
+    gamma, lapses = noise_ratio(sigma_p, sigma_l), np.asarray(lapse_rate)
+    z = (np.asarray(s2) - evolved_mean(s1, mu1, gamma)) / (variance_ratio(gamma) * np.asarray(sigma_p))
     return np.asarray(0.5 * lapses + (1.0 - lapses) * ndtr(z))
 
 
@@ -220,7 +222,7 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
         s1, s2 = design.s1[order], design.s2[order]
         isi = None if design.isi is None else design.isi[order]
         observer = observer if isi is None else at_interval(observer, isi)
-        q = equal_probability(s1, s2, *observer) if task == SAME_DIFFERENT else second_probability(s1, s2, observer)
+        q = (equal_probability if task == SAME_DIFFERENT else second_probability)(s1, s2, *observer)
         batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
         made.append(Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi, task))
     return made

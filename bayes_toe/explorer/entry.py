@@ -141,7 +141,7 @@ class Entry:
                     "pairs": one.pairs.tolist(),
                     "x": one.x.tolist(),
                     "orders": one.orders,
-                    "equal": None if fitted is None else floats(one.equal(fitted)),
+                    "equal": None if fitted is None else floats(one.yes(fitted)),
                 }
                 for one in shown
             ],
@@ -253,14 +253,14 @@ class Slice:
         words = [f"{FIXED[self.task]} stimulus {self.weaker:.3g}"] if several else []
         return ", ".join(words + ([] if self.isi is None else [f"interval {self.isi:g} s"])).replace("-", "−")
 
-    def equal(self, fitted: Predictor) -> FloatArray:
+    def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
         fixed = np.full_like(self.x, self.weaker)
         presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
         if self.task == WHICH_STRONGER:
             presented = {0: (fixed, fixed + self.x)}
         seconds = None if self.isi is None else np.full_like(self.x, self.isi)
-        return np.stack([fitted.equal(*presented[order], seconds).T for order in self.orders])
+        return np.stack([fitted.yes(*presented[order], seconds).T for order in self.orders])
 
 
 def slices(counts: Subject, most: int) -> list[Slice]:

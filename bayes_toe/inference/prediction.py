@@ -53,7 +53,7 @@ class Predictor:
         x = np.concatenate(list(draws.points(subject)))
         return cls(target, x if most is None else x[:: max(1, len(x) // most)])
 
-    def equal(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
+    def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
         """P of the answer that the task counts, of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
         keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
         pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
@@ -77,7 +77,7 @@ class Predictor:
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
-    """Posterior of P(equal) for pairs at intervals, one row each: mean and quantiles over the draws.
+    """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each: mean and quantiles over the draws.
 
     The bands hold what the parameters leave open, not the scatter of a finite number of answers. An interval far from those that were
     tested rests on the random walk of :mod:`bayes_toe.model.intervals`, which the data there may contradict.
@@ -115,7 +115,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, is
         raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")
     asked = (s1, s2) if isi is None else (s1, s2, _seconds(draws, isi))
     columns = [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(one, np.float64)) for one in asked))]
-    return _table(dict(zip(keys, columns, strict=False)), len(fitted.x), lambda rows: fitted.equal(*(one[rows] for one in columns)))
+    return _table(dict(zip(keys, columns, strict=False)), len(fitted.x), lambda rows: fitted.yes(*(one[rows] for one in columns)))
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:

@@ -26,7 +26,7 @@ _CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the w
 
 
 def binomial_deviance(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
-    """Deviance of k 'equal' answers in n from P(equal) = q and P(different) = 1 - q, in nats times 2. Arguments broadcast.
+    """Deviance of k answers in n from their probability q, that of the other answer being 1 - q, in nats times 2. Arguments broadcast.
 
     D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more, to the rounding of
     that. The logs of q and of 1 - q are given apart: either probability may be below the smallest float. Infinite where an answer was given
@@ -50,7 +50,7 @@ class Fit:
     Attributes
     ----------
     q : array, shape (pairs,)
-        P(equal) by the model.
+        Their probability by the model.
     residual : array, shape (pairs,)
         Signed root of each pair's deviance; positive where 'equal' was answered more often than the model has it.
     deviance : float
@@ -150,7 +150,7 @@ class PredictiveCheck:
     Attributes
     ----------
     expected : array, shape (pairs,)
-        Posterior mean of P(equal).
+        Posterior mean of the probability of the answer that the task counts.
     p_fewer, p_more : array, shape (pairs,)
         P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts: binomial tails averaged over draws, not simulated; where counts
         scatter more than that, over one session simulated for each draw.

@@ -114,7 +114,7 @@ class _Job:
         people = observers(found, _PREDICTED, rng)
         same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
         every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
-        yes = np.array([one.equal(*every.columns)[0] for one in people])
+        yes = np.array([one.yes(*every.columns)[0] for one in people])
         orders = np.array([ORDERS.index(dict(one.target.model.levels)["order"]) for one in people])
         worth = told(np.stack([yes, 1.0 - yes]), np.full(_PREDICTED, 1.0 / _PREDICTED), orders)
         best = np.sort(np.argsort(-worth)[:_PAIRS])
@@ -132,7 +132,7 @@ class _Job:
         decided = 0
         for number, one in enumerate(people[:REPETITIONS]):
             rng = generator(self.seed, self.subject.name, "repetition", number, trials)
-            more = shared.answered(rng.binomial(shared.n_trials, one.equal(*shared.columns)[0]), self.subject.name)
+            more = shared.answered(rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), self.subject.name)
             decided += judged(_together(self.subject, more), self.seed, self.prior, judges).verdict.effect != "undecided"
         return Tried(shared, trials, decided)
 

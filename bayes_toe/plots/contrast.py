@@ -115,7 +115,7 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
     for unit, ax in zip(units, panels, strict=True):
         x, weaker = found.x[:, found.levels.index(unit.condition)], main_weaker(unit)
         fitted = Predictor(record.posterior(unit, table.prior), x)
-        order_panel(ax, unit, fitted.equal, 0.0 if weaker is None else weaker, size=4.0)
+        order_panel(ax, unit, fitted.yes, 0.0 if weaker is None else weaker, size=4.0)
         said = which_weaker(unit, weaker)
         ax.set_title(f"{plain(table.conditions.name)} {plain(unit.condition)}" + (f"\n{said}" if said else ""), fontsize=LETTERS)
         dress(ax)

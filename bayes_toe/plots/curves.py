@@ -67,7 +67,7 @@ def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Pred
 
     One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
     connects no pairs has no curve: its answers stand alone. With intervals, one panel for each of up to six of them, and below these the
-    gain and the P(equal) of one pair over the interval. The title is, by default, subject and model.
+    gain and P of the answer that the task counts, of one pair, over the interval. The title is, by default, subject and model.
 
     Raises
     ------
@@ -83,13 +83,13 @@ def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Pred
         return _interval_figure(counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside)
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    equal = None if fitted is None else fitted.equal
-    other = None if beside is None else beside.equal
+    equal = None if fitted is None else fitted.yes
+    other = None if beside is None else beside.yes
     return _answers_figure(counts, equal, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other)
 
 
 def plot_average(averages: Averages, subject: str) -> Figure:
-    """Answers of one subject in both orders with P(equal) averaged over models: mean, central 60 % and 95 % bands.
+    """Answers of one subject in both orders with their probability averaged over models: mean, central 60 % and 95 % bands.
 
     Panels as in :func:`bayes_toe.plots.curves.curves`; with more than six weaker stimuli a single one over the difference of the stimuli,
     where a line is the average for each pair. Below the title: medians (5 and 95 %), and how probable the models without the part are.
@@ -108,9 +108,9 @@ def plot_average(averages: Averages, subject: str) -> Figure:
 
     def over_difference(ax: Axes) -> None:
         _distance_panel(ax, one.counts, None)
-        _draw_means(ax, one.counts, one.counts.s2 - one.counts.s1, one.equal(one.counts.s1, one.counts.s2))
+        _draw_means(ax, one.counts, one.counts.s2 - one.counts.s1, one.yes(one.counts.s1, one.counts.s2))
 
-    return _answers_figure(one.counts, one.equal, over_difference, "\n".join(said))
+    return _answers_figure(one.counts, one.yes, over_difference, "\n".join(said))
 
 
 def _answers_figure(
@@ -148,7 +148,7 @@ def _unconverged(draws: Draws, subject: str) -> str:
 
 def fitted_curve(draws: Draws, subject: str) -> Curve:
     """P of the counted answer of pairs at a few hundred of a subject's draws, as the panel takes it."""
-    return Predictor.of(draws, subject, most=CURVE_DRAWS).equal
+    return Predictor.of(draws, subject, most=CURVE_DRAWS).yes
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
@@ -234,7 +234,7 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
         if at.any():
             _draw_points(ax, z[at], counts, at, mark)
     if beside is not None:
-        _draw_means(ax, counts, z, beside.equal(counts.s1, counts.s2))
+        _draw_means(ax, counts, z, beside.yes(counts.s1, counts.s2))
     label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
     ax.set(xlabel=label, ylim=(-0.03, 1.03))
 
@@ -337,7 +337,7 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Pre
 
 def _at(fitted: Predictor, isi: float) -> Curve:
     """P of the counted answer of pairs at one interval."""
-    return lambda s1, s2: fitted.equal(s1, s2, np.full(len(s1), isi))
+    return lambda s1, s2: fitted.yes(s1, s2, np.full(len(s1), isi))
 
 
 def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
@@ -355,7 +355,7 @@ def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
     assert counts.isi is not None
     for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
         mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
-        _draw_band(ax, x, fitted.equal(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
+        _draw_band(ax, x, fitted.yes(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
         if at.any():
             _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"

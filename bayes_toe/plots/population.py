@@ -246,7 +246,7 @@ def _curve(found: Population, isi: float | None) -> Curve:
     whose = generator(found.settings.seed, "population", "whose covariates").integers(len(columns), size=len(eta))
     target = found.typical
     fitted = Predictor(target, target.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))[0])
-    return lambda s1, s2: fitted.equal(s1, s2, None if isi is None else np.full(len(s1), isi))
+    return lambda s1, s2: fitted.yes(s1, s2, None if isi is None else np.full(len(s1), isi))
 
 
 # --- the form of the population, and covariates -------------------------------------------------------------------------------------

@@ -174,7 +174,7 @@ def test_rows_together_are_rows_alone():
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_curves_have_the_likelihood_that_is_claimed(name):
     subject, found = CASES[name], fit_counts(CASES[name], Prior())
-    q = found.curves.equal(subject.s1, subject.s2)[0]
+    q = found.curves.yes(subject.s1, subject.s2)[0]
     assert ((q >= 0) & (q <= 1)).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         k, d = subject.n_yes, subject.n_trials - subject.n_yes

@@ -39,16 +39,16 @@ def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one, drawn):
 
 def test_answers_are_the_mixture_of_those_of_the_models(one, drawn):
     s1, s2 = np.array([0.0, 0.3, 0.1]), np.array([0.3, 0.0, 0.1])
-    answers = one.equal(s1, s2)
-    parts = np.array([each.equal(s1, s2).mean(axis=0) for each in drawn[1]])
+    answers = one.yes(s1, s2)
+    parts = np.array([each.yes(s1, s2).mean(axis=0) for each in drawn[1]])
     spread = np.sqrt(answers.var(axis=0) / 100)  # as if the draws were worth a hundred independent ones
     assert np.all(np.abs(answers.mean(axis=0) - one.weights @ parts) < 4 * spread)
-    frame = Averages((one,), {}, 1, bt.Prior()).equal("A", [0.0, 0.3], 0.2)
+    frame = Averages((one,), {}, 1, bt.Prior()).yes("A", [0.0, 0.3], 0.2)
     assert frame["s2"].tolist() == [0.2, 0.2]
-    assert frame["mean"].to_numpy() == pytest.approx(one.equal([0.0, 0.3], [0.2, 0.2]).mean(axis=0), rel=1e-12)
+    assert frame["mean"].to_numpy() == pytest.approx(one.yes([0.0, 0.3], [0.2, 0.2]).mean(axis=0), rel=1e-12)
     assert (np.diff(frame[["q05", "q25", "q50", "q75", "q95"]]) >= 0).all()
     with pytest.raises(bt.InputError, match="tested without intervals"):
-        one.equal(0.0, 0.3, 1.0)
+        one.yes(0.0, 0.3, 1.0)
 
 
 def test_summary_and_weights(one):

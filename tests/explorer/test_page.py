@@ -200,8 +200,8 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     middle = found[1]
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
     assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
-    [curve] = middle.equal(fitted)
-    np.testing.assert_allclose(curve[3], fitted.equal(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0])
+    [curve] = middle.yes(fitted)
+    np.testing.assert_allclose(curve[3], fitted.yes(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0])
     told = page(entries(stronger.draws)).html
     assert "P(second)" in told
     assert "'equal'" not in told.partition('<section id="answers"')[2].partition("</section>")[0]

@@ -30,7 +30,7 @@ def test_figure(small_study):
     (ax,) = figure.axes
     lines = [line for line in ax.lines if len(line.get_xdata()) == 120]
     x = lines[0].get_xdata()
-    expected = [one.equal(*pair).mean(axis=0) for pair in ((0 * x, x), (x, 0 * x), (x, x))]
+    expected = [one.yes(*pair).mean(axis=0) for pair in ((0 * x, x), (x, 0 * x), (x, x))]
     assert all(line.get_ydata() == pytest.approx(mean) for line, mean in zip(lines, expected, strict=True))
 
 

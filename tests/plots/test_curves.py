@@ -67,7 +67,7 @@ def test_the_curve_of_another_model_is_dashed_beside_and_named(small_study, anal
     for colour, forward in ((WEAKER_FIRST, True), (STRONGER_FIRST, False)):
         x, q = dashed[colour]
         pair = (np.zeros(1), x[-1:]) if forward else (x[-1:], np.zeros(1))
-        assert q[-1] == pytest.approx(other.equal(*pair).mean())
+        assert q[-1] == pytest.approx(other.yes(*pair).mean())
 
 
 def test_equal_pairs_weaker_than_all_others_are_shown_too():
