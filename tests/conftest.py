@@ -102,12 +102,14 @@ def stronger() -> Analysis:
 @contextmanager
 def plain_models_alone():
     """Verdicts over the plain model of each order, not over all 48: for what goes on around them, at a third of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        for task in CROSSED:
-            patch.setitem(CROSSED, task, {})
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            for task in CROSSED:
+                patch.setitem(CROSSED, task, {})
+            models_of.cache_clear()
+            yield
+    finally:
         models_of.cache_clear()
-        yield
-    models_of.cache_clear()
 
 
 @pytest.fixture

@@ -25,7 +25,6 @@ from bayes_toe.cli.terminal import (
     say_study,
     say_table,
 )
-from bayes_toe.comparison.contrast import word_of
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
@@ -229,6 +228,8 @@ def by_condition(found: Population) -> list[str]:
 
 def _said_word(row: PopulationRow) -> str:
     """The word of a Bayes factor of no difference, or of a bound."""
+    from bayes_toe.comparison.contrast import word_of
+
     none = row.bf_below if row.bf_no_difference is None else row.bf_no_difference
     return word_of(None if none is None else -math.log(none) if none > 0.0 else math.inf)
 

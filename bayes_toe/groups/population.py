@@ -16,7 +16,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import by_person, mean_first
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, shown
-from bayes_toe.data.study import Study
+from bayes_toe.data.study import Study, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
@@ -299,6 +299,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     >>> found.names, found.converged
     (('offset', 'gain', 'width', 'q0'), True)
     """
+    require_study(study)
     if posterior is not None:
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given)
