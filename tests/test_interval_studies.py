@@ -17,7 +17,7 @@ from bayes_toe.experiments.checks import check_subject, describe
 from bayes_toe.experiments.simulate import Design, at_intervals, design_from, reference_design, simulate_trials, trial_frame
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.prediction import predict_gain
+from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import equal_probability_at, gain_at
@@ -283,9 +283,8 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     draws = analysis.draws.natural("S01")
     again = [np.quantile(equal_probability_at(0.0, 0.3, t, draws), [0.05, 0.5, 0.95]) for t in isi]
     assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
-    gains = predict_gain(analysis.draws, "S01", isi)
-    assert gains["isi"].tolist() == isi.tolist()
-    assert (np.abs(gains["q50"] - gain_at(truth, isi)) < 4.5 * (gains["q95"] - gains["q05"]) / 3.29).all()
+    low, middle, high = np.quantile(Predictor.of(analysis.draws, "S01").gain(isi), [0.05, 0.5, 0.95], axis=0)
+    assert (np.abs(middle - gain_at(truth, isi)) < 4.5 * (high - low) / 3.29).all()
 
 
 def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, study):
@@ -295,7 +294,6 @@ def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, stu
         (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),
         (lambda: bt.predict(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
         (lambda: bt.predict(plain, "S01", 0.0, 0.3, 1.0), "made without intervals"),
-        (lambda: predict_gain(plain, "S01", 1.0), "made without intervals"),
     ):
         with pytest.raises(InputError, match=said):
             call()

@@ -16,7 +16,6 @@ from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.predictive_checks import require_draws
-from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.posterior import Posterior
 
 
@@ -81,39 +80,6 @@ def presentation_order(subject: Subject) -> IntArray:
     return np.sign(subject.s1 - subject.s2).astype(np.int64)
 
 
-@dataclass(frozen=True, eq=False)
-class Frequencies:
-    """Model-free estimates of one subject, arrays of shape (pairs,) in the order of the subject's pairs.
-
-    Attributes
-    ----------
-    s1, s2 : array
-        Natural-log intensities.
-    order : array of int
-        See :func:`presentation_order`.
-    q, error : array
-        Laplace estimator of P(equal) and its uncertainty.
-    """
-
-    s1: FloatArray
-    s2: FloatArray
-    order: IntArray
-    q: FloatArray
-    error: FloatArray
-
-
-def frequencies(subject: Subject) -> Frequencies:
-    """Model-free estimates of every pair of a subject. Source: Eq. e:2b; the circles of Fig. 3.
-
-    Examples
-    --------
-    >>> frequencies(Subject("S01", [0.0, 0.0], [0.0, 0.3], [48, 24], [48, 48])).q.tolist()
-    [0.98, 0.5]
-    """
-    k, n = subject.n_yes, subject.n_trials
-    return Frequencies(subject.s1, subject.s2, presentation_order(subject), laplace_estimate(k, n), laplace_error(k, n))
-
-
 def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     if not np.all((k >= 0) & (k <= n)):
@@ -163,10 +129,6 @@ def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Co
     low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
     peak = [points[:, i] for i, name in enumerate(posterior.coordinates) if name == "logit_q0"]
     top = float(np.exp(log_expit(np.median(peak)))) if peak else 1.0
-    free = frequencies(posterior.subject)
-    return Collapse(free.order, middle, low, high, free.q / top, free.error / top, top)
-
-
-def universal_curve(z: npt.ArrayLike) -> FloatArray:
-    """The curve on which the data collapse, q/q0 = 2^(-z^2). Source: Eq. mod:q."""
-    return np.asarray(np.exp(-LN2 * np.square(np.asarray(z, np.float64))))
+    subject = posterior.subject
+    q, error = (estimate(subject.n_yes, subject.n_trials) for estimate in (laplace_estimate, laplace_error))
+    return Collapse(presentation_order(subject), middle, low, high, q / top, error / top, top)

@@ -113,7 +113,9 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, is
     fitted, keys = Predictor.of(draws, subject), ("s1", "s2", "isi")
     if isi is None and draws.intervals:
         raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")
-    asked = (s1, s2) if isi is None else (s1, s2, _seconds(draws, isi))
+    if isi is not None and not draws.intervals:
+        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
+    asked = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
     columns = [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(one, np.float64)) for one in asked))]
     return _table(dict(zip(keys, columns, strict=False)), len(fitted.x), lambda rows: fitted.yes(*(one[rows] for one in columns)))
 
@@ -131,30 +133,6 @@ def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd
     frame = pd.concat(tables, ignore_index=True)
     frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
     return frame
-
-
-def predict_gain(draws: Draws, subject: str, isi: npt.ArrayLike) -> pd.DataFrame:
-    """Posterior of the Kalman gain, the weight of the first stimulus, at intervals (seconds), one row each.
-
-    Returns
-    -------
-    pandas.DataFrame
-        isi, mean, q05, q25, q50, q75, q95.
-
-    Raises
-    ------
-    InputError
-        For an unknown subject, an interval that is not positive and finite, or draws without intervals.
-    """
-    seconds, fitted = np.ravel(_seconds(draws, isi)), Predictor.of(draws, subject)
-    return _table({"isi": seconds}, len(fitted.x), lambda rows: fitted.gain(seconds[rows]))
-
-
-def _seconds(draws: Draws, isi: npt.ArrayLike) -> FloatArray:
-    """Intervals that these draws know."""
-    if not draws.intervals:
-        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
-    return require_intervals(isi)
 
 
 def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
