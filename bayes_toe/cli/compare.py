@@ -17,7 +17,7 @@ from bayes_toe.data.messages import listed
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bayes_toe.comparison.contrast import ContrastTable, Difference
+    from bayes_toe.comparison.contrast import ContrastTable
     from bayes_toe.comparison.model_comparison import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
@@ -106,17 +106,12 @@ def say_contrast(console: Console, table: ContrastTable) -> None:
     for name in chosen([one.subject for one in table.subjects], decided):
         for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
             own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
-            rows.append({"subject": name, "comparison": comparison} | {key: _said_difference(own[key]) for key in table.quantities})
+            shown = {key: f"{row.size} {number(row.bayes_factor)}" for key, row in own.items()}
+            rows.append({"subject": name, "comparison": comparison} | shown)
     say_table(console, "differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
     say_footnote(console, f"{LEGEND}.")
     say_notes(console, (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
     say_notes(console, (f"{one.subject}: {note}" for one in table.subjects for note in one.notes))
-
-
-def _said_difference(row: Difference) -> str:
-    sign, factor = "" if row.p_direction is None else "+", None if row.log_bf_differs is None else float(np.exp(row.log_bf_differs))
-    low, middle, high = (format(value, f"{sign}.2f") for value in (row.q05, row.q50, row.q95))
-    return f"{middle} ({low}, {high}) {number(factor)}"
 
 
 def sensitivity(

@@ -230,8 +230,8 @@ def _said_word(row: PopulationRow) -> str:
     """The word of a Bayes factor of no difference, or of a bound."""
     from bayes_toe.comparison.contrast import word_of
 
-    none = row.bf_below if row.bf_no_difference is None else row.bf_no_difference
-    return word_of(None if none is None else -math.log(none) if none > 0.0 else math.inf)
+    none = min(row.bf_below or 0.0, 1.0) if row.bf_no_difference is None else row.bf_no_difference
+    return word_of(-math.log(none) if none > 0.0 else math.inf)
 
 
 def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:

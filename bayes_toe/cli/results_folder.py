@@ -194,8 +194,8 @@ def _write_contrast(table: ContrastTable, group: Group | None, folder: Path, *, 
     """Table and figure, with the group's mean where there is a group."""
     file, picture = (folder / name for name in CONTRAST_PRODUCTS)
     table.save(file, spreadsheet_safe=spreadsheet_safe)
-    apart = None if group is None else group.found.differences
-    picture.write_bytes(png(contrast_figure(table, None if apart is None or group is None else apart.natural(group.found))))
+    rows = () if group is None else group.found.table.some("condition_effect")
+    picture.write_bytes(png(contrast_figure(table, {(row.parameter, row.level): (row.q05, row.q50, row.q95) for row in rows})))
 
 
 def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:

@@ -100,6 +100,17 @@ class Difference(NamedTuple):
         return word_of(self.log_bf_differs)
 
     @property
+    def bayes_factor(self) -> float | None:
+        """Of a difference against none."""
+        return None if self.log_bf_differs is None else float(np.exp(self.log_bf_differs))
+
+    @property
+    def size(self) -> str:
+        """Median (5 %, 95 %)."""
+        sign = "" if self.p_direction is None else "+"
+        return f"{self.q50:{sign}.2f} ({self.q05:{sign}.2f}, {self.q95:{sign}.2f})"
+
+    @property
     def sentence(self) -> str:
         """By how much, its word and the Bayes factor for what it says.
 
@@ -108,11 +119,9 @@ class Difference(NamedTuple):
         >>> Difference("S", "pull", "b - a", 0.1, 0.05, 0.02, 0.1, 0.19, 0.98, 2.5, 0.01, "yes").sentence
         'pull +0.10 (+0.02, +0.19), probably differs (BF 12)'
         """
-        size = f"{self.q50:.2f} ({self.q05:.2f}, {self.q95:.2f})"
-        signed = f"{self.q50:+.2f} ({self.q05:+.2f}, {self.q95:+.2f})"
-        factor = "" if self.log_bf_differs is None else f" (BF {said_factor(abs(self.log_bf_differs))})"
-        doubt = ", not robust" if self.robust == "no" else ""
-        return f"{self.quantity} {size if self.p_direction is None else signed}, {self.word or 'no evidence'}{factor}{doubt}"
+        log_bf, doubt = 0.0 if self.log_bf_differs is None else abs(self.log_bf_differs), ", not robust" if self.robust == "no" else ""
+        factor = "> 1000" if log_bf > np.log(1000.0) else f"{np.exp(log_bf):.2g}"
+        return f"{self.quantity} {self.size}, {f'{self.word} (BF {factor})' if self.word else 'no evidence'}{doubt}"
 
 
 def word_of(log_bf: float | None) -> str:
@@ -123,15 +132,7 @@ def word_of(log_bf: float | None) -> str:
     >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1, None)]
     ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference', '']
     """
-    if log_bf is None:
-        return ""
-    limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
-    return WORDS[2 if limits[2] < log_bf < limits[1] else int(np.sum(log_bf < limits))]
-
-
-def said_factor(log_bf: float) -> str:
-    """A Bayes factor with two digits, or that it is above a thousand."""
-    return "> 1000" if log_bf > np.log(1000.0) else f"{np.exp(log_bf):.2g}"
+    return "" if log_bf is None else WORDS[sum(log_bf < limit for limit in np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY]))]
 
 
 @dataclass(frozen=True, eq=False)

@@ -179,8 +179,10 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         said = f"column {bare(name)}: found every subject at one level of it"
         if options.condition is not None:
             raise InputError(f"{study.source}: {said}, allowed: at two and more of some subject; between subjects it is a covariate")
-        names = {unit: who for unit, (who, _) in of.items()}
-        return renamed(study, names, (*study.notes, f"{said}, so that it is no condition within subjects: not used"))
+        answers = {of[name][0]: one for name, one in study.reading.answers.items()}
+        whole = tuple(replace(one, name=of[one.name][0]) for one in study)
+        notes = (*study.notes, f"{said}, so that it is no condition within subjects: not used")
+        return replace(study, subjects=whole, reading=replace(study.reading, answers=answers), notes=notes)
     values = [number(level, False) for level in found]
     numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if numeric else found))
@@ -193,13 +195,6 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     )
     made = Conditions(name, tuple(order), numeric)
     return replace(study, subjects=felt_together(subjects), conditions=made, notes=(*study.notes, f"condition {made.about}"))
-
-
-def renamed(study: Study, names: Mapping[str, str], notes: tuple[str, ...]) -> Study:
-    """The study with other names of its subjects."""
-    subjects = tuple(replace(one, name=names[one.name]) for one in study)
-    answers = {names[name]: one for name, one in study.reading.answers.items()}
-    return replace(study, subjects=subjects, reading=replace(study.reading, answers=answers), notes=notes)
 
 
 def felt_together(subjects: Iterable[Subject]) -> tuple[Subject, ...]:

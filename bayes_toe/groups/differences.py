@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from bayes_toe.groups.subjects import GroupLikelihood, centre_of
 from bayes_toe.model.contrasted import DIFFERENCE, QUANTITIES, Contrasted, contrasted, unit_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
-
-if TYPE_CHECKING:
-    from bayes_toe.groups.population import Population
 
 #: What may differ between conditions, in the order of parameters.
 DIFFERING = ("constant error", "pull", "width")
@@ -113,18 +110,6 @@ class Differences:
             steps = np.stack([self.between(*pair)[some] for pair in self.conditions.comparisons], axis=1)
             found[name] = self.chains.mean[..., some] @ steps
         return found
-
-    def natural(self, found: Population) -> dict[tuple[str, str], tuple[float, float, float]]:
-        """5, 50 and 95 % of the mean over subjects of each quantity's difference, natural units, by quantity and comparison."""
-        assert self.chains is not None
-        named, made = {"constant error": "offset", "pull": "pull", "width": "width"}, {}
-        for level, reference in self.conditions.comparisons:
-            one, other = (found.quantities(found.chains.eta + self.chains.eta @ self.at(at, found.names)) for at in (level, reference))
-            for quantity, name in named.items():
-                if name in one:
-                    low, middle, high = np.quantile((one[name] - other[name]).mean(axis=-1), [0.05, 0.5, 0.95]).tolist()
-                    made[quantity, f"{level} - {reference}"] = low, middle, high
-        return made
 
     def split(self, chains: GroupChains) -> tuple[GroupChains, Differences]:
         """Draws of all parameters as those of a subject at the middle of the conditions, and these differences."""
