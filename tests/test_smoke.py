@@ -16,10 +16,7 @@ def folder(tmp_path_factory):
     ("words", "outputs"),
     [
         (["check", "study.csv"], []),
-        (
-            ["run", "study.csv", "-o", "results", "--draws", 400, "--workers", 1],
-            ["results/report.html", "results/evidence.csv", "results/posterior.nc"],
-        ),
+        (["run", "study.csv", "-o", "results", "--draws", 400], ["results/report.html", "results/evidence.csv", "results/posterior.nc"]),
         (["sample", "study.csv", "-o", "other.nc", "--model", "constant error", "--draws", 400], ["other.nc"]),
         (["evidence", "study.csv", "-o", "evidence.csv"], ["evidence.csv"]),
         (["compare", "study.csv", "-o", "compare.csv", "--model", "update", "--model", "none", "--draws", 400], ["compare.csv"]),
