@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
@@ -162,6 +163,14 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "P('second')",
         "lapse_rate",
         "% answered second",
+        "</a> at an edge",
+        "the Weber fraction",
     ):
         assert own in text, own
+    medians = stronger.summary().query("subject == 'pulled'").set_index("parameter")["q50"]
+    for published in ("pse_shift", "jnd"):  # in natural log and, below it, in per cent of the intensity
+        row = re.search(rf">{published}</a></td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text)
+        shown, percent = (float(part.replace("−", "-")) for part in row.groups())
+        assert shown == pytest.approx(medians[published], abs=6e-3)
+        assert percent == pytest.approx(100 * np.expm1(medians[published]), abs=0.6)
     assert sorted(path.name for path in (out / "corner").iterdir()) == ["plain.png", "pulled.png"]
